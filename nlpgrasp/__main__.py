@@ -1,0 +1,5 @@
+"""``python -m nlpgrasp``."""
+
+from nlpgrasp.cli.main import main
+
+main()

@@ -1,0 +1,200 @@
+"""What every body states about itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import FloatArray
+
+Expression = Any  # casadi.SX or casadi.MX
+
+
+@dataclass(frozen=True)
+class Face:
+    """One smooth piece of a body's surface.
+
+    Parameters
+    ----------
+    name : str
+    surface : callable
+        ``surface(p) -> h``: zero on the face, negative inside the body, positive outside; p is a CasADi
+        column of 2 or 3 metres.
+    extent : callable
+        ``extent(p) -> list`` of expressions that are at most zero on the face.
+    """
+
+    name: str
+    surface: Callable[[Expression], Expression]
+    extent: Callable[[Expression], Sequence[Expression]] = lambda p: ()
+
+
+class Body(ABC):
+    """A rigid body: faces ``h(p) = 0`` in a bounding box, metres, in the body frame.
+
+    The surface is stated once, as a CasADi expression; numbers come from the compiled function of it.
+    """
+
+    @property
+    @abstractmethod
+    def space(self) -> int:
+        """2 for a planar body, 3 for a spatial one."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> FloatArray:
+        """Bounding box, (2, space): lower corner, upper corner."""
+
+    @property
+    @abstractmethod
+    def centroid(self) -> FloatArray:
+        """Centre of volume (of area for planar bodies), (space,)."""
+
+    @abstractmethod
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return the faces; called once."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Return the body as JSON data."""
+
+    @cached_property
+    def faces(self) -> tuple[Face, ...]:
+        """The body's faces."""
+        return self.make_faces()
+
+    @property
+    def face_names(self) -> tuple[str, ...]:
+        """Names of the faces, in order."""
+        return tuple(face.name for face in self.faces)
+
+    @property
+    def size(self) -> float:
+        """Characteristic length: half the bounding box's diagonal, metres."""
+        return float(np.linalg.norm(self.bounds[1] - self.bounds[0]) / 2.0)
+
+    @property
+    def symbol(self) -> type:
+        """The CasADi type the surface is stated in: ``casadi.SX``, or ``casadi.MX`` for splines."""
+        return ca.SX
+
+    def select(self, names: Iterable[str] | None, field: str) -> tuple[str, ...]:
+        """Return the named faces, or all, refusing names this body does not have."""
+        if names is None:
+            return self.face_names
+        chosen = tuple(names)
+        unknown = [n for n in chosen if n not in self.face_names]
+        if unknown:
+            raise InputError(field, ", ".join(unknown), "faces of the body: " + ", ".join(self.face_names))
+        return chosen
+
+    def surface_function(self, name: str) -> ca.Function:
+        """Return the compiled ``p -> (h, unit outward normal, extents)`` of one face.
+
+        The first two are the surface and its normalised gradient; extents are at most zero on the face.
+        """
+        return self._functions[name]
+
+    def evaluate(self, name: str, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return surface, gradient size, unit outward normals and largest extent at points (m, space).
+
+        Returns
+        -------
+        h : (m,) array
+        slope : (m,) array
+            Size of the gradient: ``h / slope`` is the distance to the surface to first order.
+        normals : (m, space) array
+            Outward.
+        extent : (m,) array
+            Largest extent value, ``-inf`` for a face without limits.
+        """
+        function = self._functions[name]
+        if not len(points):
+            return np.zeros(0), np.zeros(0), np.zeros((0, self.space)), np.zeros(0)
+        values = function.map(len(points))(points.T)
+        h, slope, normal, extent = (np.asarray(v.full()) for v in values)
+        largest = extent.max(axis=0) if extent.shape[0] else np.full(len(points), -np.inf)
+        return h[0], slope[0], normal.T, largest
+
+    def snap(self, name: str, points: FloatArray, iterations: int = 12) -> FloatArray:
+        """Return points moved along the normals onto ``h = 0`` by Newton steps, kept near the box."""
+        lower, upper = self.bounds
+        margin = 0.05 * self.size
+        p = np.array(points, dtype=float)
+        for _ in range(iterations):
+            h, slope, normal, _ = self.evaluate(name, p)
+            step = h / np.maximum(slope, 1e-12)
+            step = np.clip(step, -0.5 * self.size, 0.5 * self.size)
+            p = np.clip(p - step[:, None] * normal, lower - margin, upper + margin)
+            if np.max(np.abs(step), initial=0.0) < 1e-14 * self.size:
+                break
+        return p
+
+    def sample(self, name: str, count: int, rng: np.random.Generator) -> FloatArray:
+        """Return up to ``count`` random points on one face, spread over it (not exactly uniform).
+
+        Returns
+        -------
+        (m, space) array
+            Fewer than ``count`` rows only where the face is hard to hit; none where it is empty.
+        """
+        lower, upper = self.bounds
+        found: list[FloatArray] = []
+        total = 0
+        for _ in range(8):
+            start = rng.uniform(lower, upper, (4 * count + 16, self.space))
+            p = self.snap(name, start)
+            h, slope, _, extent = self.evaluate(name, p)
+            inside = np.all((p >= lower - 1e-9 * self.size) & (p <= upper + 1e-9 * self.size), axis=1)
+            good = (np.abs(h) <= 1e-9 * self.size * np.maximum(slope, 1e-12)) & (extent <= 1e-9 * self.size) & inside
+            good &= slope > 1e-9
+            found.append(p[good])
+            total += int(good.sum())
+            if total >= count:
+                break
+        return np.concatenate(found)[:count]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Keep what defines the body; compiled functions are made again where it is unpickled."""
+        return {k: v for k, v in self.__dict__.items() if k not in ("faces", "_functions", "centroid")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+
+    @cached_property
+    def _functions(self) -> dict[str, ca.Function]:
+        result = {}
+        for face in self.faces:
+            p = self.symbol.sym("p", self.space)  # type: ignore[attr-defined]
+            h = face.surface(p)
+            gradient = ca.gradient(h, p)
+            slope = ca.norm_2(gradient)
+            extents = ca.vertcat(*face.extent(p)) if face.extent(p) else ca.DM.zeros(0, 1)
+            outputs = [h, slope, gradient / slope, extents]
+            name = "surface_" + "".join(c if c.isalnum() else "_" for c in face.name).strip("_")
+            while "__" in name:
+                name = name.replace("__", "_")
+            result[face.name] = ca.Function(name, [p], outputs, ["p"], ["h", "slope", "normal", "extent"])
+        return result
+
+
+def grid_centroid(body: Body, resolution: int = 60) -> FloatArray:
+    """Return the centroid of ``{h <= 0}`` for a body of one face, by summing over a grid of its box."""
+    lower, upper = body.bounds
+    axes = [
+        np.linspace(a, b, resolution, endpoint=False) + (b - a) / (2 * resolution)
+        for a, b in zip(lower, upper, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, body.space)
+    h = body.evaluate(body.face_names[0], points)[0]
+    inside = points[h <= 0.0]
+    if not len(inside):
+        raise InputError(f"{type(body).__name__}.h", "no point of the bounds with h <= 0", "h negative inside the body")
+    return np.asarray(inside.mean(axis=0))

@@ -1,0 +1,63 @@
+"""Box body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.validation import FloatArray, array, number
+
+
+@dataclass(frozen=True)
+class Box(Body):
+    """A box centred at the origin; faces ``+x``, ``-x``, ``+y``, ``-y``, ``+z``, ``-z``.
+
+    Parameters
+    ----------
+    extents : (3,) array
+        Full lengths along x, y, z, metres, each greater than zero.
+    """
+
+    extents: ArrayLike
+
+    def __post_init__(self) -> None:
+        values = array("Box.extents", self.extents, (3,))
+        object.__setattr__(self, "extents", tuple(number("Box.extents", v, above=0.0) for v in values))
+
+    @property
+    def space(self) -> int:
+        """3."""
+        return 3
+
+    @property
+    def bounds(self) -> FloatArray:
+        """The box itself."""
+        half = np.asarray(self.extents, dtype=float) / 2.0
+        return np.stack([-half, half])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """The origin."""
+        return np.zeros(3)
+
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return the six faces."""
+        half = np.asarray(self.extents, dtype=float) / 2.0
+        return tuple(_side(axis, sign, half) for axis in range(3) for sign in (1.0, -1.0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the extents."""
+        return {"type": "box", "extents": list(np.asarray(self.extents, dtype=float))}
+
+
+def _side(axis: int, sign: float, half: FloatArray) -> Face:
+    others = [i for i in range(3) if i != axis]
+
+    def extent(p: Expression) -> list[Expression]:
+        return [s * p[i] - half[i] for i in others for s in (1.0, -1.0)]
+
+    return Face(("+" if sign > 0 else "-") + "xyz"[axis], lambda p: sign * p[axis] - half[axis], extent)

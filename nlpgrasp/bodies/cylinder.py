@@ -1,0 +1,62 @@
+"""Cylinder body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.validation import FloatArray, number
+
+
+@dataclass(frozen=True)
+class Cylinder(Body):
+    """A solid cylinder about the z axis, centred at the origin; faces ``side``, ``top`` (+z), ``bottom``.
+
+    Parameters
+    ----------
+    radius, height : float
+        Metres, greater than zero.
+    """
+
+    radius: float
+    height: float
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "height"):
+            object.__setattr__(self, name, number(f"Cylinder.{name}", getattr(self, name), above=0.0))
+
+    @property
+    def space(self) -> int:
+        """3."""
+        return 3
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box of radius and height."""
+        corner = np.array([self.radius, self.radius, self.height / 2.0])
+        return np.stack([-corner, corner])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """The origin."""
+        return np.zeros(3)
+
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return side, top and bottom."""
+        half, radius = self.height / 2.0, self.radius
+
+        def round_part(p: Expression) -> Expression:
+            return ((p[0] ** 2 + p[1] ** 2) / radius - radius) / 2.0
+
+        return (
+            Face("side", round_part, lambda p: [p[2] - half, -p[2] - half]),
+            Face("top", lambda p: p[2] - half, lambda p: [round_part(p)]),
+            Face("bottom", lambda p: -p[2] - half, lambda p: [round_part(p)]),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return radius and height."""
+        return {"type": "cylinder", "radius": self.radius, "height": self.height}

@@ -1,0 +1,56 @@
+"""Ellipsoid body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies.base import Body, Face
+from nlpgrasp.validation import FloatArray, array, number
+
+
+@dataclass(frozen=True)
+class Ellipsoid(Body):
+    """An ellipsoid about the origin; one face, ``surface``.
+
+    Parameters
+    ----------
+    semi_axes : (3,) array
+        Along x, y, z, metres, each greater than zero.
+    """
+
+    semi_axes: ArrayLike
+
+    def __post_init__(self) -> None:
+        values = array("Ellipsoid.semi_axes", self.semi_axes, (3,))
+        object.__setattr__(self, "semi_axes", tuple(number("Ellipsoid.semi_axes", v, above=0.0) for v in values))
+
+    @property
+    def space(self) -> int:
+        """3."""
+        return 3
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box of the semi-axes."""
+        a = np.asarray(self.semi_axes, dtype=float)
+        return np.stack([-a, a])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """The origin."""
+        return np.zeros(3)
+
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return the one face ``sum (p_i / a_i)^2 = 1``, scaled to metres."""
+        axes = ca.DM(np.asarray(self.semi_axes, dtype=float))
+        scale = 0.5 * min(np.asarray(self.semi_axes, dtype=float))
+        return (Face("surface", lambda p: scale * (ca.sumsqr(p / axes) - 1.0)),)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the semi-axes."""
+        return {"type": "ellipsoid", "semi_axes": list(np.asarray(self.semi_axes, dtype=float))}

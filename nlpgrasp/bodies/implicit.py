@@ -1,0 +1,112 @@
+"""Bodies given by the user's own function, in space and in the plane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies.base import Body, Expression, Face, grid_centroid
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import FloatArray, array, read_only
+
+
+class Implicit(Body):
+    """The body ``{h(p) <= 0}`` within a box; one face, ``surface``.
+
+    Parameters
+    ----------
+    h : callable
+        ``h(p)`` of a CasADi column p (3,), metres: negative inside, positive outside, smooth near zero.
+    bounds : (2, 3) array
+        Lower and upper corner of a box around the body, metres.
+
+    Raises
+    ------
+    InputError
+        When h is not a scalar CasADi expression of p, is nowhere negative, or its zero set leaves the box.
+    """
+
+    def __init__(self, h: Callable[[Expression], Expression], bounds: ArrayLike) -> None:
+        name = type(self).__name__
+        if not callable(h):
+            raise InputError(f"{name}.h", h, "a function of a CasADi point p")
+        box = array(f"{name}.bounds", bounds, (2, self.space))
+        if np.any(box[1] <= box[0]):
+            raise InputError(f"{name}.bounds", bounds, "a lower corner below the upper corner in every axis")
+        self.h = h
+        self._box = read_only(box)
+        try:
+            value = h(self.symbol.sym("p", self.space))  # type: ignore[attr-defined]
+        except Exception as error:
+            raise InputError(f"{name}.h", f"{type(error).__name__}: {error}", "CasADi operations on p only") from None
+        if getattr(value, "shape", None) != (1, 1):
+            raise InputError(
+                f"{name}.h", f"shape {getattr(value, 'shape', type(value).__name__)}", "a scalar expression"
+            )
+        self._check_closed()
+
+    @property
+    def space(self) -> int:
+        """3."""
+        return 3
+
+    @property
+    def bounds(self) -> FloatArray:
+        """The box as given."""
+        return self._box
+
+    @cached_property
+    def centroid(self) -> FloatArray:
+        """Centre of the grid points with ``h <= 0`` (60 a side)."""
+        return grid_centroid(self)
+
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return the one face."""
+        return (Face("surface", self.h),)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the expression as text, for reading, and the box."""
+        text = str(self.h(ca.SX.sym("p", self.space)))
+        return {
+            "type": "implicit" if self.space == 3 else "planar_implicit",
+            "h": text,
+            "bounds": self.bounds.tolist(),
+        }
+
+    def _check_closed(self) -> None:
+        """Refuse a body that has no inside, or that touches the sides of its box from within."""
+        _ = self.centroid
+        lower, upper = self.bounds
+        rng = np.random.default_rng(0)
+        for axis in range(self.space):
+            for side in (lower, upper):
+                points = rng.uniform(lower, upper, (400, self.space))
+                points[:, axis] = side[axis]
+                if np.any(self.evaluate("surface", points)[0] < -1e-9 * self.size):
+                    raise InputError(
+                        f"{type(self).__name__}.bounds",
+                        self.bounds.tolist(),
+                        "a box with the whole body inside",
+                    )
+
+
+class PlanarImplicit(Implicit):
+    """The planar body ``{h(p) <= 0}`` within a rectangle; one face, ``surface``.
+
+    Parameters
+    ----------
+    h : callable
+        ``h(p)`` of a CasADi column p (2,), metres: negative inside, positive outside.
+    bounds : (2, 2) array
+        Lower and upper corner of a rectangle around the body, metres.
+    """
+
+    @property
+    def space(self) -> int:
+        """2."""
+        return 2

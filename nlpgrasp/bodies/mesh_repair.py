@@ -1,0 +1,104 @@
+"""Reading a triangle mesh, and refusing one that cannot be grasped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import igl
+import numpy as np
+import trimesh
+
+from nlpgrasp.errors import InputError
+
+UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+SMALLEST, LARGEST = 1e-3, 10.0  # metres: outside, the unit is wrong by a factor of about 1000
+OPEN_SHARE = 0.01
+
+
+def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
+    """Return the mesh of a file in metres.
+
+    Raises
+    ------
+    InputError
+        When the file does not exist, trimesh cannot read it, it holds no triangles, or the unit is unknown.
+    """
+    file = Path(path)
+    if unit not in UNITS:
+        raise InputError("Mesh.unit", unit, "one of " + ", ".join(UNITS))
+    if not file.is_file():
+        raise InputError("Mesh.path", str(path), "a mesh file that exists")
+    try:
+        loaded = trimesh.load(file, force="mesh", process=True)
+    except Exception as error:
+        reason = f"{path} ({type(error).__name__}: {error})"
+        raise InputError("Mesh.path", reason, "a mesh file trimesh can read (STL, OBJ, PLY, OFF, GLB, ...)") from None
+    if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
+        raise InputError("Mesh.path", f"{path} without triangles", "a triangle mesh")
+    result = loaded.copy()
+    result.apply_scale(UNITS[unit])
+    return result
+
+
+def usable_mesh(mesh: Any) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    """Return a closed copy of the mesh and what was mended, or refuse it in one sentence.
+
+    Small holes are filled and an inside-out mesh is turned; both are listed. What stays open is accepted
+    only if its winding number tells inside from outside almost everywhere (scans with a few bad triangles).
+    """
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+        raise InputError("Mesh.mesh", type(mesh).__name__, "a trimesh.Trimesh with triangles")
+    if not np.all(np.isfinite(mesh.vertices)):
+        raise InputError("Mesh.vertices", "NaN or infinite coordinates", "finite coordinates")
+    longest = float(np.max(np.ptp(mesh.vertices, axis=0)))
+    if longest <= 0.0:
+        raise InputError("Mesh.mesh", "a mesh of zero size", "a mesh with volume")
+    if not SMALLEST <= longest <= LARGEST:
+        hint = "smaller" if longest > LARGEST else "larger"
+        raise InputError(
+            "Mesh.unit",
+            f"a longest side of {longest:.3g} m",
+            f"{SMALLEST:g} m to {LARGEST:g} m: the file's unit is probably {hint} than the one stated",
+        )
+    result = mesh.copy()
+    notes = []
+    result.merge_vertices()
+    result.update_faces(result.nondegenerate_faces())
+    if not result.is_watertight:
+        before = _open_edges(result)
+        result.fill_holes()
+        trimesh.repair.fix_normals(result)
+        after = _open_edges(result)
+        if after < before:
+            notes.append(f"filled holes: {before} open edges before, {after} after")
+    if not result.is_watertight:
+        share = _ambiguous_share(result)
+        if share > OPEN_SHARE:
+            raise InputError(
+                "Mesh.mesh",
+                f"an open surface ({_open_edges(result)} open edges, inside unclear for {share:.0%} of its box)",
+                "a closed mesh, or one with small holes only",
+            )
+        notes.append(f"not watertight ({_open_edges(result)} open edges); the winding number decides what is inside")
+    box = float(np.prod(np.ptp(result.vertices, axis=0)))
+    if abs(result.volume) <= 1e-6 * max(box, 1e-3 * longest**3):
+        raise InputError("Mesh.mesh", f"volume {abs(result.volume):.3g} m^3", "a mesh with volume")
+    if result.volume < 0.0:
+        result.invert()
+        notes.append("turned inside out: the triangles faced inwards")
+    return result, tuple(notes)
+
+
+def _open_edges(mesh: trimesh.Trimesh) -> int:
+    """Return the number of edges that do not belong to exactly two triangles."""
+    counts = np.bincount(mesh.edges_unique_inverse)
+    return int(np.sum(counts != 2))
+
+
+def _ambiguous_share(mesh: trimesh.Trimesh, samples: int = 4000) -> float:
+    """Return the share of the bounding box where the winding number is far from a whole number."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(mesh.bounds[0], mesh.bounds[1], (samples, 3))
+    winding = np.asarray(igl.fast_winding_number(np.asarray(mesh.vertices), np.asarray(mesh.faces), points))
+    return float(np.mean(np.abs(winding - np.round(winding)) > 0.2))

@@ -1,0 +1,113 @@
+"""Planar polygon body, and the checks a polygon shares with a prism."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import FloatArray, array
+
+
+@dataclass(frozen=True)
+class Polygon(Body):
+    """A planar body bounded by straight edges; faces ``edge0``, ``edge1``, ... in the order of the vertices.
+
+    Edge i runs from vertex i to vertex i + 1. The polygon may be non-convex; its edges must not cross.
+
+    Parameters
+    ----------
+    vertices : (m, 2) array
+        Metres, in either sense of rotation (stored counter-clockwise, starting at the first).
+    """
+
+    vertices: ArrayLike
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", simple_polygon("Polygon.vertices", self.vertices))
+
+    @property
+    def corners(self) -> FloatArray:
+        """Vertices as an array, (m, 2), counter-clockwise."""
+        return np.asarray(self.vertices, dtype=float)
+
+    @property
+    def space(self) -> int:
+        """2."""
+        return 2
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box of the vertices."""
+        return np.stack([self.corners.min(axis=0), self.corners.max(axis=0)])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """Centre of area."""
+        return polygon_centroid(self.corners)
+
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return one face an edge."""
+        return tuple(edge_face(f"edge{i}", self.corners, i) for i in range(len(self.corners)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the vertices."""
+        return {"type": "polygon", "vertices": self.corners.tolist()}
+
+
+def simple_polygon(field: str, vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
+    """Return the vertices counter-clockwise, refusing fewer than 3, zero area or edges that cross."""
+    v = array(field, vertices, (None, 2))
+    if len(v) < 3:
+        raise InputError(field, f"{len(v)} vertices", "at least 3 vertices")
+    following = np.roll(v, -1, axis=0)
+    area = 0.5 * float(np.sum(v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0]))
+    extent = float(np.max(np.ptp(v, axis=0)))
+    if abs(area) <= 1e-12 * extent**2:
+        raise InputError(field, f"area {area:.3g}", "a polygon of non-zero area")
+    if np.min(np.linalg.norm(following - v, axis=1)) <= 1e-9 * extent:
+        raise InputError(field, "two equal neighbouring vertices", "distinct vertices")
+    m = len(v)
+    for i in range(m):
+        for j in range(i + 2, m):
+            if (i, j) != (0, m - 1) and _cross(v[i], following[i], v[j], following[j]):
+                raise InputError(field, f"edges {i} and {j} that cross", "a simple polygon")
+    if area < 0.0:
+        v = np.concatenate([v[:1], v[:0:-1]])
+    return tuple((float(x), float(y)) for x, y in v)
+
+
+def polygon_centroid(v: FloatArray) -> FloatArray:
+    """Return the centre of area of a polygon, (2,)."""
+    following = np.roll(v, -1, axis=0)
+    cross = v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0]
+    return np.asarray(((v + following) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
+
+
+def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> Face:
+    """Return the face over edge i: a segment, or a rectangle of the given height about z = 0."""
+    start, end = v[i], v[(i + 1) % len(v)]
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / length
+    outward = np.array([along[1], -along[0]])
+
+    def surface(p: Expression) -> Expression:
+        return outward[0] * (p[0] - start[0]) + outward[1] * (p[1] - start[1])
+
+    def extent(p: Expression) -> list[Expression]:
+        position = along[0] * (p[0] - start[0]) + along[1] * (p[1] - start[1])
+        limits = [-position, position - length]
+        return limits if height is None else [*limits, p[2] - height / 2.0, -p[2] - height / 2.0]
+
+    return Face(name, surface, extent)
+
+
+def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> bool:
+    def side(o: FloatArray, p: FloatArray, q: FloatArray) -> float:
+        return float((p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]))
+
+    return side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0

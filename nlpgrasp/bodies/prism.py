@@ -1,0 +1,76 @@
+"""Prism body: a polygon extruded along z."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.bodies.polygon import edge_face, polygon_centroid, simple_polygon
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import FloatArray, number
+
+
+@dataclass(frozen=True)
+class Prism(Body):
+    """A convex polygon extruded along z, centred at z = 0; faces ``side0``, ..., ``top`` (+z), ``bottom``.
+
+    Parameters
+    ----------
+    polygon : (m, 2) array
+        Vertices of a convex polygon, metres.
+    height : float
+        Metres, greater than zero.
+    """
+
+    polygon: ArrayLike
+    height: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "polygon", simple_polygon("Prism.polygon", self.polygon))
+        object.__setattr__(self, "height", number("Prism.height", self.height, above=0.0))
+        edges = np.roll(self.corners, -1, axis=0) - self.corners
+        following = np.roll(edges, -1, axis=0)
+        if np.any(edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0] < -1e-12 * self.size**2):
+            raise InputError("Prism.polygon", "a non-convex polygon", "a convex polygon")
+
+    @property
+    def corners(self) -> FloatArray:
+        """Vertices of the polygon, (m, 2), counter-clockwise."""
+        return np.asarray(self.polygon, dtype=float)
+
+    @property
+    def space(self) -> int:
+        """3."""
+        return 3
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box of polygon and height."""
+        half = self.height / 2.0
+        lower, upper = self.corners.min(axis=0), self.corners.max(axis=0)
+        return np.stack([np.append(lower, -half), np.append(upper, half)])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """Centre of volume."""
+        return np.append(polygon_centroid(self.corners), 0.0)
+
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return the sides, the top and the bottom."""
+        half = self.height / 2.0
+        count = len(self.corners)
+        sides = [edge_face(f"side{i}", self.corners, i, self.height) for i in range(count)]
+
+        def inside(p: Expression) -> list[Expression]:
+            return [side.surface(p) for side in sides]
+
+        top = Face("top", lambda p: p[2] - half, inside)
+        return (*sides, top, Face("bottom", lambda p: -p[2] - half, inside))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return polygon and height."""
+        return {"type": "prism", "polygon": self.corners.tolist(), "height": self.height}

@@ -1,0 +1,51 @@
+"""Sphere body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.bodies.base import Body, Face
+from nlpgrasp.validation import FloatArray, number
+
+
+@dataclass(frozen=True)
+class Sphere(Body):
+    """A sphere about the origin; one face, ``surface``.
+
+    Parameters
+    ----------
+    radius : float
+        Metres, greater than zero.
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", number("Sphere.radius", self.radius, above=0.0))
+
+    @property
+    def space(self) -> int:
+        """3."""
+        return 3
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Cube of the radius."""
+        return np.array([[-self.radius] * 3, [self.radius] * 3])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """The origin."""
+        return np.zeros(3)
+
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return the one face."""
+        return (Face("surface", lambda p: (ca.sumsqr(p) / self.radius - self.radius) / 2.0),)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the radius."""
+        return {"type": "sphere", "radius": self.radius}

@@ -1,0 +1,79 @@
+"""Superquadric body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import FloatArray, array, number
+
+
+@dataclass(frozen=True)
+class Superquadric(Body):
+    """``(|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1`` about the origin; one face, ``surface``.
+
+    Exponents of 1 give an ellipsoid, small ones a rounded box, ``e1`` small with ``e2 = 1`` a rounded can
+    (Barr, "Superquadrics and angle-preserving transformations", 1981, doi:10.1109/MCG.1981.1673799).
+
+    Parameters
+    ----------
+    semi_axes : (3,) array
+        Metres, each greater than zero.
+    exponents : (2,) array
+        ``(e1, e2)``, each in [0.2, 1.9]: outside it the normals are too ill-conditioned to be of use.
+    """
+
+    semi_axes: ArrayLike
+    exponents: ArrayLike = (0.5, 0.5)
+
+    def __post_init__(self) -> None:
+        axes = array("Superquadric.semi_axes", self.semi_axes, (3,))
+        object.__setattr__(self, "semi_axes", tuple(number("Superquadric.semi_axes", v, above=0.0) for v in axes))
+        e = array("Superquadric.exponents", self.exponents, (2,))
+        if np.any(e < 0.2) or np.any(e > 1.9):
+            raise InputError("Superquadric.exponents", self.exponents, "two numbers from 0.2 to 1.9")
+        object.__setattr__(self, "exponents", (float(e[0]), float(e[1])))
+
+    @property
+    def space(self) -> int:
+        """3."""
+        return 3
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box of the semi-axes."""
+        a = np.asarray(self.semi_axes, dtype=float)
+        return np.stack([-a, a])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """The origin."""
+        return np.zeros(3)
+
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return the one face, as a function homogeneous of degree 1 less 1, scaled to metres."""
+        axes = np.asarray(self.semi_axes, dtype=float)
+        e1, e2 = np.asarray(self.exponents, dtype=float)
+        tiny = 1e-8  # rounds the planes of symmetry, where powers below 2 have no second derivative
+
+        def surface(p: Expression) -> Expression:
+            x, y, z = (ca.sqrt((p[i] / axes[i]) ** 2 + tiny**2) for i in range(3))
+            flat = (x ** (2.0 / e2) + y ** (2.0 / e2)) ** (e2 / e1)
+            return axes.min() * ((flat + z ** (2.0 / e1)) ** (e1 / 2.0) - 1.0)
+
+        return (Face("surface", surface),)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return semi-axes and exponents."""
+        exponents = list(np.asarray(self.exponents, dtype=float))
+        return {
+            "type": "superquadric",
+            "semi_axes": list(np.asarray(self.semi_axes, dtype=float)),
+            "exponents": exponents,
+        }

@@ -1,0 +1,66 @@
+"""Torus body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import FloatArray, number
+
+
+@dataclass(frozen=True)
+class Torus(Body):
+    """A torus about the z axis, centred at the origin; one face, ``surface``.
+
+    Parameters
+    ----------
+    major_radius : float
+        From the axis to the centre of the tube, metres; greater than the minor radius.
+    minor_radius : float
+        Of the tube, metres, greater than zero.
+    """
+
+    major_radius: float
+    minor_radius: float
+
+    def __post_init__(self) -> None:
+        for name in ("major_radius", "minor_radius"):
+            object.__setattr__(self, name, number(f"Torus.{name}", getattr(self, name), above=0.0))
+        if self.minor_radius >= self.major_radius:
+            raise InputError("Torus.minor_radius", self.minor_radius, f"less than the major radius {self.major_radius}")
+
+    @property
+    def space(self) -> int:
+        """3."""
+        return 3
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box of both radii."""
+        outer = self.major_radius + self.minor_radius
+        corner = np.array([outer, outer, self.minor_radius])
+        return np.stack([-corner, corner])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """The origin, which is in the hole."""
+        return np.zeros(3)
+
+    def make_faces(self) -> tuple[Face, ...]:
+        """Return the one face, the distance to the tube's centre line less the minor radius, squared."""
+        major, minor = self.major_radius, self.minor_radius
+
+        def surface(p: Expression) -> Expression:
+            ring = ca.sqrt(p[0] ** 2 + p[1] ** 2 + 1e-24) - major
+            return ((ring**2 + p[2] ** 2) / minor - minor) / 2.0
+
+        return (Face("surface", surface),)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return both radii."""
+        return {"type": "torus", "major_radius": self.major_radius, "minor_radius": self.minor_radius}

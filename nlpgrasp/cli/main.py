@@ -1,0 +1,142 @@
+"""``nlpgrasp solve | quality | verify``.
+
+Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from nlpgrasp.cli.progress import Reporter, done, emit, pair
+from nlpgrasp.cli.script import load_problem
+from nlpgrasp.errors import InputError, NlpgraspError
+from nlpgrasp.quality import delta, mu
+from nlpgrasp.solution import GraspSolution
+from nlpgrasp.solve import SolveOptions, solve
+from nlpgrasp.tasks import TaskEllipsoid
+from nlpgrasp.validation import integer
+from nlpgrasp.verify import verify
+from nlpgrasp.version import __version__
+
+app = typer.Typer(
+    help="Find the best grasp of a body for a task, and certify how good it is.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Script = Annotated[Path, typer.Argument(metavar="SCRIPT", help="Python file with a function problem().")]
+File = Annotated[Path, typer.Argument(metavar="F.json", help="Solution file.")]
+AsJson = Annotated[bool, typer.Option("--json", help="JSON lines on standard output instead of text.")]
+Rtol = Annotated[float, typer.Option("--rtol", help="Relative gap of the certificate.")]
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+) -> None:
+    if version:
+        typer.echo(f"nlpgrasp {__version__}")
+        raise typer.Exit
+
+
+@app.command("solve")
+def solve_command(
+    script: Script,
+    out: Annotated[Path | None, typer.Option("--out", help="Result; SCRIPT's name with .json by default.")] = None,
+    starts: Annotated[int, typer.Option("--starts", help="Number of starts.")] = 8,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the starts.")] = 0,
+    workers: Annotated[int | None, typer.Option("--workers", help="Processes; one a core by default.")] = None,
+    time_limit: Annotated[float | None, typer.Option("--time-limit", help="Seconds of wall time.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Solve a problem script and write the grasp found to a file. Ctrl-C keeps the best so far."""
+    integer("--starts", starts, at_least=1)
+    integer("--seed", seed, at_least=0)
+    options = SolveOptions(workers=workers, time_limit=time_limit)
+    target = Path(f"{script.stem}.json") if out is None else out
+    problem = load_problem(script)
+    _check_writable(target)
+    with Reporter(problem.name, starts, as_json) as reporter:
+        solution = solve(problem, starts, seed, options, progress=reporter.start_done)
+    written = None
+    if solution.success or not target.exists():
+        written = str(solution.save(target))
+    if as_json:
+        emit(done(solution, written))
+    else:
+        typer.echo(str(solution))
+        typer.echo(f"  {solution.solver['seconds']['total']:.1f} s, {len(solution.starts)} starts")
+        typer.echo(f"  {'written to ' + written if written else f'{target} left as it was'}")
+    if not solution.success:
+        raise typer.Exit(1)
+
+
+@app.command("quality")
+def quality_command(
+    file: File,
+    rtol: Rtol = 0.01,
+    torque_scale: Annotated[
+        float | None,
+        typer.Option("--torque-scale", help="Metres; the contacts' distance from the origin by default."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute the certified quality measures of a grasp anew from its file."""
+    solution = GraspSolution.load(file)
+    if solution.grasp is None:
+        raise InputError(f"{file}: grasp", "none", "a file that holds a grasp")
+    grasp = solution.grasp
+    if torque_scale is None:
+        torque_scale = float(np.sqrt(np.mean(np.sum((grasp.points - grasp.torque_origin) ** 2, axis=1)))) or 1.0
+    task = TaskEllipsoid.from_dict(solution.problem["task"])
+    found, ball = mu(grasp, task, rtol), delta(grasp, torque_scale, rtol)
+    if as_json:
+        emit({"kind": solution.kind, "mu": pair(found), "delta": pair(ball), "torque_scale": torque_scale})
+        return
+    typer.echo(f"{solution.name}: {len(grasp)} contacts")
+    typer.echo(f"  {solution.kind:8} certified in {found}")
+    typer.echo(f"  delta    certified in {ball} (torque scale {torque_scale:.4g} m)")
+    if found.upper == 0.0 and found.worst_direction is not None:
+        typer.echo(f"  cannot resist the task: no contact force works along {found.worst_direction.tolist()}")
+
+
+@app.command("verify")
+def verify_command(file: File, rtol: Rtol = 0.01, as_json: AsJson = False) -> None:
+    """Check a solution file from its task and grasp alone, by independent code."""
+    verification = verify(file, rtol)
+    if as_json:
+        checks = [{"name": c.name, "passed": c.passed, "detail": c.detail} for c in verification.checks]
+        mu_pair = None if verification.mu is None else pair(verification.mu)
+        emit({"passed": verification.passed, "mu": mu_pair, "checks": checks})
+    else:
+        typer.echo(str(verification))
+        typer.echo("verified" if verification else "NOT verified")
+    if not verification:
+        raise typer.Exit(1)
+
+
+def main() -> None:
+    """Run the command line; bad input is one line on standard error and exit code 2."""
+    try:
+        app()
+    except NlpgraspError as error:
+        sys.stderr.write(f"nlpgrasp: {error}\n")
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.stderr.write("nlpgrasp: interrupted\n")
+        sys.exit(1)
+
+
+def _check_writable(target: Path) -> None:
+    """Refuse, before anything is computed, a result file that could not be written."""
+    if target.is_dir():
+        raise InputError("--out", f"{target} (a folder)", "a file name")
+    if not target.parent.is_dir():
+        raise InputError("--out", f"{target} (no folder {target.parent})", "a file in a folder that exists")

@@ -1,0 +1,94 @@
+"""What a solve shows while it runs: a bar for people, JSON lines for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution import GraspSolution, StartRecord
+
+
+class Reporter:
+    """Reports each finished start.
+
+    Parameters
+    ----------
+    name : str
+        The problem's name.
+    starts : int
+    as_json : bool
+        One JSON object a line on standard output instead of a bar on standard error.
+    """
+
+    def __init__(self, name: str, starts: int, as_json: bool) -> None:
+        self.name = name
+        self.starts = starts
+        self.as_json = as_json
+        self._bar: Progress | None = None
+        self._task: Any = None
+
+    def __enter__(self) -> Reporter:
+        if not self.as_json:
+            columns = (
+                TextColumn("{task.description}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+                TextColumn("{task.fields[best]}"),
+            )
+            self._bar = Progress(*columns, console=Console(stderr=True))
+            self._bar.start()
+            self._task = self._bar.add_task(self.name, total=self.starts, best="no grasp yet")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def start_done(self, record: StartRecord, best: Bounds) -> None:
+        """Report one start and the best certified bounds so far."""
+        if self._bar is not None:
+            shown = f"best mu in {best}" if math.isfinite(best.upper) else "no grasp yet"
+            self._bar.update(self._task, advance=1, best=shown)
+            return
+        emit(
+            {
+                "event": "start",
+                "index": record.index,
+                "status": record.status.name.lower(),
+                "mu": pair(record.mu),
+                "seconds": sum(record.seconds.values()),
+                "best": pair(best),
+            }
+        )
+
+
+def emit(data: dict[str, Any]) -> None:
+    """Write one JSON line to standard output."""
+    sys.stdout.write(json.dumps(data, allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+def pair(bounds: Bounds) -> list[float] | None:
+    """Return ``[lower, upper]``, or None where nothing is known."""
+    return [bounds.lower, bounds.upper] if math.isfinite(bounds.upper) else None
+
+
+def done(solution: GraspSolution, path: str | None) -> dict[str, Any]:
+    """Return the last JSON line of a solve."""
+    return {
+        "event": "done",
+        "status": solution.status.name.lower(),
+        "message": solution.status.value,
+        "kind": solution.kind,
+        "mu": pair(solution.mu),
+        "seconds": solution.solver["seconds"]["total"],
+        "file": path,
+    }

@@ -1,0 +1,79 @@
+"""The user's own constraint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.errors import InputError
+from nlpgrasp.rows import Placement, Row
+
+
+@dataclass(frozen=True)
+class Constraint(PlacementConstraint):
+    """``lower <= expression <= upper`` for any CasADi expression of the contacts.
+
+    Parameters
+    ----------
+    name : str
+        Shown in reports.
+    expression : callable
+        ``expression(positions, normals)``: two lists of k CasADi columns, positions in metres and unit
+        normals pointing into the body; returns a CasADi expression of any shape, or a list of scalars.
+    lower, upper : float or array
+        Limits of each element; infinite for none.
+
+    Examples
+    --------
+    Keep fingers 0 and 1 level: ``Constraint("level", lambda p, n: p[0][2] - p[1][2], 0.0, 0.0)``.
+    """
+
+    name: str
+    expression: Callable[[list[Any], list[Any]], Any]
+    lower: Any = -np.inf
+    upper: Any = np.inf
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError("Constraint.name", self.name, "a non-empty name")
+        if not callable(self.expression):
+            raise InputError(
+                f"Constraint {self.name!r}.expression", self.expression, "a function of (positions, normals)"
+            )
+        low, high = np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
+        if np.any(np.isnan(low)) or np.any(np.isnan(high)) or np.any(low > high):
+            raise InputError(
+                f"Constraint {self.name!r}",
+                f"{self.lower} to {self.upper}",
+                "lower limits below upper limits",
+            )
+
+    def rows(self, placement: Placement) -> list[Row]:
+        """Return one row an element of the expression."""
+        field = f"Constraint {self.name!r}.expression"
+        try:
+            value = self.expression(list(placement.positions), list(placement.normals))
+            value = ca.vec(ca.vertcat(*value) if isinstance(value, list | tuple) else ca.SX(value))
+        except InputError:
+            raise
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise InputError(field, reason, "CasADi operations on the positions and normals") from None
+        count = int(value.shape[0])
+        try:
+            lower = np.broadcast_to(np.asarray(self.lower, dtype=float).ravel(), count)
+            upper = np.broadcast_to(np.asarray(self.upper, dtype=float).ravel(), count)
+        except ValueError:
+            raise InputError(field, f"{count} elements", "as many limits as elements, or one") from None
+        label = [self.name] if count == 1 else [f"{self.name}[{i}]" for i in range(count)]
+        return [Row(label[i], value[i], float(lower[i]), float(upper[i])) for i in range(count)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return name and limits; the expression stays in the script."""
+        lower, upper = ([v if np.isfinite(v) else None for v in np.ravel(x).tolist()] for x in (self.lower, self.upper))
+        return {"type": "expression", "name": self.name, "lower": lower, "upper": upper}

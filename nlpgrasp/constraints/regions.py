@@ -1,0 +1,141 @@
+"""Regions of space that contacts may be kept out of."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import array, number
+
+Expression = Any
+
+
+class Region(ABC):
+    """A part of space, closed, given by an expression that is positive inside."""
+
+    @abstractmethod
+    def inside(self, p: Expression) -> Expression:
+        """Return an expression of a point that is positive inside the region and negative outside."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Return the region as JSON data."""
+
+    def dimension(self) -> int | None:
+        """Return the dimension of the region's points, or None when any will do."""
+        return None
+
+
+@dataclass(frozen=True)
+class HalfSpace(Region):
+    """The half-space ``normal . p >= offset``.
+
+    Parameters
+    ----------
+    normal : (2,) or (3,) array
+        Not zero; made unit length together with the offset.
+    offset : float
+        Metres, for a unit normal.
+    """
+
+    normal: ArrayLike
+    offset: float
+
+    def __post_init__(self) -> None:
+        n = array("HalfSpace.normal", self.normal, (None,))
+        length = float(np.linalg.norm(n))
+        if n.size not in (2, 3) or length == 0.0:
+            raise InputError("HalfSpace.normal", self.normal, "a non-zero vector of 2 or 3 numbers")
+        object.__setattr__(self, "offset", number("HalfSpace.offset", self.offset) / length)
+        object.__setattr__(self, "normal", tuple(float(v) for v in n / length))
+
+    def inside(self, p: Expression) -> Expression:
+        """Return ``normal . p - offset``."""
+        return ca.dot(ca.DM(np.asarray(self.normal)), p) - self.offset
+
+    def dimension(self) -> int | None:
+        """Return the length of the normal."""
+        return int(np.size(self.normal))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return normal and offset."""
+        return {
+            "type": "half_space",
+            "normal": list(np.asarray(self.normal, dtype=float)),
+            "offset": self.offset,
+        }
+
+
+@dataclass(frozen=True)
+class BoxRegion(Region):
+    """An axis-aligned box.
+
+    Parameters
+    ----------
+    lower, upper : (2,) or (3,) array
+        Corners, metres, lower below upper in every axis.
+    """
+
+    lower: ArrayLike
+    upper: ArrayLike
+
+    def __post_init__(self) -> None:
+        low = array("BoxRegion.lower", self.lower, (None,))
+        high = array("BoxRegion.upper", self.upper, (low.size,))
+        if low.size not in (2, 3) or np.any(high <= low):
+            raise InputError("BoxRegion", f"{low.tolist()} to {high.tolist()}", "a lower corner below the upper corner")
+        object.__setattr__(self, "lower", tuple(low.tolist()))
+        object.__setattr__(self, "upper", tuple(high.tolist()))
+
+    def inside(self, p: Expression) -> Expression:
+        """Return the distance to the nearest side, negative outside (in the largest-coordinate sense)."""
+        result = None
+        for i, (low, high) in enumerate(zip(np.asarray(self.lower), np.asarray(self.upper), strict=True)):
+            depth = (high - low) / 2.0 - ca.fabs(p[i] - (low + high) / 2.0)
+            result = depth if result is None else ca.fmin(result, depth)
+        return result
+
+    def dimension(self) -> int | None:
+        """Return the length of the corners."""
+        return int(np.size(self.lower))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return both corners."""
+        return {
+            "type": "box_region",
+            "lower": list(np.asarray(self.lower)),
+            "upper": list(np.asarray(self.upper)),
+        }
+
+
+@dataclass(frozen=True)
+class ExpressionRegion(Region):
+    """A region given by the user's own function.
+
+    Parameters
+    ----------
+    expression : callable
+        ``expression(p)`` of a CasADi point: positive inside the region.
+    """
+
+    expression: Callable[[Expression], Expression]
+
+    def inside(self, p: Expression) -> Expression:
+        """Return the user's expression, refusing anything but a scalar."""
+        value = self.expression(p)
+        if getattr(value, "shape", None) != (1, 1):
+            raise InputError(
+                "Forbid.region", type(value).__name__, "a function that returns a scalar CasADi expression"
+            )
+        return value
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the expression as text, for reading."""
+        return {"type": "expression_region", "expression": str(self.expression(ca.SX.sym("p", 3)))}

@@ -1,0 +1,59 @@
+"""Distances between contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.errors import InputError
+from nlpgrasp.rows import Placement, Row
+from nlpgrasp.validation import number
+
+
+@dataclass(frozen=True)
+class Spread(PlacementConstraint):
+    """Every two contacts are at least ``min`` and at most ``max`` apart.
+
+    Parameters
+    ----------
+    min : float
+        Metres, at least zero.
+    max : float, optional
+        Metres, greater than ``min``; no limit when left out.
+    """
+
+    min: float = 0.0
+    max: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "min", number("Spread.min", self.min, at_least=0.0))
+        if self.max is not None:
+            object.__setattr__(self, "max", number("Spread.max", self.max, above=self.min))
+        if self.min == 0.0 and self.max is None:
+            raise InputError("Spread", "neither min nor max", "a least or a greatest distance")
+
+    def check(self, space: int, size: float, contacts: int) -> None:
+        """Refuse a least distance longer than the body."""
+        if contacts > 1 and self.min > 2.0 * size:
+            raise InputError("Spread.min", f"{self.min:g} m", f"at most the body's diagonal, {2.0 * size:.3g} m")
+
+    def least_distance(self) -> float:
+        """Return ``min``."""
+        return self.min
+
+    def rows(self, placement: Placement) -> list[Row]:
+        """Return one row a pair: the squared distance within the squared limits."""
+        upper = np.inf if self.max is None else self.max**2
+        return [
+            Row(f"spread, fingers {i} and {j}", ca.sumsqr(p - q), self.min**2, upper, placement.size**2)
+            for (i, p), (j, q) in combinations(enumerate(placement.positions), 2)
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return both limits."""
+        return {"type": "spread", "min": self.min, "max": self.max}

@@ -1,0 +1,42 @@
+"""A table under the body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.rows import Placement, Row
+from nlpgrasp.validation import number
+
+
+@dataclass(frozen=True)
+class Table(PlacementConstraint):
+    """Every fingertip stays above a horizontal table.
+
+    Parameters
+    ----------
+    height : float
+        Height of the table top along the last axis (z, or y for planar bodies), metres, body frame.
+    clearance : float
+        Least distance between the table and a fingertip's lowest point, metres, at least zero.
+    """
+
+    height: float
+    clearance: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "height", number("Table.height", self.height))
+        object.__setattr__(self, "clearance", number("Table.clearance", self.clearance, at_least=0.0))
+
+    def rows(self, placement: Placement) -> list[Row]:
+        """Return one row a fingertip: ``tip_z - radius >= height + clearance``."""
+        lower = self.height + self.clearance
+        return [
+            Row(f"table, finger {i}", tip[-1] - placement.radius, lower, scale=placement.size)
+            for i, tip in enumerate(placement.tips)
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return height and clearance."""
+        return {"type": "table", "height": self.height, "clearance": self.clearance}

@@ -1,0 +1,9 @@
+"""Contact models: how a finger may push."""
+
+from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.contacts.friction import FrictionContact
+from nlpgrasp.contacts.point import PointContact
+from nlpgrasp.contacts.registry import contact_from_dict
+from nlpgrasp.contacts.soft import SoftContact
+
+__all__ = ["ContactModel", "FrictionContact", "PointContact", "SoftContact", "contact_from_dict"]

@@ -1,0 +1,50 @@
+"""Point contact without friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class PointContact(ContactModel):
+    """Point contact without friction: one component, ``f_n >= 0`` (finger I of Example 2-2)."""
+
+    kind: ClassVar[str] = "point"
+
+    def components(self, space: int) -> int:
+        """Return 1."""
+        return 1
+
+    def variables(self, space: int) -> int:
+        """Return 1: the normal force."""
+        return 1
+
+    def pressing(self, normal: FloatArray) -> FloatArray:
+        """Return ``(1,)``."""
+        return np.ones(1)
+
+    def project(self, z: FloatArray) -> FloatArray:
+        """Return ``max(z, 0)``."""
+        return np.maximum(z, 0.0)
+
+    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+        """Return ``x n`` and no torsion."""
+        return x[0] * normal, None
+
+    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+        """Return ``f_n >= 0``."""
+        return [("unilateral", x[0])]
+
+    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+        """Return ``max(z_n, 0)^2``."""
+        return ops.fmax(normal, 0.0) ** 2
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return ``{"model": "point"}``."""
+        return {"model": self.kind}

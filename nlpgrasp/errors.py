@@ -1,0 +1,52 @@
+"""Errors a person can read: what field, what was given, what is allowed."""
+
+from __future__ import annotations
+
+
+class NlpgraspError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+class InputError(NlpgraspError, ValueError):
+    """A value that cannot be used.
+
+    Parameters
+    ----------
+    field : str
+        Name of the field as the user wrote it, for example ``"FrictionContact.friction"``.
+    given : object
+        What was received (shown shortened).
+    allowed : str
+        What would have been accepted.
+    """
+
+    def __init__(self, field: str, given: object, allowed: str) -> None:
+        self.field = field
+        self.given = given
+        self.allowed = allowed
+        super().__init__(f"{field}: got {_shorten(given)}, expected {allowed}")
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
+        return (InputError, (self.field, _shorten(self.given), self.allowed))
+
+
+class NoGraspError(NlpgraspError):
+    """Raised by ``solve(..., throw=True)`` when no grasp was found; carries the result.
+
+    Parameters
+    ----------
+    message : str
+        The status sentence.
+    solution : object
+        The :class:`nlpgrasp.GraspSolution` with the evidence.
+    """
+
+    def __init__(self, message: str, solution: object) -> None:
+        self.solution = solution
+        super().__init__(message)
+
+
+def _shorten(value: object, limit: int = 120) -> str:
+    text = value if isinstance(value, str) else repr(value)
+    text = " ".join(text.split())
+    return text if len(text) <= limit else text[: limit - 3] + "..."

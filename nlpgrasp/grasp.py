@@ -1,0 +1,116 @@
+"""A fixed placement of contacts: contact frames, ``T_f``, ``B`` and the grasp map ``G = T_f B``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.spatial import tangents as complete_frame
+from nlpgrasp.spatial import wrench_dimension, wrench_transform
+from nlpgrasp.validation import FloatArray, array, read_only
+
+UNIT_TOLERANCE = 1e-6
+
+
+class Grasp:
+    """k contacts on a body (Definition 2-4).
+
+    Parameters
+    ----------
+    points : (k, 2) or (k, 3) array
+        Contact positions, metres, body frame.
+    normals : same shape
+        Unit normals pointing *into* the body; unit to 1e-6, then normalised exactly.
+    contacts : ContactModel or sequence of k of them
+        One model for all contacts, or one each.
+    torque_origin : (2,) or (3,) array, optional
+        Point about which moments are taken; the frame's origin when left out.
+    tangents : (k, 1, 2) or (k, 2, 3) array, optional
+        Unit tangents as rows; chosen when left out (no measure depends on them).
+
+    Raises
+    ------
+    InputError
+        On shapes that do not match, NaN, or normals that are not unit (says by how much).
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        contacts: ContactModel | Sequence[ContactModel],
+        torque_origin: ArrayLike | None = None,
+        tangents: ArrayLike | None = None,
+    ) -> None:
+        p = array("Grasp.points", points, (None, None))
+        k, space = p.shape
+        if space not in (2, 3) or k < 1:
+            raise InputError("Grasp.points", f"shape {p.shape}", "shape (k, 2) or (k, 3) with at least one contact")
+        n = array("Grasp.normals", normals, (k, space))
+        length = np.linalg.norm(n, axis=1)
+        worst = int(np.argmax(np.abs(length - 1.0)))
+        if abs(length[worst] - 1.0) > UNIT_TOLERANCE:
+            raise InputError(
+                "Grasp.normals", f"length {length[worst]:.9g} at contact {worst}", "unit vectors (to 1e-6)"
+            )
+        n = n / length[:, None]
+        models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
+        if len(models) != k or not all(isinstance(m, ContactModel) for m in models):
+            raise InputError("Grasp.contacts", f"{len(models)} entries", f"one contact model, or {k} of them")
+        origin = np.zeros(space) if torque_origin is None else array("Grasp.torque_origin", torque_origin, (space,))
+        t = complete_frame(n) if tangents is None else array("Grasp.tangents", tangents, (k, space - 1, space))
+        frames = np.concatenate([n[:, None, :], t], axis=1)
+        error = float(np.max(np.abs(frames @ frames.transpose(0, 2, 1) - np.eye(space))))
+        if error > UNIT_TOLERANCE:
+            raise InputError("Grasp.tangents", f"frames off orthonormal by {error:.3g}", "orthonormal contact frames")
+        self.points = read_only(p)
+        self.normals = read_only(n)
+        self.tangents = read_only(t)
+        self.contacts: tuple[ContactModel, ...] = models
+        self.torque_origin = read_only(origin)
+
+    @property
+    def space(self) -> int:
+        """2 for a planar grasp, 3 for a spatial one."""
+        return int(self.points.shape[1])
+
+    @property
+    def dimension(self) -> int:
+        """Dimension d of wrench space: 3 or 6."""
+        return wrench_dimension(self.space)
+
+    @property
+    def frames(self) -> FloatArray:
+        """Contact frames, (k, space, space): axes as columns, normal first."""
+        return np.concatenate([self.normals[:, :, None], self.tangents.transpose(0, 2, 1)], axis=2)
+
+    @cached_property
+    def T_f(self) -> FloatArray:
+        """Wrench transformation matrix (2.3-6), (d, k d): where the contacts are."""
+        blocks = [wrench_transform(p - self.torque_origin, F) for p, F in zip(self.points, self.frames, strict=True)]
+        return np.concatenate(blocks, axis=1)
+
+    @cached_property
+    def B(self) -> FloatArray:
+        """Constraint matrix (2.3-7), (k d, n), block diagonal: what the contacts are."""
+        blocks = [c.basis(self.space) for c in self.contacts]
+        result = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
+        row = column = 0
+        for block in blocks:
+            result[row : row + block.shape[0], column : column + block.shape[1]] = block
+            row += block.shape[0]
+            column += block.shape[1]
+        return result
+
+    @cached_property
+    def G(self) -> FloatArray:
+        """Grasp map (2.2-3), (d, n): contact-frame force components to body wrenches."""
+        return self.T_f @ self.B
+
+    def __len__(self) -> int:
+        return int(self.points.shape[0])

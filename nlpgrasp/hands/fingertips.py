@@ -1,0 +1,103 @@
+"""Free fingertips within reach of one palm point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.base import Expression, Hand, HandVariable
+from nlpgrasp.rows import Placement, Row
+from nlpgrasp.validation import FloatArray, integer, number
+
+
+@dataclass(frozen=True)
+class Fingertips(Hand):
+    """A hand of free spherical fingertips, limited by how far apart and how far from a palm they get.
+
+    Parameters
+    ----------
+    count : int
+        Number of fingertips.
+    radius : float
+        Of each fingertip, metres; 0 for points. Fingertips do not overlap.
+    spread : float or (float, float), optional
+        Greatest distance, or least and greatest, between any two fingertip centres, metres.
+    reach : float, optional
+        Every fingertip centre is at most this far from one palm point, metres. The palm point is a variable
+        of the program: anywhere around the body, also inside it (an enveloping hand).
+    """
+
+    count: int
+    radius: float = 0.0
+    spread: float | Sequence[float] | None = None
+    reach: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "count", integer("Fingertips.count", self.count, at_least=1))
+        object.__setattr__(self, "radius", number("Fingertips.radius", self.radius, at_least=0.0))
+        if self.spread is not None:
+            pair = (0.0, self.spread) if np.ndim(self.spread) == 0 else tuple(self.spread)  # type: ignore[arg-type]
+            if len(pair) != 2:
+                raise InputError("Fingertips.spread", self.spread, "one distance, or a least and a greatest one")
+            low = number("Fingertips.spread", pair[0], at_least=0.0)
+            object.__setattr__(self, "spread", (low, number("Fingertips.spread", pair[1], above=low)))
+        if self.reach is not None:
+            object.__setattr__(self, "reach", number("Fingertips.reach", self.reach, above=0.0))
+
+    @property
+    def tip_radius(self) -> float:
+        """Radius of the fingertips."""
+        return self.radius
+
+    def variables(self, bounds: FloatArray) -> list[HandVariable]:
+        """Return the palm point when there is a reach."""
+        if self.reach is None:
+            return []
+        size = float(np.linalg.norm(bounds[1] - bounds[0]))
+        margin = self.reach + self.radius
+        return [HandVariable("palm", bounds[0] - margin, bounds[1] + margin, size / 2.0)]
+
+    def start(self, tips: FloatArray) -> dict[str, FloatArray]:
+        """Return the middle of the fingertips as palm point."""
+        return {} if self.reach is None else {"palm": np.asarray(tips.mean(axis=0))}
+
+    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
+        """Return reach, spread and no-overlap rows, as squared distances."""
+        tips, size2 = placement.tips, placement.size**2
+        rows = []
+        if self.reach is not None:
+            rows += [
+                Row(f"reach, finger {i}", ca.sumsqr(tip - variables["palm"]), upper=self.reach**2, scale=size2)
+                for i, tip in enumerate(tips)
+            ]
+        low, high = self.spread if self.spread is not None else (0.0, np.inf)  # type: ignore[misc]
+        low = max(float(low), 2.0 * self.radius)
+        if low > 0.0 or np.isfinite(high):
+            rows += [
+                Row(
+                    f"fingertip distance, fingers {i} and {j}",
+                    ca.sumsqr(p - q),
+                    low**2,
+                    float(high) ** 2,
+                    size2,
+                )
+                for (i, p), (j, q) in combinations(enumerate(tips), 2)
+            ]
+        return rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the settings."""
+        spread = None if self.spread is None else list(self.spread)  # type: ignore[arg-type]
+        return {
+            "type": "fingertips",
+            "count": self.count,
+            "radius": self.radius,
+            "spread": spread,
+            "reach": self.reach,
+        }

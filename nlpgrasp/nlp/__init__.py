@@ -1,0 +1,18 @@
+"""The symbolic program: named blocks, two transcriptions of containment, IPOPT."""
+
+from nlpgrasp.nlp.compile import CompiledProgram, NlpResult
+from nlpgrasp.nlp.placement import Scaling
+from nlpgrasp.nlp.program import Block, Program
+from nlpgrasp.nlp.support import has_closed_form, support_program
+from nlpgrasp.nlp.vertex import vertex_program
+
+__all__ = [
+    "Block",
+    "CompiledProgram",
+    "NlpResult",
+    "Program",
+    "Scaling",
+    "has_closed_form",
+    "support_program",
+    "vertex_program",
+]

@@ -1,0 +1,127 @@
+"""The part every program has: where the contacts are, on which faces, under which constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.nlp.program import Program
+from nlpgrasp.problem import GraspProblem
+from nlpgrasp.rows import Placement
+from nlpgrasp.validation import FloatArray
+
+BOX_MARGIN = 0.03  # of the body's size: positions may leave the box a little on the way
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Solver units: positions about the torque origin over ``length``; torques over ``length``; the task over ``task``.
+
+    Parameters
+    ----------
+    origin : (space,) array
+    length : float
+        The body's characteristic length, metres.
+    task : float
+        Size of the scaled task; the solver's beta is mu times this.
+    wrench : (d,) array
+        Factors that turn a wrench into solver units.
+    """
+
+    origin: FloatArray
+    length: float
+    task: float
+    wrench: FloatArray
+
+    @classmethod
+    def of(cls, problem: GraspProblem) -> Scaling:
+        """Return the scaling of a problem."""
+        space, d = problem.body.space, problem.dimension
+        length = problem.body.size
+        wrench = np.concatenate([np.ones(space), np.full(d - space, 1.0 / length)])
+        spanning = np.concatenate([problem.task.axes, problem.task.center[None, :]]) * wrench
+        return cls(problem.origin, length, float(np.linalg.norm(spanning, 2)), wrench)
+
+    def position(self, p: FloatArray) -> FloatArray:
+        """Return metres as solver units."""
+        return np.asarray((p - self.origin) / self.length)
+
+    def metres(self, p: FloatArray) -> FloatArray:
+        """Return solver units as metres."""
+        return np.asarray(self.origin + self.length * p)
+
+
+@dataclass(frozen=True)
+class ContactSymbols:
+    """Scaled positions and inward normals of the contacts, as ``SX`` columns."""
+
+    positions: list[Any]
+    normals: list[Any]
+
+
+def add_placement(program: Program, problem: GraspProblem, scaling: Scaling) -> ContactSymbols:
+    """Add positions, normals and the hand's variables; return the contacts' symbols.
+
+    The normals are variables of their own, tied to the surface by :func:`add_faces`: with them everything
+    but the surface is a polynomial, and friction reads as in the theory notes.
+    """
+    space, k = problem.body.space, len(problem.models)
+    lower, upper = problem.body.bounds
+    margin = BOX_MARGIN * scaling.length
+    low, high = scaling.position(lower - margin), scaling.position(upper + margin)
+    positions = [program.variable(f"position {i}", space, low, high, scaling.length) for i in range(k)]
+    normals = [program.variable(f"normal {i}", space, -1.1, 1.1) for i in range(k)]
+    if problem.hand is not None:
+        for item in problem.hand.variables(problem.body.bounds):
+            program.variable(
+                f"hand {item.name}",
+                len(item.lower),
+                item.lower / item.scale,
+                item.upper / item.scale,
+                item.scale,
+            )
+    return ContactSymbols(positions, normals)
+
+
+def add_constraints(program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols) -> None:
+    """Add the rows of the user's constraints and of the hand."""
+    metres = [ca.DM(scaling.origin) + scaling.length * p for p in contacts.positions]
+    radius = 0.0 if problem.hand is None else problem.hand.tip_radius
+    placement = Placement(metres, contacts.normals, radius, scaling.length)
+    rows = [row for constraint in problem.constraints for row in constraint.rows(placement)]
+    if problem.hand is not None:
+        symbols = {
+            b.name.removeprefix("hand "): b.scale * program.z[b.range]
+            for b in program.variables
+            if b.name.startswith("hand ")
+        }
+        rows += problem.hand.rows(placement, symbols)
+    for row in rows:
+        program.constrain(row.name, row.expression, row.lower, row.upper, row.scale)
+
+
+def add_faces(
+    program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, faces: Sequence[str]
+) -> None:
+    """Tie each contact to its face: ``h(p) = 0``, the face's extent, ``n = -grad h / |grad h|``. Call last."""
+    space = problem.body.space
+    for i, name in enumerate(faces):
+        function, extents = _scaled_face(problem, name, scaling)
+        zeros = ca.SX.zeros(1 + extents)
+        names = [(f"on the surface, finger {i}", 1, 0.0, 0.0)]
+        names += [(f"extent of face {name}, finger {i}", extents, -np.inf, 0.0)] if extents else []
+        names += [(f"normal, finger {i}", space, 0.0, 0.0)]
+        program.constrain_face(names, function, f"position {i}", ca.vertcat(zeros, contacts.normals[i]))
+
+
+def _scaled_face(problem: GraspProblem, name: str, scaling: Scaling) -> tuple[ca.Function, int]:
+    """Return ``p_scaled -> [h, extents, outward normal]`` in solver units, and the number of extents."""
+    body = problem.body
+    p = body.symbol.sym("p", body.space)  # type: ignore[attr-defined]
+    h, _, normal, extent = body.surface_function(name)(scaling.origin + scaling.length * p)
+    rows = ca.vertcat(h / scaling.length, extent / scaling.length, normal)
+    return ca.Function("face", [p], [rows]), int(extent.shape[0])

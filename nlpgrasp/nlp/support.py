@@ -1,0 +1,96 @@
+"""The support transcription: the grasp reaches the task in each sampled direction (outer)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import accumulate
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.nlp.forces import add_membership, force_sizes, symbolic_wrench
+from nlpgrasp.nlp.placement import ContactSymbols, Scaling, add_constraints, add_faces, add_placement
+from nlpgrasp.nlp.program import Program
+from nlpgrasp.problem import GraspProblem
+
+SMOOTHING = 1e-12  # under the root of |z_t|^2, for its derivative at zero
+
+
+def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eliminate: bool = True) -> Program:
+    """Return: maximise beta with ``phi(y_j | G(B n K)) >= beta phi_A(y_j)`` for j = 1 ... count, (3.4-3).
+
+    Directions and the task's support there are parameters, so that the program is built once and its cuts
+    change between solves; a slot with ``y = 0`` and ``phi_A = 0`` is empty.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    faces : sequence of k str
+        The face each contact is on.
+    count : int
+        Number of direction slots.
+    eliminate : bool
+        Use the closed form of the support function (3k + 1 variables) instead of one copy of the forces per
+        direction. Ignored where a contact model has no closed form.
+
+    Returns
+    -------
+    Program
+        Variables ``position i``, ``normal i``, ``beta`` (scaled) and, unless eliminated, ``forces j``;
+        parameters ``directions`` and ``reach`` (the task's support), both in solver units.
+    """
+    scaling = Scaling.of(problem)
+    program = Program()
+    contacts = add_placement(program, problem, scaling)
+    beta = program.variable("beta", 1, 0.0, 100.0, 1.0 / scaling.task)
+    d = problem.dimension
+    directions = ca.reshape(program.parameter("directions", d * count), d, count)
+    reach = program.parameter("reach", count)
+    squared = squared_support(problem, contacts, scaling) if eliminate else None
+    sizes = list(accumulate(force_sizes(problem.models, problem.body.space)))
+    for j in range(count):
+        if squared is not None:
+            value = squared(directions[:, j], *contacts.positions, *contacts.normals)
+            program.constrain(f"support, direction {j}", value - (beta * reach[j]) ** 2, 0.0, np.inf)
+            continue
+        forces = ca.vertsplit(program.variable(f"forces {j}", sizes[-1], -1.1, 1.1), [0, *sizes])
+        produced = symbolic_wrench(problem.models, contacts, forces, scaling.length)
+        work = ca.dot(directions[:, j], produced)
+        program.constrain(f"support, direction {j}", work - beta * reach[j], 0.0, np.inf)
+        add_membership(program, problem.models, contacts, forces, j)
+    add_constraints(program, problem, scaling, contacts)
+    add_faces(program, problem, scaling, contacts, faces)
+    program.objective = beta
+    return program
+
+
+def has_closed_form(problem: GraspProblem) -> bool:
+    """Return whether every contact's support function has a closed form."""
+    return all(m.squared_support(0.0, 0.0, 0.0, np) is not None for m in problem.models)
+
+
+def squared_support(problem: GraspProblem, contacts: ContactSymbols, scaling: Scaling) -> ca.Function | None:
+    """Return ``(y, positions, normals) -> phi(y)^2 = sum_i ||P_Ki(G_i^T y)||^2``, or None without a closed form.
+
+    ``G_i^T y`` is the velocity of the contact point under the twist y: its part along the normal, the size of
+    the rest, and the spin about the normal.
+    """
+    if not has_closed_form(problem):
+        return None
+    space = problem.body.space
+    y = ca.SX.sym("y", problem.dimension)
+    positions = [ca.SX.sym("p", space) for _ in problem.models]
+    normals = [ca.SX.sym("n", space) for _ in problem.models]
+    total: Any = 0.0
+    for model, p, n in zip(problem.models, positions, normals, strict=True):
+        if space == 2:
+            velocity = ca.vertcat(y[0] - y[2] * p[1], y[1] + y[2] * p[0])
+            spin: Any = 0.0
+        else:
+            velocity = y[:3] + ca.cross(y[3:], p)
+            spin = ca.sqrt((ca.dot(y[3:], n) / scaling.length) ** 2 + SMOOTHING)
+        along = ca.dot(velocity, n)
+        sliding = ca.sqrt(ca.fmax(ca.sumsqr(velocity) - along**2, 0.0) + SMOOTHING)
+        total = total + model.squared_support(along, sliding, spin, ca)
+    return ca.Function("squared_support", [y, *positions, *normals], [total])

@@ -1,0 +1,17 @@
+"""The JSON Schema of solution files, shipped as data."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+SCHEMA_NAME = "nlpgrasp/1"
+
+
+@lru_cache
+def solution_schema() -> dict[str, Any]:
+    """Return the JSON Schema of solution files (schema 1)."""
+    text = files(__name__).joinpath("nlpgrasp-1.schema.json").read_text(encoding="utf-8")
+    return dict(json.loads(text))

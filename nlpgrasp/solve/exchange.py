@@ -1,0 +1,185 @@
+"""The exchange: maximise mu itself with cutting planes in a trust region (theory, Section 6).
+
+The support inequalities hold in the directions where the current grasp is weakest; solving moves the
+contacts, which then are weakest elsewhere, and those directions join the cuts. Early cuts are too loose to be
+trusted far from where they were found, hence the trust region on the positions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nlpgrasp.nlp import CompiledProgram, NlpResult
+from nlpgrasp.nlp.forces import pressing_forces
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.solve.minimisers import Weakest, weakest_directions
+from nlpgrasp.solve.stop import Stop
+from nlpgrasp.solve.workbench import FEASIBLE, Workbench
+from nlpgrasp.validation import FloatArray
+
+FIRST_RADIUS, LAST_RADIUS = 0.15, 1e-4  # of the body's size
+LEAST_GAIN = 1e-4  # relative: stop when the model promises less
+SAME = 1.0 - 1e-7  # cosine above which a direction is already among the cuts
+
+
+@dataclass
+class ExchangeState:
+    """Where the exchange stands.
+
+    Parameters
+    ----------
+    points : (k, space) array
+        Best contacts so far, metres.
+    value : float
+        Their least ratio found (an upper bound on mu).
+    hand : dict
+        The hand's variables, user's units.
+    last : NlpResult or None
+        The last solve, for its multipliers.
+    iterations, rounds : int
+    function_seconds, solver_seconds : float
+        Time in IPOPT, and in function evaluations within it.
+    """
+
+    points: FloatArray
+    value: float
+    hand: dict[str, FloatArray] = field(default_factory=dict)
+    last: NlpResult | None = None
+    iterations: int = 0
+    rounds: int = 0
+    function_seconds: float = 0.0
+    solver_seconds: float = 0.0
+
+
+def exchange(
+    bench: Workbench, faces: tuple[str, ...], state: ExchangeState, rng: np.random.Generator, stop: Stop
+) -> ExchangeState:
+    """Improve the contacts until the model promises nothing more, the rounds are used up, or a stop."""
+    compiled = bench.cut_program(faces)
+    task = bench.problem.task
+    weakest = weakest_directions(bench.grasp(faces, state.points), task, np.zeros((0, task.dimension)), rng)
+    cuts, state.value = weakest.directions, weakest.value
+    radius = FIRST_RADIUS
+    while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
+        state.rounds += 1
+        cuts = _most_relevant(bench, faces, state.points, cuts)
+        result = compiled.solve(*_start(bench, compiled, faces, state, cuts, radius))
+        state.last = result
+        state.iterations += result.iterations
+        state.function_seconds += result.function_seconds
+        state.solver_seconds += result.seconds
+        promised = result.objective / bench.scaling.task - state.value
+        trial, hand = contacts_of(bench, compiled, faces, result)
+        found = _evaluate(bench, faces, trial, hand, cuts, rng)
+        if found is None:
+            radius *= 0.4
+            continue
+        fresh = found.directions[_new(cuts / bench.scaling.wrench, found.directions / bench.scaling.wrench)]
+        gained = found.value - state.value
+        cuts = np.concatenate([cuts, fresh])
+        if gained > 0.0:
+            state.points, state.hand, state.value = trial, hand, found.value
+            radius *= 1.5 if gained > 0.5 * promised else 1.0 if gained > 0.1 * promised else 0.6
+        else:
+            radius *= 0.4
+        if promised < LEAST_GAIN * state.value:
+            break
+    return state
+
+
+def contacts_of(
+    bench: Workbench, compiled: CompiledProgram, faces: tuple[str, ...], result: NlpResult
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return the contacts of a solve, put exactly onto their faces, and the hand's variables."""
+    program, k = compiled.program, len(faces)
+    p = np.stack([result.z[program.block(f"position {i}").range] for i in range(k)])
+    hand = {
+        b.name.removeprefix("hand "): b.scale * result.z[b.range]
+        for b in program.variables
+        if b.name.startswith("hand ")
+    }
+    return bench.snap(faces, bench.scaling.metres(p)), hand
+
+
+def fill_start(
+    bench: Workbench,
+    compiled: CompiledProgram,
+    faces: tuple[str, ...],
+    points: FloatArray,
+    hand: dict[str, FloatArray],
+) -> FloatArray:
+    """Return a vector of starting values with contacts, normals, the hand and pressing forces filled in."""
+    program = compiled.program
+    normals = bench.inward_normals(faces, points)
+    z = np.zeros(program.variables[-1].stop)
+    for i, p in enumerate(bench.scaling.position(points)):
+        z[program.block(f"position {i}").range] = p
+        z[program.block(f"normal {i}").range] = normals[i]
+    forces = pressing_forces(bench.problem.models, normals, 0.6 / np.sqrt(len(points)))
+    for b in program.variables:
+        if b.name.startswith("hand "):
+            z[b.range] = np.ravel(hand[b.name.removeprefix("hand ")]) / b.scale
+        elif b.name.startswith("forces "):
+            z[b.range] = forces
+    return z
+
+
+def _start(
+    bench: Workbench,
+    compiled: CompiledProgram,
+    faces: tuple[str, ...],
+    state: ExchangeState,
+    cuts: FloatArray,
+    radius: float,
+) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
+    """Return start, parameters and trust-region bounds of one solve."""
+    program = compiled.program
+    z = fill_start(bench, compiled, faces, state.points, state.hand)
+    z[program.block("beta").range] = state.value * bench.scaling.task
+    lower, upper = (b.copy() for b in program.bounds)
+    for i in range(len(faces)):
+        block = program.block(f"position {i}").range
+        lower[block] = np.maximum(lower[block], z[block] - radius)
+        upper[block] = np.minimum(upper[block], z[block] + radius)
+    directions = np.zeros((bench.slots, bench.problem.dimension))
+    directions[: len(cuts)] = cuts * bench.scaling.task / bench.scaling.wrench
+    reach = np.zeros(bench.slots)
+    reach[: len(cuts)] = 1.0
+    return z, np.concatenate([directions.ravel(), reach]), (lower, upper)
+
+
+def _most_relevant(bench: Workbench, faces: tuple[str, ...], points: FloatArray, cuts: FloatArray) -> FloatArray:
+    """Return as many cuts as the program holds: those nearest to binding at the current contacts."""
+    if len(cuts) <= bench.slots:
+        return cuts
+    support = WrenchSet.of(bench.grasp(faces, points)).support(cuts)[0]
+    return cuts[np.sort(np.argsort(support, kind="stable")[: bench.slots])]
+
+
+def _evaluate(
+    bench: Workbench,
+    faces: tuple[str, ...],
+    points: FloatArray,
+    hand: dict[str, FloatArray],
+    cuts: FloatArray,
+    rng: np.random.Generator,
+) -> Weakest | None:
+    """Return the weakest directions of trial contacts, or None when they break a constraint."""
+    if not np.all(np.isfinite(points)):
+        return None
+    normals = bench.inward_normals(faces, points)
+    if not np.all(np.isfinite(normals)):
+        return None
+    batched = {name: v[None, :] for name, v in hand.items()}
+    if bench.violations(points[None], normals[None], batched)[0] > FEASIBLE:
+        return None
+    return weakest_directions(bench.grasp(faces, points), bench.problem.task, cuts, rng)
+
+
+def _new(known: FloatArray, directions: FloatArray) -> FloatArray:
+    """Return a mask of the directions that are not yet among the known ones."""
+    a = known / np.linalg.norm(known, axis=1, keepdims=True)
+    b = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.asarray(np.max(b @ a.T, axis=1) < SAME)

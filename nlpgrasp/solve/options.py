@@ -1,0 +1,69 @@
+"""Options of a solve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import integer, number
+
+TRANSCRIPTIONS = ("vertex", "support")
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """How to solve; checked when made.
+
+    Parameters
+    ----------
+    transcription : {"vertex", "support"}
+        Containment in the first program of a start. ``"vertex"`` never ends at a non-grasp.
+    shells : {1, 2}
+        Directions of the first program: one shell, or two for a tighter program twice the size.
+    exchange : bool
+        Refine with cutting planes in a trust region until mu itself is locally maximal.
+    exchange_rounds : int
+        Most rounds of it a start.
+    candidates : int
+        Random placements screened a start.
+    rtol : float
+        Relative gap of each start's certificate.
+    final_rtol : float
+        Relative gap of the answer's certificate.
+    time_limit : float, optional
+        Seconds of wall time for the whole solve; the best grasp so far is returned.
+    workers : int, optional
+        Processes; one a core when left out, 1 for this process only. The result does not depend on it.
+    max_iterations : int
+        Of IPOPT, each solve.
+    """
+
+    transcription: str = "vertex"
+    shells: int = 1
+    exchange: bool = True
+    exchange_rounds: int = 40
+    candidates: int = 64
+    rtol: float = 0.02
+    final_rtol: float = 0.01
+    time_limit: float | None = None
+    workers: int | None = None
+    max_iterations: int = 300
+
+    def __post_init__(self) -> None:
+        if self.transcription not in TRANSCRIPTIONS:
+            raise InputError("SolveOptions.transcription", self.transcription, " or ".join(map(repr, TRANSCRIPTIONS)))
+        if self.shells not in (1, 2):
+            raise InputError("SolveOptions.shells", self.shells, "1 or 2")
+        for name in ("exchange_rounds", "candidates", "max_iterations"):
+            integer(f"SolveOptions.{name}", getattr(self, name), at_least=1)
+        for name in ("rtol", "final_rtol"):
+            number(f"SolveOptions.{name}", getattr(self, name), above=0.0)
+        if self.time_limit is not None:
+            number("SolveOptions.time_limit", self.time_limit, above=0.0)
+        if self.workers is not None:
+            integer("SolveOptions.workers", self.workers, at_least=1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the options as JSON data."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}

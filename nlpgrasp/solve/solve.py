@@ -1,0 +1,182 @@
+"""Solve a grasp problem."""
+
+from __future__ import annotations
+
+import platform
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import scipy
+import trimesh
+from threadpoolctl import threadpool_limits
+
+from nlpgrasp.errors import InputError, NoGraspError
+from nlpgrasp.problem import GraspProblem
+from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.quality.forces import least_forces
+from nlpgrasp.solution import GraspSolution, StartRecord, Status
+from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.parallel import StartsInterrupted, run_starts
+from nlpgrasp.solve.start import StartResult
+from nlpgrasp.solve.stop import Stop
+from nlpgrasp.validation import FloatArray, integer
+from nlpgrasp.version import __version__
+
+Progress = Callable[[StartRecord, Bounds], None]
+FINAL_GRACE = 5.0  # seconds the answer's certificate may take past the time limit
+
+
+def solve(
+    problem: GraspProblem,
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    progress: Progress | None = None,
+    throw: bool = False,
+) -> GraspSolution:
+    """Find the best grasp over several seeded starts and certify it.
+
+    Each start draws random placements, screens them, solves the first program, refines the best contacts with
+    the exchange, puts them on the body and certifies them. The answer is the start with the largest certified
+    lower bound; it is a local optimum at most. The same seed gives the same answer with any number of workers
+    (unless a time limit or Ctrl-C cuts the solve short).
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    starts : int
+        At least 1.
+    seed : int
+        At least 0.
+    options : SolveOptions, optional
+    progress : callable, optional
+        Called with each finished start's record and the best certified bounds so far.
+    throw : bool
+        Raise :class:`NoGraspError` (which carries the result) when no grasp was found.
+
+    Returns
+    -------
+    GraspSolution
+        Also when no grasp was found: its status says what to do.
+    """
+    if not isinstance(problem, GraspProblem):
+        raise InputError("problem", problem, "a GraspProblem")
+    starts = integer("starts", starts, at_least=1)
+    seed = integer("seed", seed, at_least=0)
+    options = options or SolveOptions()
+    begun = time.monotonic()
+    deadline = None if options.time_limit is None else begun + options.time_limit
+    results: list[StartResult] = []
+    interrupted = False
+    with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
+        stop = Stop(deadline, Path(folder) / "stop")
+        try:
+            for result in run_starts(problem, options, starts, seed, stop):
+                results.append(result)
+                if progress is not None:
+                    best = _best(results)
+                    progress(result.record, Bounds(0.0, float("inf")) if best is None else best.record.mu)
+        except (StartsInterrupted, KeyboardInterrupt):
+            interrupted = True
+    results.sort(key=lambda r: r.record.index)
+    cut_short = Status.INTERRUPTED if interrupted else Status.TIME_LIMIT if len(results) < starts else None
+    with threadpool_limits(1):
+        solution = _solution(problem, options, seed, results, cut_short, deadline)
+    solution = replace(solution, solver=_solver_record(options, seed, results, time.monotonic() - begun))
+    if throw and not solution.success:
+        raise NoGraspError(solution.status.value, solution)
+    return solution
+
+
+def _best(results: Sequence[StartResult]) -> StartResult | None:
+    """Return the solved start with the largest certified lower bound; the earliest of equals."""
+    solved = [r for r in results if r.record.status is Status.SOLVED]
+    return max(solved, key=lambda r: (r.record.mu.lower, -r.record.index), default=None)
+
+
+def _solution(
+    problem: GraspProblem,
+    options: SolveOptions,
+    seed: int,
+    results: list[StartResult],
+    cut_short: Status | None,
+    deadline: float | None,
+) -> GraspSolution:
+    begun = [r for r in results if r.record.message != "not begun"]
+    if cut_short is None and len(begun) < len(results):
+        cut_short = Status.TIME_LIMIT
+    records = tuple(r.record for r in results)
+    kind = "mu" if problem.task.is_centred else "mu_tilde"
+    best = _best(results)
+    data = problem.to_dict()
+    if best is None or best.grasp is None:
+        return GraspSolution(cut_short or Status.NO_GRASP, problem.name, data, kind=kind, starts=records)
+    limit = None if deadline is None and cut_short is None else max(deadline or 0.0, time.monotonic() + FINAL_GRACE)
+    bounds = mu(best.grasp, problem.task, options.final_rtol, seed=seed, deadline=limit)
+    bounds = Bounds(
+        max(bounds.lower, best.record.mu.lower),
+        min(bounds.upper, best.record.mu.upper),
+        bounds.worst_direction,
+    )
+    return GraspSolution(
+        status=cut_short or Status.SOLVED,
+        name=problem.name,
+        problem=data,
+        grasp=best.grasp,
+        faces=best.record.faces,
+        mu=bounds,
+        kind=kind,
+        forces=_forces(problem, best, bounds.lower),
+        constraints=best.constraints,
+        hand=best.hand,
+        surface=best.surface,
+        starts=records,
+    )
+
+
+def _forces(problem: GraspProblem, best: StartResult, share: float) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """Return least finger forces for the ends of the task's semi-axes, scaled by the certified quality."""
+    grasp = best.grasp
+    if grasp is None:
+        return ()
+    axes = problem.task.axes[np.any(problem.task.axes != 0.0, axis=1)]
+    wrenches = share * (problem.task.center + np.concatenate([axes, -axes]))
+    found = least_forces(grasp, wrenches)
+    body_frame = []
+    for x in found.forces:
+        start, rows = 0, []
+        for frame, model in zip(grasp.frames, grasp.contacts, strict=True):
+            count = model.components(grasp.space)
+            linear = min(count, grasp.space)
+            rows.append(frame[:, :linear] @ x[start : start + linear])
+            start += count
+        body_frame.append(np.stack(rows))
+    return tuple((w, f) for w, f, ok in zip(wrenches, body_frame, found.feasible, strict=True) if ok)
+
+
+def _solver_record(options: SolveOptions, seed: int, results: Sequence[StartResult], seconds: float) -> dict[str, Any]:
+    return {
+        "seed": seed,
+        "iterations": sum(r.record.iterations for r in results),
+        "seconds": {
+            "total": seconds,
+            "ipopt": sum(r.solver_seconds for r in results),
+            "functions": sum(r.function_seconds for r in results),
+        },
+        "options": options.to_dict(),
+        "versions": {
+            "nlpgrasp": __version__,
+            "python": platform.python_version(),
+            "casadi": ca.CasadiMeta.version(),
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+            "trimesh": trimesh.__version__,
+        },
+    }

@@ -1,0 +1,184 @@
+"""What all starts of one problem share, built once a process."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.spatial import cKDTree
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.directions import directions
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.nlp import CompiledProgram, Program, Scaling, has_closed_form, support_program, vertex_program
+from nlpgrasp.problem import GraspProblem
+from nlpgrasp.rows import Placement, Row
+from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.validation import FloatArray
+
+CLOUD = 600  # sample points a face that contacts are drawn from
+SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes the exchange's program holds
+MESH_SAMPLES = 20000  # points of a mesh that contacts may slide to
+MESH_ANGLE = np.radians(30.0)  # most between the mesh's normal there and the smooth one: keeps off sharp edges
+FEASIBLE = 1e-5  # relative to a row's scale
+
+
+class Workbench:
+    """A problem with its sampled surface, compiled programs and compiled constraints.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    options : SolveOptions
+    """
+
+    def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
+        self.problem = problem
+        self.options = options
+        self.scaling = Scaling.of(problem)
+        self._vertex: dict[tuple[str, ...], CompiledProgram] = {}
+        self._cuts: dict[tuple[str, ...], CompiledProgram] = {}
+
+    @property
+    def space(self) -> int:
+        """2 or 3."""
+        return self.problem.body.space
+
+    @cached_property
+    def task_directions(self) -> FloatArray:
+        """Unit directions of the task's own axes that the first program samples, (m, axes)."""
+        axes = self.problem.task.axes
+        used = np.any(axes != 0.0, axis=1)
+        local = directions(int(used.sum()), self.options.shells)
+        result = np.zeros((len(local), len(axes)))
+        result[:, used] = local
+        return result
+
+    @cached_property
+    def cloud(self) -> dict[str, FloatArray]:
+        """Points on each face that some contact may use, the same in every process."""
+        names = sorted({n for i in range(len(self.problem.models)) for n in self.problem.allowed_faces(i)})
+        rng = np.random.default_rng(0)
+        found = {name: self.problem.body.sample(name, CLOUD, rng) for name in names}
+        found = {name: points for name, points in found.items() if len(points)}
+        for i in range(len(self.problem.models)):
+            if not any(n in found for n in self.problem.allowed_faces(i)):
+                raise InputError(
+                    "GraspProblem.body",
+                    f"no point found on {self.problem.allowed_faces(i)}",
+                    "a reachable face",
+                )
+        return found
+
+    def grasp(self, faces: tuple[str, ...], points: FloatArray) -> Grasp:
+        """Return the grasp with contacts at points of the given faces (normals of the solver's surface)."""
+        return Grasp(points, self.inward_normals(faces, points), self.problem.models, self.problem.origin)
+
+    def inward_normals(self, faces: tuple[str, ...], points: FloatArray) -> FloatArray:
+        """Return unit normals into the body, (k, space)."""
+        body = self.problem.body
+        return np.concatenate([-body.evaluate(f, p[None, :])[2] for f, p in zip(faces, points, strict=True)])
+
+    def snap(self, faces: tuple[str, ...], points: FloatArray) -> FloatArray:
+        """Return the points moved onto their faces to rounding."""
+        body = self.problem.body
+        return np.concatenate([body.snap(f, p[None, :]) for f, p in zip(faces, points, strict=True)])
+
+    def first_program(self, faces: tuple[str, ...]) -> CompiledProgram:
+        """Return the compiled first program of a start for this assignment of faces."""
+        if faces not in self._vertex:
+            count = len(self.task_directions)
+            if self.options.transcription == "vertex":
+                program = vertex_program(self.problem, faces, count)
+            else:
+                program = support_program(self.problem, faces, count, eliminate=False)
+            limits: dict[str, Any] = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
+            self._vertex[faces] = self._compiled(program, limits)
+        return self._vertex[faces]
+
+    def cut_program(self, faces: tuple[str, ...]) -> CompiledProgram:
+        """Return the compiled program of the exchange for this assignment of faces."""
+        if faces not in self._cuts:
+            program = support_program(self.problem, faces, self.slots, eliminate=True)
+            self._cuts[faces] = self._compiled(program, {"tol": 1e-6, "mu_init": 1e-3})
+        return self._cuts[faces]
+
+    def _compiled(self, program: Program, limits: dict[str, Any]) -> CompiledProgram:
+        # MUMPS scaling 7 avoids the factorizations that take 20 times as long as the rest (measured on scans)
+        most = {"max_iter": self.options.max_iterations, "mumps_scaling": 7}
+        return CompiledProgram(program, most | limits)
+
+    @property
+    def slots(self) -> int:
+        """Cutting planes the exchange's program holds."""
+        return SLOTS if has_closed_form(self.problem) else SLOTS_WITH_FORCES
+
+    @cached_property
+    def constraint_rows(self) -> list[Row]:
+        """Rows of the user's constraints and of the hand, on symbols of :attr:`_symbols`."""
+        placement, hand = self._symbols[:2]
+        rows = [row for c in self.problem.constraints for row in c.rows(placement)]
+        if self.problem.hand is not None:
+            rows += self.problem.hand.rows(placement, hand)
+        return rows
+
+    def constraint_values(self, points: FloatArray, normals: FloatArray, hand: dict[str, FloatArray]) -> FloatArray:
+        """Return the rows' values in their own units, (b, rows), for placements (b, k, space)."""
+        if not self.constraint_rows:
+            return np.zeros((len(points), 0))
+        b = len(points)
+        columns = [points.reshape(b, -1).T, normals.reshape(b, -1).T]
+        columns += [np.broadcast_to(v.reshape(b, -1).T, (v.reshape(b, -1).shape[1], b)) for v in hand.values()]
+        return np.asarray(self._row_function.map(b)(*columns).full()).T
+
+    def violations(self, points: FloatArray, normals: FloatArray, hand: dict[str, FloatArray]) -> FloatArray:
+        """Return each placement's largest violation relative to the rows' scales, (b,), and of face extents not."""
+        values = self.constraint_values(points, normals, hand)
+        if not values.shape[1]:
+            return np.zeros(len(points))
+        lower = np.array([r.lower for r in self.constraint_rows])
+        upper = np.array([r.upper for r in self.constraint_rows])
+        scale = np.array([r.scale for r in self.constraint_rows])
+        excess = np.maximum(lower - values, values - upper) / scale
+        return np.asarray(np.max(np.where(np.isfinite(values), np.maximum(excess, 0.0), np.inf), axis=1))
+
+    def hand_start(self, points: FloatArray, normals: FloatArray) -> dict[str, FloatArray]:
+        """Return the hand's starting variables for each placement, name -> (b, m)."""
+        hand = self.problem.hand
+        if hand is None or not hand.variables(self.problem.body.bounds):
+            return {}
+        tips = points - hand.tip_radius * normals
+        starts = [hand.start(t) for t in tips]
+        return {name: np.stack([s[name] for s in starts]) for name in starts[0]}
+
+    @cached_property
+    def mesh_cloud(self) -> tuple[FloatArray, FloatArray, cKDTree]:
+        """Points of the mesh itself with its triangles' inward normals, and a search tree over them."""
+        body = self.problem.body
+        if not isinstance(body, Mesh):
+            raise InputError("GraspProblem.body", type(body).__name__, "a mesh")
+        points, normals = body.surface_samples(MESH_SAMPLES, np.random.default_rng(0))
+        smooth = body.evaluate(body.face_names[0], points)[2]
+        plain = np.sum(smooth * normals, axis=1) >= np.cos(MESH_ANGLE)
+        if plain.any():
+            points, normals = points[plain], normals[plain]
+        return points, -normals, cKDTree(points)
+
+    @cached_property
+    def _symbols(self) -> tuple[Placement, dict[str, Any], list[Any]]:
+        space, k = self.space, len(self.problem.models)
+        p, n = ca.SX.sym("p", space * k), ca.SX.sym("n", space * k)
+        split = list(range(0, space * k + 1, space))
+        hand = self.problem.hand
+        variables = [] if hand is None else hand.variables(self.problem.body.bounds)
+        symbols = {v.name: ca.SX.sym(v.name, len(v.lower)) for v in variables}
+        radius = 0.0 if hand is None else hand.tip_radius
+        placement = Placement(ca.vertsplit(p, split), ca.vertsplit(n, split), radius, self.scaling.length)
+        return placement, symbols, [p, n, *symbols.values()]
+
+    @cached_property
+    def _row_function(self) -> ca.Function:
+        return ca.Function("rows", self._symbols[2], [ca.vertcat(*[r.expression for r in self.constraint_rows])])

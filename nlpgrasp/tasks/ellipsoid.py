@@ -1,0 +1,173 @@
+"""Task ellipsoids, Section 3.3.1."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.base import Task
+from nlpgrasp.validation import FloatArray, array, number, read_only
+
+
+class TaskEllipsoid(Task):
+    """An ellipsoid of wrenches: ``{c + L u, |u| <= 1}`` with the semi-axes as the columns of ``L``.
+
+    Its support function is ``phi(y) = <c, y> + ||L^T y||``. A zero semi-axis makes a flat ellipsoid, which
+    the quadratic form of (3.3-3) cannot express.
+
+    Parameters
+    ----------
+    semi_axes : (m,) array
+        Semi-axis lengths, in newtons and newton-metres, at least zero and not all zero.
+    center : (d,) array, optional
+        Centre c; the origin when left out.
+    directions : (m, d) array, optional
+        Orthonormal directions of the semi-axes, one a row. The coordinate axes when left out: m is then 3
+        (planar ``f_x, f_y, m_z``) or 6 (``f_x, f_y, f_z, m_x, m_y, m_z``).
+
+    Attributes
+    ----------
+    center : (d,) array
+    axes : (m, d) array
+        One semi-axis vector a row, length included.
+
+    Raises
+    ------
+    InputError
+        On shapes that do not match, negative lengths, directions that are not orthonormal, zero size.
+    """
+
+    center: FloatArray
+    axes: FloatArray
+
+    def __init__(
+        self, semi_axes: ArrayLike, center: ArrayLike | None = None, directions: ArrayLike | None = None
+    ) -> None:
+        lengths = array("TaskEllipsoid.semi_axes", semi_axes, (None,))
+        if np.any(lengths < 0.0) or not np.any(lengths > 0.0):
+            raise InputError("TaskEllipsoid.semi_axes", semi_axes, "lengths of at least 0, not all of them 0")
+        if directions is None:
+            if lengths.size not in (3, 6):
+                raise InputError("TaskEllipsoid.semi_axes", semi_axes, "3 (planar) or 6 (spatial) lengths")
+            axes = np.diag(lengths)
+        else:
+            rows = array("TaskEllipsoid.directions", directions, (lengths.size, None))
+            if rows.shape[1] not in (3, 6):
+                raise InputError("TaskEllipsoid.directions", f"shape {rows.shape}", "rows of length 3 or 6")
+            error = float(np.max(np.abs(rows @ rows.T - np.eye(lengths.size))))
+            if error > 1e-6:
+                raise InputError("TaskEllipsoid.directions", f"rows off orthonormal by {error:.3g}", "orthonormal rows")
+            axes = lengths[:, None] * rows
+        self._set(axes, None if center is None else array("TaskEllipsoid.center", center, (axes.shape[1],)))
+
+    def _set(self, axes: FloatArray, center: FloatArray | None) -> None:
+        self.axes = read_only(axes)
+        self.center = read_only(np.zeros(axes.shape[1]) if center is None else center)
+
+    @classmethod
+    def from_quadratic(cls, Q: ArrayLike, a: ArrayLike | None = None, beta: float = 1.0) -> TaskEllipsoid:
+        """Return ``{y : <y, Q y> + <a, y> <= beta^2}``, (3.3-3).
+
+        The centre is ``-Q^-1 a / 2`` and the semi-axes are ``sqrt(beta^2 + <a, Q^-1 a>/4)`` over the square
+        roots of Q's eigenvalues (theory: (3.4-4) of the paper is the support function of another set).
+
+        Parameters
+        ----------
+        Q : (d, d) array
+            Symmetric positive definite.
+        a : (d,) array, optional
+            Zero when left out.
+        beta : float
+            Greater than zero.
+
+        Raises
+        ------
+        InputError
+            When Q is not symmetric or not positive definite, shapes differ, or beta is not positive.
+        """
+        rows = np.shape(Q)[0] if np.ndim(Q) else 0
+        if rows not in (3, 6):
+            raise InputError("TaskEllipsoid.Q", f"shape {np.shape(Q)}", "a 3 x 3 (planar) or 6 x 6 matrix")
+        matrix = array("TaskEllipsoid.Q", Q, (rows, rows))
+        skew = float(np.max(np.abs(matrix - matrix.T)))
+        if skew > 1e-9 * float(np.max(np.abs(matrix))):
+            raise InputError("TaskEllipsoid.Q", f"a matrix off symmetric by {skew:.3g}", "a symmetric matrix")
+        values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+        if values[0] <= 1e-12 * abs(values[-1]):
+            raise InputError("TaskEllipsoid.Q", f"smallest eigenvalue {values[0]:.3g}", "a positive definite matrix")
+        linear = np.zeros(rows) if a is None else array("TaskEllipsoid.a", a, (rows,))
+        beta = number("TaskEllipsoid.beta", beta, above=0.0)
+        half = vectors @ ((vectors.T @ linear) / values) / 2.0  # Q^-1 a / 2
+        radius = np.sqrt(beta**2 + 0.5 * float(linear @ half))
+        return cls.from_axes((radius / np.sqrt(values))[:, None] * vectors.T, -half)
+
+    @classmethod
+    def from_axes(cls, axes: ArrayLike, center: ArrayLike | None = None) -> TaskEllipsoid:
+        """Return the ellipsoid ``{c + sum_j u_j axes_j, |u| <= 1}``; rows need not be orthogonal.
+
+        Parameters
+        ----------
+        axes : (m, d) array
+        center : (d,) array, optional
+        """
+        rows = array("task.axes", axes, (None, None))
+        if rows.shape[1] not in range(1, 7) or rows.shape[0] < 1 or not np.any(rows):
+            raise InputError("task.axes", f"shape {rows.shape}", "at least one non-zero row of length 3 or 6")
+        result = cls.__new__(cls)
+        result._set(rows, None if center is None else array("task.center", center, (rows.shape[1],)))
+        return result
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of wrench space."""
+        return int(self.axes.shape[1])
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether the centre is the origin."""
+        return not np.any(self.center)
+
+    def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``<c, y> + ||L^T y||`` and the boundary wrench that attains it."""
+        local = y @ self.axes.T  # (m, axes)
+        size = np.linalg.norm(local, axis=1)
+        maximisers = self.center + (local / np.where(size > 0.0, size, 1.0)[:, None]) @ self.axes
+        return y @ self.center + size, maximisers
+
+    def transformed(self, matrix: FloatArray) -> TaskEllipsoid:
+        """Return the image: centre and semi-axes are mapped; the map may lower the dimension."""
+        return TaskEllipsoid.from_axes(self.axes @ matrix.T, matrix @ self.center)
+
+    def second_moment(self) -> FloatArray:
+        """Return ``L L^T + c c^T``."""
+        return self.axes.T @ self.axes + np.outer(self.center, self.center)
+
+    def boundary(self, directions: FloatArray) -> FloatArray:
+        """Return the wrenches ``c + L u_j`` for unit directions ``u`` (m, axes)."""
+        return self.center + directions @ self.axes
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return centre and semi-axes."""
+        return {"type": "ellipsoid", "center": self.center.tolist(), "axes": self.axes.tolist()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> TaskEllipsoid:
+        """Return the task that :meth:`to_dict` wrote."""
+        return cls.from_axes(data["axes"], data["center"])
+
+    def __repr__(self) -> str:
+        return f"TaskEllipsoid(center={self.center.tolist()}, axes={self.axes.tolist()})"
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, TaskEllipsoid)
+            and np.array_equal(self.axes, other.axes)
+            and np.array_equal(self.center, other.center)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.axes.tobytes(), self.center.tobytes()))

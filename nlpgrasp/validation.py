@@ -1,0 +1,85 @@
+"""Validators that name the field and show what was received."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nlpgrasp.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+def number(field: str, value: Any, *, above: float | None = None, at_least: float | None = None) -> float:
+    """Return ``value`` as a finite float, or raise :class:`InputError` naming ``field``.
+
+    Parameters
+    ----------
+    field : str
+        Name shown in the message.
+    value : float
+        The candidate.
+    above, at_least : float, optional
+        Strict and inclusive lower limits.
+    """
+    allowed = "a finite number"
+    if above is not None:
+        allowed = f"a number greater than {above:g}"
+    if at_least is not None:
+        allowed = f"a number of at least {at_least:g}"
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise InputError(field, value, allowed)
+    result = float(value)
+    if not math.isfinite(result):
+        raise InputError(field, value, allowed)
+    if (above is not None and result <= above) or (at_least is not None and result < at_least):
+        raise InputError(field, value, allowed)
+    return result
+
+
+def integer(field: str, value: Any, *, at_least: int) -> int:
+    """Return ``value`` as an int of at least ``at_least``, or raise :class:`InputError`."""
+    allowed = f"a whole number of at least {at_least}"
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < at_least:
+        raise InputError(field, value, allowed)
+    return int(value)
+
+
+def array(field: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return ``value`` as a finite float array of the given shape (``None`` matches any length).
+
+    Raises
+    ------
+    InputError
+        When the shape differs, an entry is not a number, or an entry is NaN or infinite.
+    """
+    wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    try:
+        result = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(field, value, f"numbers of shape {wanted}") from None
+    if result.ndim != len(shape) or any(s is not None and s != n for s, n in zip(shape, result.shape, strict=True)):
+        raise InputError(field, f"shape {result.shape}", f"shape {wanted}")
+    if not np.all(np.isfinite(result)):
+        raise InputError(field, value, "finite numbers (no NaN, no infinity)")
+    return result
+
+
+def read_only(values: FloatArray) -> FloatArray:
+    """Return ``values`` with writing switched off, so that frozen objects stay frozen."""
+    values.setflags(write=False)
+    return values
+
+
+def names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | None:
+    """Return a tuple of names from one name, several, or ``None`` (meaning all)."""
+    if value is None:
+        return None
+    result = (value,) if isinstance(value, str) else tuple(value)
+    if not result or not all(isinstance(item, str) for item in result):
+        raise InputError(field, value, "a face name or several, or None for all faces")
+    return result

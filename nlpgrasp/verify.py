@@ -1,0 +1,206 @@
+"""An independent check of a solution: from its file alone, by code that never saw the program.
+
+The grasp map is rebuilt here from positions and normals as sums of ``(f, (p - o) x f)``, the certified bounds are
+computed again with other random directions, and the finger forces are put back into the equilibrium equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.measures import mu
+from nlpgrasp.solution import GraspSolution
+from nlpgrasp.tasks import TaskEllipsoid
+from nlpgrasp.validation import FloatArray
+
+FORCE_TOLERANCE = 1e-6
+OTHER_SEED = 7919
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was checked.
+
+    Parameters
+    ----------
+    name : str
+    passed : bool
+    detail : str
+        What was compared, with numbers.
+    """
+
+    name: str
+    passed: bool
+    detail: str
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The outcome of :func:`verify`; true when every check passed.
+
+    Parameters
+    ----------
+    checks : tuple of Check
+    mu : Bounds or None
+        Computed anew.
+    """
+
+    checks: tuple[Check, ...]
+    mu: Bounds | None
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.checks)
+
+    def __bool__(self) -> bool:
+        return self.passed
+
+    def __str__(self) -> str:
+        return "\n".join(f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.detail}" for c in self.checks)
+
+
+def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verification:
+    """Check a solution, or a solution file, from its task and grasp alone.
+
+    Parameters
+    ----------
+    solution : GraspSolution, str or Path
+    rtol : float
+        Relative gap of the new certificate.
+
+    Returns
+    -------
+    Verification
+        Fails when there is no grasp, when stated and recomputed intervals do not overlap, when the stated
+        interval is empty, when a stated direction contradicts the stated lower bound, or when stated forces
+        do not produce their wrench from inside the cones.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or is not of schema 1.
+    """
+    if not isinstance(solution, GraspSolution):
+        solution = GraspSolution.load(solution)
+    grasp = solution.grasp
+    if grasp is None:
+        return Verification((Check("grasp", False, f"the file holds no grasp ({solution.status.name.lower()})"),), None)
+    try:
+        task = TaskEllipsoid.from_dict(solution.problem["task"])
+        found = mu(grasp, task, rtol, seed=OTHER_SEED)
+    except InputError as error:
+        return Verification((Check("task", False, str(error)),), None)
+    checks = [
+        _grasp_map(grasp),
+        _interval(solution.mu),
+        _overlap(solution.mu, found),
+        *_direction(solution, grasp, task),
+        *_forces(solution, grasp),
+        *_constraints(solution),
+    ]
+    return Verification(tuple(checks), found)
+
+
+def _grasp_map(grasp: Grasp) -> Check:
+    """Compare ``G = T_f B`` with columns built one by one."""
+    columns = []
+    for p, n, t, model in zip(grasp.points, grasp.normals, grasp.tangents, grasp.contacts, strict=True):
+        arm = p - grasp.torque_origin
+        count = model.components(grasp.space)
+        for axis in [n, *t][: min(count, grasp.space)]:
+            moment = np.array([arm[0] * axis[1] - arm[1] * axis[0]]) if grasp.space == 2 else np.cross(arm, axis)
+            columns.append(np.concatenate([axis, moment]))
+        if count == 4:
+            columns.append(np.concatenate([np.zeros(3), n]))
+    error = float(np.max(np.abs(np.array(columns).T - grasp.G))) / max(float(np.max(np.abs(grasp.G))), 1e-300)
+    return Check("grasp map", error < 1e-9, f"rebuilt column by column, relative difference {error:.1e}")
+
+
+def _interval(stated: Bounds) -> Check:
+    good = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
+    return Check("interval", good, f"stated {stated}")
+
+
+def _overlap(stated: Bounds, found: Bounds) -> Check:
+    good = stated.lower <= found.upper and found.lower <= stated.upper
+    return Check("certified quality", good, f"stated {stated}, recomputed {found}")
+
+
+def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid) -> list[Check]:
+    """Evaluate the stated worst direction by hand: its ratio is an upper bound on mu, so never below lower."""
+    y = solution.mu.worst_direction
+    if y is None:
+        return []
+    if y.shape != (grasp.dimension,):
+        return [Check("worst direction", False, f"{y.size} numbers for dimension {grasp.dimension}")]
+    reach = float(task.center @ y + np.linalg.norm(task.axes @ y))
+    if reach <= 0.0:
+        return [Check("worst direction", False, "the task asks for nothing in the stated direction")]
+    total, start = 0.0, 0
+    z = grasp.G.T @ y
+    for model in grasp.contacts:
+        count = model.components(grasp.space)
+        total += float(np.sum(model.project(z[None, start : start + count]) ** 2))
+        start += count
+    ratio = total**0.5 / reach
+    good = solution.mu.lower <= ratio * (1.0 + 1e-6) + 1e-12
+    return [
+        Check(
+            "worst direction",
+            good,
+            f"support ratio {ratio:.6g} against the stated lower {solution.mu.lower:.6g}",
+        )
+    ]
+
+
+def _forces(solution: GraspSolution, grasp: Grasp) -> list[Check]:
+    """Check that stated forces are in the cones and add up to the stated wrench (contacts without torsion)."""
+    if not solution.forces or any(m.components(grasp.space) > grasp.space for m in grasp.contacts):
+        return []
+    worst_balance = worst_cone = 0.0
+    for wrench, forces in solution.forces:
+        if forces.shape != grasp.points.shape or wrench.shape != (grasp.dimension,):
+            return [Check("forces", False, f"shape {forces.shape} for {len(grasp)} contacts")]
+        total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces)])
+        scale = max(float(np.linalg.norm(forces)), 1e-300)
+        arm = max(float(np.max(np.abs(grasp.points - grasp.torque_origin))), 1e-300)
+        units = np.concatenate([np.ones(grasp.space), np.full(grasp.dimension - grasp.space, 1.0 / arm)])
+        worst_balance = max(worst_balance, float(np.linalg.norm((total - wrench) * units)) / scale)
+        for force, frame, model in zip(forces, grasp.frames, grasp.contacts, strict=True):
+            local = frame.T @ force
+            inside = np.zeros(grasp.space)
+            inside[: model.components(grasp.space)] = model.project(local[None, : model.components(grasp.space)])[0]
+            worst_cone = max(worst_cone, float(np.linalg.norm(local - inside)) / scale)
+    good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE
+    residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
+    return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}")]
+
+
+def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:
+    arm = grasp.points - grasp.torque_origin
+    if grasp.space == 2:
+        return np.array([np.sum(arm[:, 0] * forces[:, 1] - arm[:, 1] * forces[:, 0])])
+    return np.asarray(np.sum(np.cross(arm, forces), axis=0))
+
+
+def _constraints(solution: GraspSolution) -> list[Check]:
+    if not solution.constraints:
+        return []
+    broken = [
+        c.name for c in solution.constraints if not c.lower - _slack(c.lower) <= c.value <= c.upper + _slack(c.upper)
+    ]
+    detail = f"{len(solution.constraints)} stated values" + (
+        f", outside their limits: {', '.join(broken)}" if broken else ""
+    )
+    return [Check("constraints", not broken, detail)]
+
+
+def _slack(limit: float) -> float:
+    return 1e-6 + 1e-4 * abs(limit) if np.isfinite(limit) else 0.0
