@@ -47,6 +47,7 @@ class NoGraspError(NlpgraspError):
 
 
 def _shorten(value: object, limit: int = 120) -> str:
-    text = value if isinstance(value, str) else repr(value)
+    plain = value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value
+    text = plain if isinstance(plain, str) else repr(plain)
     text = " ".join(text.split())
     return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -80,10 +80,10 @@ def _check_room(problem: GraspProblem, points: dict[str, FloatArray]) -> None:
     cloud = np.concatenate([points[name] for name in names])
     if not len(cloud):
         return
-    # cells of diagonal below the distance hold one contact each; their neighbours make up for sparse sampling
-    side = 0.99 * least / np.sqrt(problem.body.space)
-    cells = {tuple(c) for c in np.floor(cloud / side).astype(int)}
-    if len(cells) < k and np.linalg.norm(np.ptp(cloud, axis=0)) < least * (1.0 - CLEARLY):
+    # a cell of diagonal below the distance holds one contact; so does the whole cloud if it is that small
+    side = 0.95 * least / np.sqrt(problem.body.space)
+    cells = {tuple(c) for c in np.floor((cloud - cloud.min(axis=0)) / side).astype(int)}
+    if len(cells) < k or 1.02 * np.linalg.norm(np.ptp(cloud, axis=0)) < least:
         raise InputError(
             "GraspProblem.contacts",
             f"{k} contacts {least:g} m apart",

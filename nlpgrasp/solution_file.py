@@ -20,6 +20,7 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.schema import SCHEMA_NAME, solution_schema
 from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status, SurfaceMatch
+from nlpgrasp.validation import array
 
 LARGEST_FILE = 64 * 1024 * 1024
 DEEPEST = 50
@@ -139,7 +140,9 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
     bounds, kind = UNKNOWN, "mu"
     if quality is not None:
         direction = quality.get("worst_direction")
-        bounds = Bounds(quality["lower"], quality["upper"], None if direction is None else np.array(direction, float))
+        if direction is not None:
+            direction = array(f"{name}: quality.mu.worst_direction", direction, (None,))
+        bounds = Bounds(quality["lower"], quality["upper"], direction)
         kind = quality["kind"]
     solver = dict(data.get("solver", {}))
     try:
@@ -155,7 +158,12 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
             )
             for c in data.get("constraints", [])
         )
-        forces = tuple((np.array(f["direction"], float), np.array(f["forces"], float)) for f in data.get("forces", []))
+        forces = tuple(
+            (array(f"{name}: direction", f["direction"], (None,)), array(f"{name}: forces", f["forces"], (None, None)))
+            for f in data.get("forces", [])
+        )
+    except InputError:
+        raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{name}: solver", f"{type(error).__name__}: {error}", "what schema 1 says") from None
     return GraspSolution(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from nlpgrasp.errors import InputError
 
 FloatArray = NDArray[np.float64]
+LARGEST = 1e100  # a larger number overflows when it is squared a few times
 
 
 def number(field: str, value: Any, *, above: float | None = None, at_least: float | None = None) -> float:
@@ -34,7 +34,7 @@ def number(field: str, value: Any, *, above: float | None = None, at_least: floa
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(field, value, allowed)
     result = float(value)
-    if not math.isfinite(result):
+    if not abs(result) <= LARGEST:
         raise InputError(field, value, allowed)
     if (above is not None and result <= above) or (at_least is not None and result < at_least):
         raise InputError(field, value, allowed)
@@ -55,7 +55,7 @@ def array(field: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatA
     Raises
     ------
     InputError
-        When the shape differs, an entry is not a number, or an entry is NaN or infinite.
+        When the shape differs, an entry is not a number, or an entry is NaN, infinite or above 1e100.
     """
     wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
@@ -64,8 +64,8 @@ def array(field: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatA
         raise InputError(field, value, f"numbers of shape {wanted}") from None
     if result.ndim != len(shape) or any(s is not None and s != n for s, n in zip(shape, result.shape, strict=True)):
         raise InputError(field, f"shape {result.shape}", f"shape {wanted}")
-    if not np.all(np.isfinite(result)):
-        raise InputError(field, value, "finite numbers (no NaN, no infinity)")
+    if not np.all(np.abs(result) <= LARGEST):  # false for NaN
+        raise InputError(field, value, f"finite numbers (no NaN, no infinity, at most {LARGEST:g})")
     return result
 
 
@@ -79,7 +79,7 @@ def names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | No
     """Return a tuple of names from one name, several, or ``None`` (meaning all)."""
     if value is None:
         return None
-    result = (value,) if isinstance(value, str) else tuple(value)
+    result = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, Iterable) else ()
     if not result or not all(isinstance(item, str) for item in result):
         raise InputError(field, value, "a face name or several, or None for all faces")
     return result

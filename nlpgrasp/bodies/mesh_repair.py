@@ -81,13 +81,20 @@ def usable_mesh(mesh: Any) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
                 "a closed mesh, or one with small holes only",
             )
         notes.append(f"not watertight ({_open_edges(result)} open edges); the winding number decides what is inside")
+    volume = _volume(result)
     box = float(np.prod(np.ptp(result.vertices, axis=0)))
-    if abs(result.volume) <= 1e-6 * max(box, 1e-3 * longest**3):
-        raise InputError("Mesh.mesh", f"volume {abs(result.volume):.3g} m^3", "a mesh with volume")
-    if result.volume < 0.0:
+    if abs(volume) <= 1e-6 * max(box, 1e-3 * longest**3):
+        raise InputError("Mesh.mesh", f"volume {abs(volume):.3g} m^3", "a mesh with volume")
+    if volume < 0.0:
         result.invert()
         notes.append("turned inside out: the triangles faced inwards")
     return result, tuple(notes)
+
+
+def _volume(mesh: trimesh.Trimesh) -> float:
+    """Return the signed volume, as a sum of tetrahedra about the mean vertex."""
+    a, b, c = (np.asarray(mesh.triangles)[:, i] - np.mean(mesh.vertices, axis=0) for i in range(3))
+    return float(np.sum(np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6.0
 
 
 def _open_edges(mesh: trimesh.Trimesh) -> int:

@@ -1,0 +1,14 @@
+"""Run all benchmarks, or those named: ``python -m tests.benchmarks ellipsoid meshes``."""
+
+import sys
+
+from threadpoolctl import threadpool_limits
+
+from tests.benchmarks import by_hand, certificate, ellipsoid, meshes
+
+ALL = {"ellipsoid": ellipsoid, "certificate": certificate, "by_hand": by_hand, "meshes": meshes}
+
+for name in sys.argv[1:] or ALL:
+    print(f"\n== {name}: {ALL[name].__doc__.splitlines()[0]}")
+    with threadpool_limits(1):
+        ALL[name].run()

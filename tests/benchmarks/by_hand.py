@@ -1,0 +1,94 @@
+"""Against what one would write by hand, from the same screened starts: SLSQP, and random directions.
+
+(a) scipy's SLSQP on mu sampled in 200 random directions, with its own finite differences. (b) the same vertex
+program, and the support program, with as many random directions as there are E6 roots.
+"""
+
+import time
+
+import numpy as np
+from scipy.optimize import minimize
+
+import nlpgrasp as ng
+from nlpgrasp.nlp import CompiledProgram, support_program, vertex_program
+from nlpgrasp.quality import WrenchSet
+from nlpgrasp.quality.batch import grasp_maps
+from nlpgrasp.quality.minimise import random_directions
+from nlpgrasp.solve.candidates import draw_start
+from nlpgrasp.solve.exchange import contacts_of, fill_start
+from nlpgrasp.solve.start import run_start
+from nlpgrasp.solve.stop import Stop
+from nlpgrasp.solve.workbench import Workbench
+
+AXES = np.array([2.0, 1.0, 1.0])
+TASK = ng.TaskEllipsoid([1.0] * 6)
+CONTACTS = [ng.FrictionContact(0.5)] * 4
+FACES = ("surface",) * 4
+STARTS = 4
+
+
+def slsqp(points, rng):
+    """Maximise t subject to phi(y_j) >= t and the contacts on the ellipsoid."""
+    y = random_directions(200, 6, rng)
+
+    def support(x):
+        p = x[:12].reshape(4, 3)
+        n = -p / AXES**2
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        G = grasp_maps(p[None], n[None], CONTACTS, np.zeros(3))[0]
+        return WrenchSet(G, CONTACTS, 3).support(y)[0]
+
+    constraints = [
+        {"type": "ineq", "fun": lambda x: support(x) - x[12]},
+        {"type": "eq", "fun": lambda x: np.sum((x[:12].reshape(4, 3) / AXES) ** 2, axis=1) - 1.0},
+    ]
+    start = np.append(points.ravel(), 0.0)
+    found = minimize(lambda x: -x[12], start, method="SLSQP", constraints=constraints, options={"maxiter": 200})
+    p = found.x[:12].reshape(4, 3)
+    return p / np.linalg.norm(p / AXES, axis=1, keepdims=True)
+
+
+def random_program(bench, compiled, points, rng, transcription):
+    u = random_directions(72, 6, rng)
+    start = fill_start(bench, compiled, FACES, points, {})
+    start[compiled.program.block("beta").range] = 0.1
+    scaled = u * bench.scaling.wrench if transcription == "vertex" else u / bench.scaling.wrench
+    scaled = scaled / bench.scaling.task if transcription == "vertex" else scaled * bench.scaling.task
+    parameters = scaled.ravel() if transcription == "vertex" else np.concatenate([scaled.ravel(), np.ones(72)])
+    return contacts_of(bench, compiled, FACES, compiled.solve(start, parameters))[0]
+
+
+def certified(bench, points):
+    return ng.mu(bench.grasp(FACES, points), TASK, 0.02)
+
+
+def run():
+    problem = ng.GraspProblem(ng.Ellipsoid(AXES), CONTACTS, TASK)
+    bench = Workbench(problem, ng.SolveOptions(workers=1))
+    run_start(bench, STARTS, 0, Stop())
+    programs = {
+        "vertex": CompiledProgram(vertex_program(problem, FACES, 72), {"tol": 1e-4, "max_iter": 300}),
+        "support": CompiledProgram(support_program(problem, FACES, 72, False), {"tol": 1e-4, "max_iter": 300}),
+    }
+    rows = {"nlpgrasp": [], "SLSQP": [], "vertex, random": [], "support, random": []}
+    for index in range(STARTS):
+        result = run_start(bench, index, 0, Stop())
+        seconds = sum(v for k, v in result.record.seconds.items() if k != "certificate")
+        rows["nlpgrasp"].append((result.record.mu.lower, seconds))
+        points = draw_start(bench, np.random.default_rng([0, index]))[1]
+        for name, method in {
+            "SLSQP": lambda p, r: slsqp(p, r),
+            "vertex, random": lambda p, r: random_program(bench, programs["vertex"], p, r, "vertex"),
+            "support, random": lambda p, r: random_program(bench, programs["support"], p, r, "support"),
+        }.items():
+            begun = time.perf_counter()
+            found = method(points, np.random.default_rng(index))
+            seconds = time.perf_counter() - begun
+            rows[name].append((certified(bench, found).lower, seconds))
+    ours = np.array(rows["nlpgrasp"])
+    print(f"{'':16} certified mu of each start          median   seconds   mu / ours   time / ours")
+    for name, values in rows.items():
+        mu, seconds = np.array(values).T
+        ratio, slower = np.median(mu) / np.median(ours[:, 0]), np.median(seconds) / np.median(ours[:, 1])
+        shown = " ".join(f"{m:.3f}" for m in mu)
+        print(f"{name:16} {shown:35} {np.median(mu):.3f} {np.median(seconds):9.2f} {ratio:11.2f} {slower:13.2f}")

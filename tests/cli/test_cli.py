@@ -1,0 +1,185 @@
+"""The command line as a stranger uses it: in its own process."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+SMALL = """
+import nlpgrasp as ng
+
+def problem():
+    square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    task = ng.TaskEllipsoid([1, 1, 1], center=[0, 0.5, 0])
+    return ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, task, name="square")
+"""
+
+
+def run(*arguments, cwd, timeout=120):
+    command = [sys.executable, "-m", "nlpgrasp", *map(str, arguments)]
+    environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1"}
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=timeout, env=environment)
+
+
+def refused(done):
+    """Assert one line on stderr, exit code 2, no traceback; return the line."""
+    assert done.returncode == 2, done
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("nlpgrasp: ")
+    return lines[0]
+
+
+@pytest.fixture
+def script(tmp_path):
+    path = tmp_path / "square.py"
+    path.write_text(SMALL)
+    return path
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("solved")
+    (folder / "square.py").write_text(SMALL)
+    done = run("solve", "square.py", "--starts", 2, "--workers", 1, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder, done
+
+
+def test_solve_writes_a_file_and_says_what_it_found(solved):
+    folder, done = solved
+    assert "mu-tilde certified in [0.37" in done.stdout
+    assert "written to square.json" in done.stdout
+    assert json.loads((folder / "square.json").read_text())["status"] == "solved"
+
+
+def test_verify_agrees(solved):
+    folder, _ = solved
+    done = run("verify", "square.json", cwd=folder)
+    assert done.returncode == 0
+    assert done.stdout.strip().endswith("verified")
+
+
+def test_verify_of_a_wrong_claim_is_exit_code_1(solved):
+    folder, _ = solved
+    data = json.loads((folder / "square.json").read_text())
+    data["quality"]["mu"] |= {"lower": 5.0, "upper": 6.0}
+    (folder / "wrong.json").write_text(json.dumps(data))
+    done = run("verify", "wrong.json", cwd=folder)
+    assert done.returncode == 1
+    assert "NOT verified" in done.stdout
+
+
+def test_quality_prints_both_measures(solved):
+    folder, _ = solved
+    done = run("quality", "square.json", "--torque-scale", 1.0, cwd=folder)
+    assert done.returncode == 0
+    assert "mu_tilde certified in [0.37" in done.stdout
+    assert "delta    certified in [0.4" in done.stdout
+
+
+def test_json_lines(script, tmp_path):
+    done = run("solve", script, "--starts", 2, "--workers", 1, "--json", cwd=tmp_path)
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [line["event"] for line in lines] == ["start", "start", "done"]
+    assert lines[-1]["mu"][0] >= 0.376
+    assert lines[-1]["file"] == "square.json"
+    assert done.stderr == ""
+    done = run("verify", "square.json", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout)["passed"] is True
+
+
+def test_no_grasp_is_exit_code_1_and_spares_the_old_file(tmp_path):
+    hopeless = SMALL.replace("FrictionContact(0.5)", "PointContact()")
+    (tmp_path / "hopeless.py").write_text(hopeless)
+    (tmp_path / "hopeless.json").write_text("earlier result")
+    done = run("solve", "hopeless.py", "--starts", 1, "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "No grasp found" in done.stdout
+    assert (tmp_path / "hopeless.json").read_text() == "earlier result"
+
+
+BAD_SCRIPTS = {
+    "no problem": ("x = 1", "no function problem()"),
+    "syntax": ("def problem(:", "line 1"),
+    "fails": ("1 / 0", "ZeroDivisionError: division by zero (line 1)"),
+    "exits": ("import sys\nsys.exit(0)", "SystemExit"),
+    "wrong type": ("def problem():\n    return 3", "problem(): got int, expected a GraspProblem"),
+    "import": ("import there_is_no_such_module", "there_is_no_such_module"),
+    "friction": (SMALL.replace("0.5)] * 2", "0.0)] * 2"), "FrictionContact.friction: got 0.0, expected"),
+    "zero size": (SMALL.replace("[1, 1], [-1, 1]", "[1, -1.0], [-1, -1]"), "Polygon.vertices"),
+    "zero task": (SMALL.replace("[1, 1, 1], center", "[0, 0, 0], center"), "TaskEllipsoid.semi_axes"),
+    "no face": (
+        SMALL.replace("name=", 'constraints=[ng.Forbid(["edge0", "edge1", "edge2", "edge3"])], name='),
+        "no face left for contact 0",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_SCRIPTS.values(), ids=BAD_SCRIPTS.keys())
+def test_bad_scripts_are_one_line_and_write_nothing(tmp_path, text, message):
+    (tmp_path / "bad.py").write_text(text)
+    (tmp_path / "bad.json").write_text("earlier result")
+    line = refused(run("solve", "bad.py", cwd=tmp_path))
+    assert message in line
+    assert (tmp_path / "bad.json").read_text() == "earlier result"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["solve", "none.py"], "a Python file that exists"),
+        (["solve", "square.py", "--starts", "0"], "--starts"),
+        (["solve", "square.py", "--seed", "-1"], "--seed"),
+        (["solve", "square.py", "--workers", "0"], "workers"),
+        (["solve", "square.py", "--time-limit", "0"], "time_limit"),
+        (["solve", "square.py", "--out", "none/x.json"], "a file in a folder that exists"),
+        (["solve", "square.py", "--out", "."], "a file name"),
+        (["verify", "none.json"], "a solution file that exists"),
+        (["quality", "square.py"], "not valid JSON"),
+        (["verify", "square.json", "--rtol", "-1"], "square.json"),
+    ],
+)
+def test_wrong_use_is_one_line(script, tmp_path, arguments, message):
+    assert message in refused(run(*arguments, cwd=tmp_path))
+
+
+def test_unknown_command_and_help(tmp_path):
+    assert run("resolve", cwd=tmp_path).returncode == 2
+    done = run("--help", cwd=tmp_path)
+    assert done.returncode == 0
+    assert all(command in done.stdout for command in ("solve", "quality", "verify"))
+    assert run("--version", cwd=tmp_path).stdout.startswith("nlpgrasp 0.")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_interrupt_writes_the_best_grasp(tmp_path, workers):
+    (tmp_path / "square.py").write_text(SMALL)
+    command = [
+        sys.executable,
+        "-m",
+        "nlpgrasp",
+        "solve",
+        "square.py",
+        "--starts",
+        "5000",
+        "--json",
+        "--workers",
+        str(workers),
+    ]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    for _ in range(3):
+        assert json.loads(process.stdout.readline())["event"] == "start"
+    time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    assert json.loads(out.splitlines()[-1])["status"] == "interrupted"
+    assert json.loads((tmp_path / "square.json").read_text())["quality"]["mu"]["lower"] > 0.3
+    assert "Traceback" not in err

@@ -1,0 +1,26 @@
+"""Fixtures shared by all tests."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SHARED_MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+@pytest.fixture(scope="session")
+def shared_meshes():
+    """Folder of scanned and machined meshes beside the checkout; tests that need it skip without it."""
+    if not SHARED_MESHES.is_dir():
+        pytest.skip("no ../shared/meshes beside the checkout")
+    return SHARED_MESHES
+
+
+@pytest.fixture(scope="session")
+def problems_folder():
+    return Path(__file__).resolve().parents[1] / "problems"

@@ -1,0 +1,216 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.solve.workbench import Workbench
+
+BALL = ng.TaskEllipsoid([1.0] * 6)
+
+
+def ellipsoid(k=4, contact=None, **fields):
+    return ng.GraspProblem(ng.Ellipsoid([2.0, 1.0, 1.0]), [contact or ng.FrictionContact(0.5)] * k, BALL, **fields)
+
+
+@pytest.fixture(scope="module")
+def four_fingers():
+    return ng.solve(ellipsoid(), starts=4, options=ng.SolveOptions(workers=2))
+
+
+def test_ellipsoid_with_four_fingers_beats_the_best_known(four_fingers):
+    """Best known before: 0.7309 (theory, Section 6)."""
+    assert four_fingers.status is ng.Status.SOLVED
+    assert four_fingers.mu.upper > 0.7309
+    assert four_fingers.mu.lower >= 0.72
+    assert four_fingers.mu.gap <= 0.0101
+    assert all(start.mu.lower > 0.5 for start in four_fingers.starts)
+
+
+def test_ellipsoid_with_three_fingers():
+    solution = ng.solve(ellipsoid(3), starts=4, options=ng.SolveOptions(workers=2))
+    assert solution.mu.upper > 0.4869
+    assert solution.mu.lower >= 0.475
+
+
+def test_contacts_are_on_the_body_with_its_normals(four_fingers):
+    grasp = four_fingers.grasp
+    np.testing.assert_allclose(np.sum((grasp.points / [2.0, 1.0, 1.0]) ** 2, axis=1), 1.0, atol=1e-12)
+    inward = -grasp.points / np.array([4.0, 1.0, 1.0])
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    np.testing.assert_allclose(grasp.normals, inward, atol=1e-12)
+
+
+def test_forces_produce_the_task_scaled_by_the_certified_quality(four_fingers):
+    grasp = four_fingers.grasp
+    assert len(four_fingers.forces) == 12
+    for wrench, forces in four_fingers.forces:
+        assert np.linalg.norm(wrench) == pytest.approx(four_fingers.mu.lower)
+        total = np.concatenate([forces.sum(axis=0), np.cross(grasp.points, forces).sum(axis=0)])
+        np.testing.assert_allclose(total, wrench, atol=1e-8)
+        assert np.linalg.norm(forces) <= 1.0 + 1e-8
+
+
+def test_the_answer_does_not_depend_on_the_number_of_workers(four_fingers):
+    alone = ng.solve(ellipsoid(), starts=2, options=ng.SolveOptions(workers=1))
+    for mine, theirs in zip(alone.starts, four_fingers.starts[:2], strict=True):
+        assert mine.mu == theirs.mu
+        assert mine.iterations == theirs.iterations
+
+
+def test_another_seed_is_another_search():
+    options = ng.SolveOptions(workers=1, exchange=False, rtol=0.5, final_rtol=0.5)
+    a, b = (ng.solve(ellipsoid(), starts=1, seed=s, options=options) for s in (0, 1))
+    assert not np.array_equal(a.grasp.points, b.grasp.points)
+
+
+@pytest.mark.parametrize("transcription", ["vertex", "support"])
+def test_both_transcriptions_lead_to_a_grasp(transcription):
+    options = ng.SolveOptions(workers=1, transcription=transcription, rtol=0.05, final_rtol=0.05)
+    assert ng.solve(ellipsoid(), starts=1, options=options).mu.lower > 0.6
+
+
+def test_elliptic_torsion_goes_through_the_exchange_with_forces():
+    options = ng.SolveOptions(workers=1, exchange_rounds=4, rtol=0.1, final_rtol=0.1)
+    solution = ng.solve(ellipsoid(3, ng.SoftContact(0.5, 0.3, "elliptic")), starts=1, options=options)
+    assert solution.mu.lower > 0.3
+    assert ng.verify(solution)
+
+
+def test_constraints_hold_and_are_reported():
+    problem = ellipsoid(
+        constraints=[
+            ng.Table(-0.3),
+            ng.Forbid(ng.HalfSpace([1.0, 0.0, 0.0], 1.0)),
+            ng.Spread(0.4, 2.5),
+            ng.Constraint("level", lambda p, n: p[0][2] - p[1][2], 0.0, 0.0),
+        ]
+    )
+    solution = ng.solve(problem, starts=2, options=ng.SolveOptions(rtol=0.05))
+    p = solution.grasp.points
+    assert np.min(p[:, 2]) >= -0.3 - 1e-4
+    assert np.max(p[:, 0]) <= 1.0 + 1e-4
+    distances = [np.linalg.norm(p[i] - p[j]) for i in range(4) for j in range(i)]
+    assert 0.4 - 1e-4 <= min(distances)
+    assert max(distances) <= 2.5 + 1e-4
+    assert p[0, 2] == pytest.approx(p[1, 2], abs=1e-4)
+    level = next(c for c in solution.constraints if c.name == "level")
+    assert level.active
+    tight = [c for c in solution.constraints if c.name.startswith("table") and c.active]
+    assert all(c.multiplier <= 1e-6 for c in tight)  # a higher table never helps
+    assert ng.verify(solution)
+
+
+def test_reach_keeps_the_fingertips_together():
+    problem = ellipsoid(3, hand=ng.Fingertips(3, radius=0.1, reach=1.1))
+    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, rtol=0.1, final_rtol=0.1))
+    tips = solution.grasp.points - 0.1 * solution.grasp.normals
+    palm = np.array(solution.hand["palm"])
+    assert np.max(np.linalg.norm(tips - palm, axis=1)) <= 1.1 + 1e-3
+
+
+def test_no_grasp_is_a_result_not_an_exception():
+    """Two frictional points never resist every wrench in space."""
+    solution = ng.solve(ellipsoid(2), starts=1, options=ng.SolveOptions(workers=1))
+    assert solution.status is ng.Status.NO_GRASP
+    assert not solution.success
+    assert solution.starts[0].mu.upper == 0.0
+    with pytest.raises(ng.NoGraspError, match="No grasp found") as caught:
+        ng.solve(ellipsoid(2), starts=1, options=ng.SolveOptions(workers=1), throw=True)
+    assert caught.value.solution.status is ng.Status.NO_GRASP
+
+
+def test_planar_face_assignments_are_enumerated():
+    square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0] * 3, center=[0, 0.5, 0]))
+    solution = ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))
+    assert solution.faces == ("edge0", "edge2")
+    assert solution.mu.upper == pytest.approx(0.37993, abs=1e-4)
+
+
+def test_time_limit_is_honoured_and_keeps_the_best():
+    begun = time.monotonic()
+    options = ng.SolveOptions(time_limit=6.0, workers=2)
+    solution = ng.solve(ellipsoid(), starts=200, options=options)
+    assert solution.status is ng.Status.TIME_LIMIT
+    assert solution.mu.lower > 0.5
+    assert time.monotonic() - begun < 6.0 + 15.0  # the grace of running certificates, on a busy machine
+
+
+def test_progress_sees_every_start():
+    seen = []
+    options = ng.SolveOptions(workers=1, exchange=False, rtol=0.5, final_rtol=0.5)
+    ng.solve(
+        ellipsoid(), starts=2, options=options, progress=lambda record, best: seen.append((record.index, best.lower))
+    )
+    assert [index for index, _ in seen] == [0, 1]
+    assert seen[1][1] >= seen[0][1] > 0.0
+
+
+SCRIPT = """
+import nlpgrasp as ng
+unit = 1.0
+problem = ng.GraspProblem(
+    ng.Implicit(lambda p: p[0] ** 2 / 4 + p[1] ** 2 + p[2] ** 2 - unit, [[-2.1, -1.1, -1.1], [2.1, 1.1, 1.1]]),
+    [ng.FrictionContact(0.5)] * 4,
+    ng.TaskEllipsoid([1.0] * 6),
+)
+options = ng.SolveOptions(workers=2, exchange=False, rtol=0.5, final_rtol=0.5)
+print("mu", ng.solve(problem, starts=2, options=options).mu.lower > 0.1)
+"""
+
+
+def test_a_script_without_a_main_guard_may_use_workers(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout) == (0, "mu True\n"), done.stderr
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_interrupt_keeps_the_best_grasp_so_far(tmp_path, workers):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import nlpgrasp as ng\n"
+        "problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))\n"
+        f"options = ng.SolveOptions(workers={workers}, rtol=0.2, final_rtol=0.2)\n"
+        "say = lambda record, best: print('start', flush=True)\n"
+        "solution = ng.solve(problem, starts=500, options=options, progress=say)\n"
+        "print(solution.status.name, solution.mu.lower > 0.3)\n"
+    )
+    process = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "start\n"
+    os.kill(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert out.splitlines()[-1] == "INTERRUPTED True", err
+    assert "Traceback" not in err
+
+
+def test_workbench_directions_for_a_flat_task():
+    task = ng.TaskEllipsoid([1.0, 1.0, 0.0, 1.0, 0.0, 0.0])
+    bench = Workbench(ng.GraspProblem(ng.Sphere(1.0), [ng.FrictionContact(0.5)] * 3, task), ng.SolveOptions())
+    u = bench.task_directions
+    assert np.all(u[:, [2, 4, 5]] == 0.0)
+    np.testing.assert_allclose(np.linalg.norm(u, axis=1), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ng.solve("problem"), "a GraspProblem"),
+        (lambda: ng.solve(ellipsoid(), starts=0), "starts"),
+        (lambda: ng.solve(ellipsoid(), seed=-1), "seed"),
+        (lambda: ng.SolveOptions(transcription="exact"), "'vertex' or 'support'"),
+        (lambda: ng.SolveOptions(shells=3), "1 or 2"),
+        (lambda: ng.SolveOptions(rtol=0.0), "rtol"),
+        (lambda: ng.SolveOptions(time_limit=-1.0), "time_limit"),
+        (lambda: ng.SolveOptions(workers=0), "workers"),
+    ],
+)
+def test_bad_options_are_refused(call, message):
+    with pytest.raises(ng.InputError, match=message):
+        call()

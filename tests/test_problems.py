@@ -1,0 +1,85 @@
+"""Every script of problems/ with its certified value pinned, and the shared meshes."""
+
+import runpy
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.cli.script import load_problem
+
+# least certified lower bound with 4 starts of seed 0, and an upper bound no grasp found should exceed
+VALUES = {
+    "rectangle": (0.376, 0.3800),
+    "hexagon": (0.760, 0.7727),
+    "cube": (0.400, 0.4700),
+    "peg_in_hole": (0.078, 0.0850),
+    "pencil": (0.200, 0.2500),
+    "ellipsoid": (0.720, 0.7335),
+    "screwdriver": (0.033, 0.0400),
+}
+
+
+def test_every_script_is_pinned(problems_folder):
+    assert {path.stem for path in problems_folder.glob("*.py")} == set(VALUES)
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_script_solves_and_verifies(problems_folder, name):
+    problem = load_problem(problems_folder / f"{name}.py")
+    solution = ng.solve(problem, starts=4, options=ng.SolveOptions(rtol=0.05, final_rtol=0.01))
+    least, most = VALUES[name]
+    assert solution.mu.lower >= least
+    assert solution.mu.upper <= most
+    verification = ng.verify(solution, rtol=0.05)
+    assert verification, str(verification)
+
+
+def test_scripts_say_what_they_are_about(problems_folder):
+    for path in problems_folder.glob("*.py"):
+        names = runpy.run_path(str(path), run_name="read")
+        assert len(names["__doc__"]) > 100
+        assert 'if __name__ == "__main__":' in path.read_text()
+
+
+def test_a_script_runs_by_itself(problems_folder):
+    done = subprocess.run(
+        [sys.executable, str(problems_folder / "rectangle.py")], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert "mu-tilde certified in [0.37" in done.stdout
+
+
+def test_rectangle_finds_pair_one(problems_folder):
+    """Example 3-10: the best of the paper's pairs is I, bottom and top."""
+    solution = ng.solve(load_problem(problems_folder / "rectangle.py"), starts=2, options=ng.SolveOptions(workers=1))
+    assert solution.faces == ("edge0", "edge2")
+
+
+MESHES = {
+    "ycb_010_potted_meat_can.stl": ("m", 0.3),
+    "ycb_012_strawberry.stl": ("m", 0.3),
+    "ycb_043_phillips_screwdriver.stl": ("m", 0.05),
+    "ycb_048_hammer.stl": ("m", 0.05),
+    "featuretype.stl": ("in", 0.3),
+    "angle_block.stl": ("in", 0.3),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_shared_meshes_are_grasped_on_the_mesh_itself(shared_meshes, name):
+    unit, least = MESHES[name]
+    body = ng.Mesh.load(shared_meshes / name, unit=unit)
+    task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
+    problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, name=name)
+    solution = ng.solve(problem, starts=2, options=ng.SolveOptions(rtol=0.05, final_rtol=0.02))
+    assert all(start.mu.lower > 0.0 for start in solution.starts)
+    assert solution.mu.lower >= least
+    positions, outward, distances = body.closest(solution.grasp.points)
+    assert np.max(distances) <= 1e-9
+    np.testing.assert_allclose(positions, solution.grasp.points, atol=1e-9)
+    np.testing.assert_allclose(np.sum(outward * solution.grasp.normals, axis=1), -1.0, atol=1e-6)
+    assert np.max(solution.surface.angles) <= np.radians(30.1)
+    assert ng.verify(solution, rtol=0.05)
