@@ -95,7 +95,7 @@ def test_constraints_hold_and_are_reported():
     assert np.min(p[:, 2]) >= -0.3 - 1e-4
     assert np.max(p[:, 0]) <= 1.0 + 1e-4
     distances = [np.linalg.norm(p[i] - p[j]) for i in range(4) for j in range(i)]
-    assert 0.4 - 1e-4 <= min(distances)
+    assert min(distances) >= 0.4 - 1e-4
     assert max(distances) <= 2.5 + 1e-4
     assert p[0, 2] == pytest.approx(p[1, 2], abs=1e-4)
     level = next(c for c in solution.constraints if c.name == "level")
@@ -144,9 +144,8 @@ def test_time_limit_is_honoured_and_keeps_the_best():
 def test_progress_sees_every_start():
     seen = []
     options = ng.SolveOptions(workers=1, exchange=False, rtol=0.5, final_rtol=0.5)
-    ng.solve(
-        ellipsoid(), starts=2, options=options, progress=lambda record, best: seen.append((record.index, best.lower))
-    )
+    note = lambda record, best: seen.append((record.index, best.lower))  # noqa: E731
+    ng.solve(ellipsoid(), starts=2, options=options, progress=note)
     assert [index for index, _ in seen] == [0, 1]
     assert seen[1][1] >= seen[0][1] > 0.0
 
@@ -176,7 +175,8 @@ def test_interrupt_keeps_the_best_grasp_so_far(tmp_path, workers):
     script = tmp_path / "script.py"
     script.write_text(
         "import nlpgrasp as ng\n"
-        "problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))\n"
+        "fingers = [ng.FrictionContact(0.5)] * 4\n"
+        "problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), fingers, ng.TaskEllipsoid([1.0] * 6))\n"
         f"options = ng.SolveOptions(workers={workers}, rtol=0.2, final_rtol=0.2)\n"
         "say = lambda record, best: print('start', flush=True)\n"
         "solution = ng.solve(problem, starts=500, options=options, progress=say)\n"
