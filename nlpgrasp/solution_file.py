@@ -1,4 +1,4 @@
-"""Solutions as JSON files, schema 1: written atomically, read without executing anything."""
+"""Solution files: written atomically, read without executing anything, every way to be wrong named."""
 
 from __future__ import annotations
 
@@ -7,20 +7,15 @@ import math
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NoReturn
 
 import jsonschema
-import numpy as np
 
-from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.schema import SCHEMA_NAME, solution_schema
-from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status, SurfaceMatch
-from nlpgrasp.validation import array
+from nlpgrasp.solution import GraspSolution
+from nlpgrasp.solution_data import from_data, to_data
 
 LARGEST_FILE = 64 * 1024 * 1024
 DEEPEST = 50
@@ -97,172 +92,6 @@ def parse(text: str, name: str) -> dict[str, Any]:
         where = ".".join(str(part) for part in errors[0].absolute_path) or "top level"
         raise InputError(f"{name}: {where}", errors[0].message, "what schema 1 says (docs/json.md)")
     return data
-
-
-def to_data(solution: GraspSolution) -> dict[str, Any]:
-    """Return the solution as JSON data."""
-    return {
-        "schema": SCHEMA_NAME,
-        "created_by": dict(solution.solver.get("versions", {})),
-        "status": solution.status.name.lower(),
-        "message": solution.status.value,
-        "name": solution.name,
-        "problem": dict(solution.problem),
-        "grasp": _grasp_data(solution),
-        "hand": solution.hand if solution.hand is None else dict(solution.hand),
-        "quality": {"mu": _bounds_data(solution.mu, solution.kind), "delta": None, "nu": None},
-        "forces": [{"direction": w.tolist(), "forces": f.tolist()} for w, f in solution.forces],
-        "constraints": [
-            {
-                "name": c.name,
-                "value": c.value,
-                "bound": [_finite_or_none(c.lower), _finite_or_none(c.upper)],
-                "multiplier": c.multiplier,
-                "active": c.active,
-            }
-            for c in solution.constraints
-        ],
-        "solver": {
-            **{k: v for k, v in solution.solver.items() if k != "versions"},
-            "starts": [_start_data(s) for s in solution.starts],
-        },
-    }
-
-
-def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
-    """Return the solution of validated data; numbers that contradict each other are refused."""
-    grasp: Grasp | None = None
-    faces: tuple[str, ...] = ()
-    surface: SurfaceMatch | None = None
-    if data["grasp"] is not None:
-        grasp, faces, surface = _grasp_of(data["grasp"], name)
-    quality = data["quality"]["mu"]
-    bounds, kind = UNKNOWN, "mu"
-    if quality is not None:
-        direction = quality.get("worst_direction")
-        if direction is not None:
-            direction = array(f"{name}: quality.mu.worst_direction", direction, (None,))
-        bounds = Bounds(quality["lower"], quality["upper"], direction)
-        kind = quality["kind"]
-    solver = dict(data.get("solver", {}))
-    try:
-        starts = tuple(_start_of(s) for s in solver.pop("starts", []))
-        constraints = tuple(
-            ConstraintReport(
-                c["name"],
-                c["value"],
-                -math.inf if c["bound"][0] is None else c["bound"][0],
-                math.inf if c["bound"][1] is None else c["bound"][1],
-                c["multiplier"],
-                c["active"],
-            )
-            for c in data.get("constraints", [])
-        )
-        forces = tuple(
-            (array(f"{name}: direction", f["direction"], (None,)), array(f"{name}: forces", f["forces"], (None, None)))
-            for f in data.get("forces", [])
-        )
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{name}: solver", f"{type(error).__name__}: {error}", "what schema 1 says") from None
-    return GraspSolution(
-        status=Status[data["status"].upper()],
-        name=data["name"],
-        problem=data["problem"],
-        grasp=grasp,
-        faces=faces,
-        mu=bounds,
-        kind=kind,
-        forces=forces,
-        constraints=constraints,
-        hand=data.get("hand"),
-        surface=surface,
-        starts=starts,
-        solver={**solver, "versions": data.get("created_by", {})},
-    )
-
-
-def _grasp_data(solution: GraspSolution) -> dict[str, Any] | None:
-    grasp = solution.grasp
-    if grasp is None:
-        return None
-    contacts = []
-    for i, model in enumerate(grasp.contacts):
-        entry = {
-            "position": grasp.points[i].tolist(),
-            "normal": grasp.normals[i].tolist(),
-            "tangents": grasp.tangents[i].tolist(),
-            "face": solution.faces[i],
-            **model.to_dict(),
-        }
-        if solution.surface is not None:
-            entry |= {
-                "surface_distance": float(solution.surface.distances[i]),
-                "surface_angle": float(solution.surface.angles[i]),
-                "moved": float(solution.surface.moved[i]),
-            }
-        contacts.append(entry)
-    return {"dimension": grasp.dimension, "torque_origin": grasp.torque_origin.tolist(), "contacts": contacts}
-
-
-def _grasp_of(data: Mapping[str, Any], name: str) -> tuple[Grasp, tuple[str, ...], SurfaceMatch | None]:
-    contacts = data["contacts"]
-    try:
-        grasp = Grasp(
-            [c["position"] for c in contacts],
-            [c["normal"] for c in contacts],
-            [contact_from_dict(c) for c in contacts],
-            data["torque_origin"],
-            [c["tangents"] for c in contacts],
-        )
-    except InputError as error:
-        raise InputError(f"{name}: grasp.{error.field}", error.given, error.allowed) from None
-    if grasp.dimension != data["dimension"]:
-        raise InputError(f"{name}: grasp.dimension", data["dimension"], f"{grasp.dimension}, as the positions say")
-    surface = None
-    if all("surface_distance" in c and "surface_angle" in c and "moved" in c for c in contacts):
-        columns = ([c[key] for c in contacts] for key in ("surface_distance", "surface_angle", "moved"))
-        surface = SurfaceMatch(*(np.array(column, float) for column in columns))
-    return grasp, tuple(str(c.get("face", "")) for c in contacts), surface
-
-
-def _start_data(record: StartRecord) -> dict[str, Any]:
-    data = asdict(record)
-    data["status"] = record.status.name.lower()
-    data["faces"] = list(record.faces)
-    data["mu"] = _bounds_data(record.mu, None)
-    data["violation"] = _finite_or_none(record.violation)
-    data["seconds"] = dict(record.seconds)
-    return data
-
-
-def _start_of(data: Mapping[str, Any]) -> StartRecord:
-    mu = data.get("mu")
-    return StartRecord(
-        index=int(data["index"]),
-        status=Status[str(data["status"]).upper()],
-        faces=tuple(map(str, data["faces"])),
-        mu=UNKNOWN if mu is None else Bounds(float(mu["lower"]), float(mu["upper"])),
-        violation=math.inf if data["violation"] is None else float(data["violation"]),
-        iterations=int(data["iterations"]),
-        seconds={str(k): float(v) for k, v in data["seconds"].items()},
-        message=str(data["message"]),
-    )
-
-
-def _bounds_data(bounds: Bounds, kind: str | None) -> dict[str, Any] | None:
-    if not math.isfinite(bounds.upper):
-        return None
-    data: dict[str, Any] = {"lower": bounds.lower, "upper": bounds.upper}
-    if kind is not None:
-        data["kind"] = kind
-        data["worst_direction"] = None if bounds.worst_direction is None else bounds.worst_direction.tolist()
-    return data
-
-
-def _finite_or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _validator() -> Any:

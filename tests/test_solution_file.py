@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solution_file import from_data, parse, to_data
+from nlpgrasp.solution_data import from_data, to_data
+from nlpgrasp.solution_file import parse
 
 
 @pytest.fixture(scope="module")

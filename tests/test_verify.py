@@ -4,7 +4,7 @@ import json
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solution_file import from_data, to_data
+from nlpgrasp.solution_data import from_data, to_data
 
 
 @pytest.fixture(scope="module")
