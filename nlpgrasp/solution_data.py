@@ -15,6 +15,7 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.schema import SCHEMA_NAME
 from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status, SurfaceMatch
+from nlpgrasp.tasks import TaskEllipsoid
 from nlpgrasp.validation import array
 
 
@@ -55,6 +56,7 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
     surface: SurfaceMatch | None = None
     if data["grasp"] is not None:
         grasp, faces, surface = _grasp_of(data["grasp"], name)
+    _check_task(data["problem"]["task"], grasp, name)
     quality = data["quality"]["mu"]
     bounds, kind = UNKNOWN, "mu"
     if quality is not None:
@@ -144,6 +146,16 @@ def _grasp_of(data: Mapping[str, Any], name: str) -> tuple[Grasp, tuple[str, ...
         columns = ([c[key] for c in contacts] for key in ("surface_distance", "surface_angle", "moved"))
         surface = SurfaceMatch(*(np.array(column, float) for column in columns))
     return grasp, tuple(str(c.get("face", "")) for c in contacts), surface
+
+
+def _check_task(data: Mapping[str, Any], grasp: Grasp | None, name: str) -> None:
+    """Refuse a task that is none, or is not of the grasp's dimension."""
+    try:
+        task = TaskEllipsoid.from_dict(data)
+    except InputError as error:
+        raise InputError(f"{name}: problem.{error.field}", error.given, error.allowed) from None
+    if grasp is not None and task.dimension != grasp.dimension:
+        raise InputError(f"{name}: problem.task", f"dimension {task.dimension}", f"dimension {grasp.dimension}")
 
 
 def _start_data(record: StartRecord) -> dict[str, Any]:

@@ -103,7 +103,7 @@ def _refuse_constant(text: str) -> NoReturn:
 
 
 def _bounded_int(text: str) -> int:
-    if len(text) > 300:
+    if len(text) > 18:
         raise ValueError(f"a whole number of {len(text)} digits")
     return int(text)
 

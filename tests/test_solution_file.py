@@ -94,6 +94,7 @@ HOSTILE = {
     "infinity": ('{"schema": "nlpgrasp/1", "x": -Infinity}', "-Infinity is not a number"),
     "overflow": ('{"schema": "nlpgrasp/1", "x": 1e999}', "too large for a float"),
     "digits": ('{"schema": "nlpgrasp/1", "x": ' + "9" * 5000 + "}", "5000 digits"),
+    "large integer": ('{"schema": "nlpgrasp/1", "x": ' + "9" * 30 + "}", "30 digits"),
     "deep list": ("[" * 100_000, "nesting deeper"),
     "deep object": ('{"a":' * 60 + "1" + "}" * 60, "nesting deeper"),
     "list": ("[1, 2]", "a JSON object"),
@@ -150,6 +151,12 @@ def test_a_missing_entry_is_named(data):
     del data["quality"]["mu"]["lower"]
     with pytest.raises(ng.InputError, match=r"quality\.mu.*'lower' is a required property"):
         parse(json.dumps(data), "f.json")
+
+
+def test_a_task_of_another_dimension_is_named(data):
+    data["problem"]["task"] = {"type": "ellipsoid", "center": [0.0] * 6, "axes": [[1.0] * 6]}
+    with pytest.raises(ng.InputError, match=r"problem\.task: got dimension 6, expected dimension 3"):
+        from_data(parse(json.dumps(data), "f.json"), "f.json")
 
 
 def test_normals_that_are_not_unit_are_named(data):
