@@ -10,15 +10,15 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.cli.script import load_problem
 
-# least certified lower bound with 4 starts of seed 0, and an upper bound no grasp found should exceed
+# least certified lower bound with 2 starts of seed 0, and an upper bound no grasp found should exceed
 VALUES = {
     "rectangle": (0.376, 0.3800),
-    "hexagon": (0.760, 0.7727),
-    "cube": (0.400, 0.4700),
-    "peg_in_hole": (0.078, 0.0850),
-    "pencil": (0.200, 0.2500),
-    "ellipsoid": (0.720, 0.7335),
-    "screwdriver": (0.033, 0.0400),
+    "hexagon": (0.750, 0.7727),
+    "cube": (0.300, 0.4700),
+    "peg_in_hole": (0.070, 0.0850),
+    "pencil": (0.150, 0.2500),
+    "ellipsoid": (0.710, 0.7335),
+    "screwdriver": (0.025, 0.0400),
 }
 
 
@@ -29,7 +29,7 @@ def test_every_script_is_pinned(problems_folder):
 @pytest.mark.parametrize("name", VALUES)
 def test_script_solves_and_verifies(problems_folder, name):
     problem = load_problem(problems_folder / f"{name}.py")
-    solution = ng.solve(problem, starts=4, options=ng.SolveOptions(rtol=0.05, final_rtol=0.01))
+    solution = ng.solve(problem, starts=2, options=ng.SolveOptions(rtol=0.05, final_rtol=0.02))
     least, most = VALUES[name]
     assert solution.mu.lower >= least
     assert solution.mu.upper <= most
@@ -68,7 +68,10 @@ MESHES = {
 }
 
 
-@pytest.mark.parametrize("name", MESHES)
+SLOW = ("ycb_010_potted_meat_can.stl", "ycb_012_strawberry.stl", "angle_block.stl", "ycb_043_phillips_screwdriver.stl")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in MESHES])
 def test_shared_meshes_are_grasped_on_the_mesh_itself(shared_meshes, name):
     unit, least = MESHES[name]
     body = ng.Mesh.load(shared_meshes / name, unit=unit)

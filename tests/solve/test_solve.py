@@ -32,7 +32,7 @@ def test_ellipsoid_with_four_fingers_beats_the_best_known(four_fingers):
 
 
 def test_ellipsoid_with_three_fingers():
-    solution = ng.solve(ellipsoid(3), starts=4, options=ng.SolveOptions(workers=2))
+    solution = ng.solve(ellipsoid(3), starts=2, options=ng.SolveOptions(workers=2))
     assert solution.mu.upper > 0.4869
     assert solution.mu.lower >= 0.475
 
@@ -55,11 +55,14 @@ def test_forces_produce_the_task_scaled_by_the_certified_quality(four_fingers):
         assert np.linalg.norm(forces) <= 1.0 + 1e-8
 
 
-def test_the_answer_does_not_depend_on_the_number_of_workers(four_fingers):
-    alone = ng.solve(ellipsoid(), starts=2, options=ng.SolveOptions(workers=1))
-    for mine, theirs in zip(alone.starts, four_fingers.starts[:2], strict=True):
-        assert mine.mu == theirs.mu
-        assert mine.iterations == theirs.iterations
+def test_the_answer_does_not_depend_on_the_number_of_workers():
+    problem = ellipsoid(3)
+    one, two = (
+        ng.solve(problem, starts=2, options=ng.SolveOptions(workers=w, rtol=0.1, final_rtol=0.05)) for w in (1, 2)
+    )
+    np.testing.assert_array_equal(one.grasp.G, two.grasp.G)
+    assert one.mu == two.mu
+    assert [(s.mu, s.iterations) for s in one.starts] == [(s.mu, s.iterations) for s in two.starts]
 
 
 def test_another_seed_is_another_search():
