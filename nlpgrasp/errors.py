@@ -45,6 +45,9 @@ class NoGraspError(NlpgraspError):
         self.solution = solution
         super().__init__(message)
 
+    def __reduce__(self) -> tuple[type[NoGraspError], tuple[str, object]]:
+        return (NoGraspError, (str(self), self.solution))
+
 
 def _shorten(value: object, limit: int = 120) -> str:
     plain = value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value

@@ -74,13 +74,20 @@ class GraspProblem:
         if self.torque_origin is not None:
             origin = array("GraspProblem.torque_origin", self.torque_origin, (self.body.space,))
             object.__setattr__(self, "torque_origin", tuple(origin.tolist()))
-        if not isinstance(self.name, str) or not self.name.strip():
-            raise InputError("GraspProblem.name", self.name, "a non-empty name")
+        if (
+            not isinstance(self.name, str)
+            or not self.name.strip()
+            or not self.name.isprintable()
+            or len(self.name) > 200
+        ):
+            raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._check_constraints()
         check_placements(self)
 
     def _set_contacts(self) -> None:
         given = self.contacts
+        if self.hand is not None and not isinstance(self.hand, Hand):
+            raise InputError("GraspProblem.hand", self.hand, "a hand such as ng.Fingertips, or None")
         if isinstance(given, ContactModel):
             given = (given,) * (self.hand.count if self.hand is not None else 1)
         try:
@@ -91,8 +98,6 @@ class GraspProblem:
             raise InputError("GraspProblem.contacts", given, "contact models, one a finger")
         if len(models) > MOST_CONTACTS:
             raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"at most {MOST_CONTACTS}")
-        if self.hand is not None and not isinstance(self.hand, Hand):
-            raise InputError("GraspProblem.hand", self.hand, "a hand such as ng.Fingertips, or None")
         if self.hand is not None and self.hand.count != len(models):
             raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"{self.hand.count}, one a fingertip")
         for model in models:
@@ -103,7 +108,10 @@ class GraspProblem:
         constraints = self.constraints
         if isinstance(constraints, PlacementConstraint):
             constraints = (constraints,)
-        constraints = tuple(constraints)
+        try:
+            constraints = tuple(constraints)
+        except TypeError:
+            raise InputError("GraspProblem.constraints", constraints, "a sequence of constraints") from None
         for item in constraints:
             if not isinstance(item, PlacementConstraint):
                 raise InputError("GraspProblem.constraints", item, "constraints such as ng.Table or ng.Forbid")

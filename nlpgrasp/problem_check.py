@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from nlpgrasp.problem import GraspProblem
 
 SAMPLES = 300  # a face
-CLEARLY = 0.1  # of a row's scale: a violation this large at every sample is no accident of sampling
+CLEARLY = 0.1  # of the body's size: a point this far off at every sample is no accident of sampling
 
 
 def check_placements(problem: GraspProblem) -> None:
@@ -57,10 +57,15 @@ def _check_contact(
         return
     where = np.concatenate([points[name] for name in names])
     normals = np.concatenate([-problem.body.evaluate(name, points[name])[2] for name in names])
-    function = ca.Function("rows", [p, n], [ca.vertcat(*[r.expression for r in rows])])
-    values = np.asarray(function.map(len(where))(where.T, normals.T).full())
-    lower, upper, scale = (np.array([getattr(r, key) for r in rows])[:, None] for key in ("lower", "upper", "scale"))
-    excess = np.maximum(lower - values, values - upper) / scale
+    rows_of = ca.vertcat(*[r.expression for r in rows])
+    slopes_of = ca.vertcat(*[ca.norm_2(ca.gradient(r.expression, p)) for r in rows])
+    values, slopes = ca.Function("rows", [p, n], [rows_of, slopes_of]).map(len(where))(where.T, normals.T)
+    value, slope = np.asarray(values.full()), np.asarray(slopes.full())
+    lower, upper = (np.array([getattr(r, key) for r in rows])[:, None] for key in ("lower", "upper"))
+    with np.errstate(all="ignore"):
+        beyond = np.maximum(lower - value, value - upper)
+        # to first order, how far a contact would have to move; a row that is not a number is never satisfied
+        excess = np.where(beyond > 0.0, beyond / slope, np.where(np.isnan(value), np.inf, 0.0)) / problem.body.size
     if np.min(np.max(excess, axis=0)) > CLEARLY:
         named = ", ".join(dict.fromkeys(rows[j].name for j in np.argmax(excess, axis=0)))
         raise InputError(
@@ -81,9 +86,9 @@ def _check_room(problem: GraspProblem, points: dict[str, FloatArray]) -> None:
     if not len(cloud):
         return
     # a cell of diagonal below the distance holds one contact; so does the whole cloud if it is that small
-    side = 0.95 * least / np.sqrt(problem.body.space)
+    side = 0.85 * least / np.sqrt(problem.body.space)
     cells = {tuple(c) for c in np.floor((cloud - cloud.min(axis=0)) / side).astype(int)}
-    if len(cells) < k or 1.02 * np.linalg.norm(np.ptp(cloud, axis=0)) < least:
+    if len(cells) < k or 1.1 * np.linalg.norm(np.ptp(cloud, axis=0)) < least:
         raise InputError(
             "GraspProblem.contacts",
             f"{k} contacts {least:g} m apart",

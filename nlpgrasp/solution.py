@@ -27,7 +27,7 @@ class Status(Enum):
     )
     TIME_LIMIT = "Time limit: stopped before all starts were done; the result is the best grasp so far, if any."
     INTERRUPTED = "Interrupted: stopped by the user; the result is the best grasp so far, if any."
-    FAILED = "Failed: this start ended with an error, named in its message."
+    FAILED = "Failed: every start ended with an error; the starts' messages in the result name it."
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,8 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
             direction = array(f"{name}: quality.mu.worst_direction", direction, (None,))
         bounds = Bounds(quality["lower"], quality["upper"], direction)
         kind = quality["kind"]
+        if bounds.lower > bounds.upper:
+            raise InputError(f"{name}: quality.mu", f"lower {bounds.lower} > upper {bounds.upper}", "lower <= upper")
     solver = dict(data.get("solver", {}))
     try:
         starts = tuple(_start_of(s) for s in solver.pop("starts", []))

@@ -32,7 +32,7 @@ def save(solution: GraspSolution, path: str | Path) -> Path:
     target = Path(path)
     text = json.dumps(to_data(solution), indent=1, allow_nan=False) + "\n"
     try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp")
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".nlpgrasp-", suffix=".tmp")
     except OSError as error:
         raise InputError(
             "out", f"{path} ({error.strerror})", "a file in a folder that exists and can be written"

@@ -12,6 +12,7 @@ from nlpgrasp.errors import InputError
 
 FloatArray = NDArray[np.float64]
 LARGEST = 1e100  # a larger number overflows when it is squared a few times
+SMALLEST = 1e-100  # and the reciprocal of a smaller one does
 
 
 def number(field: str, value: Any, *, above: float | None = None, at_least: float | None = None) -> float:
@@ -28,23 +29,26 @@ def number(field: str, value: Any, *, above: float | None = None, at_least: floa
     """
     allowed = "a finite number"
     if above is not None:
-        allowed = f"a number greater than {above:g}"
+        allowed = f"a number greater than {above:g} and at most {LARGEST:g}"
     if at_least is not None:
         allowed = f"a number of at least {at_least:g}"
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise InputError(field, repr(value), allowed)
+    size: Any = abs(value)
+    if not size <= LARGEST:  # false for NaN
         raise InputError(field, value, allowed)
     result = float(value)
-    if not abs(result) <= LARGEST:
-        raise InputError(field, value, allowed)
+    if above is not None and above < result < above + SMALLEST:
+        raise InputError(field, value, f"{allowed}, by at least {SMALLEST:g}")
     if (above is not None and result <= above) or (at_least is not None and result < at_least):
         raise InputError(field, value, allowed)
     return result
 
 
-def integer(field: str, value: Any, *, at_least: int) -> int:
-    """Return ``value`` as an int of at least ``at_least``, or raise :class:`InputError`."""
-    allowed = f"a whole number of at least {at_least}"
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < at_least:
+def integer(field: str, value: Any, *, at_least: int, at_most: int = 10**9) -> int:
+    """Return ``value`` as an int within inclusive limits, or raise :class:`InputError`."""
+    allowed = f"a whole number from {at_least} to {at_most}"
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not at_least <= value <= at_most:
         raise InputError(field, value, allowed)
     return int(value)
 
@@ -60,7 +64,7 @@ def array(field: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatA
     wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
         result = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(field, value, f"numbers of shape {wanted}") from None
     if result.ndim != len(shape) or any(s is not None and s != n for s, n in zip(shape, result.shape, strict=True)):
         raise InputError(field, f"shape {result.shape}", f"shape {wanted}")

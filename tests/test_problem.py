@@ -1,3 +1,4 @@
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -27,12 +28,25 @@ def test_forbidden_faces_are_left_out():
     assert problem.allowed_faces(1) == ("-x", "+y", "-y", "+z", "-z")
 
 
+def test_constraints_in_any_unit_are_judged_by_distance():
+    """A row in millimetres is violated by hundreds and still within reach."""
+    patch = ng.Constraint("patch mm", lambda p, n: 1e3 * ca.norm_2(p[0] - ca.DM([0.5, 0.1, 0.2])), upper=5.0)
+    assert ng.GraspProblem(BOX, FINGERS, BALL, constraints=[patch]).constraints == (patch,)
+
+
+def test_a_least_distance_that_just_fits_is_accepted():
+    wedge = ng.Prism([[0, 0], [1, 0], [1, 0.1]], 0.1)
+    contacts = [ng.FrictionContact(0.5, faces="top")] * 2
+    assert ng.GraspProblem(wedge, contacts, BALL, constraints=[ng.Spread(min=0.97)])
+
+
 def test_problems_are_frozen():
     problem = ng.GraspProblem(BOX, FINGERS, BALL)
     with pytest.raises(AttributeError):
         problem.name = "other"
 
 
+NAN = ng.Constraint("nan", lambda p, n: p[0][0] * np.nan, 0.0)
 ALL_FACES = ng.Forbid(["+x", "-x", "+y", "-y", "+z", "-z"])
 
 
@@ -76,6 +90,19 @@ ALL_FACES = ng.Forbid(["+x", "-x", "+y", "-y", "+z", "-z"])
             lambda: ng.GraspProblem(BOX, FINGERS, BALL, constraints=[ng.Constraint("bad", lambda p, n: p[7])]),
             r"Constraint 'bad'\.expression: got IndexError",
         ),
+        (
+            lambda: ng.GraspProblem(BOX, FINGERS, BALL, constraints=[ng.Forbid(lambda p: p[7])]),
+            r"Forbid\.region: got .*dimension",
+        ),
+        (
+            lambda: ng.GraspProblem(
+                BOX, FINGERS, BALL, constraints=[ng.Constraint("nan", lambda p, n: p[0][0] * np.nan)]
+            ),
+            "left for contact 0 by: nan",
+        ),
+        (lambda: ng.GraspProblem(BOX, FINGERS, BALL, constraints=5), r"GraspProblem\.constraints: got 5"),
+        (lambda: ng.GraspProblem(BOX, ng.FrictionContact(0.5), BALL, hand="hand"), r"GraspProblem\.hand"),
+        (lambda: ng.GraspProblem(BOX, FINGERS, BALL, name="a\nb"), r"GraspProblem\.name"),
         (lambda: ng.GraspProblem(BOX, FINGERS, BALL, force_budget="l7"), r"GraspProblem\.force_budget"),
         (lambda: ng.GraspProblem(BOX, FINGERS, BALL, torque_origin=[0.0, 0.0]), r"GraspProblem\.torque_origin"),
     ],

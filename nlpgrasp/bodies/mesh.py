@@ -57,11 +57,11 @@ class Mesh(Body):
         source: str | None = None,
     ) -> None:
         self.smoothing = number("Mesh.smoothing", smoothing, at_least=0.0)
-        self.source = source
+        self.source = None if source is None else str(source)
         self.mesh, self.repairs = usable_mesh(mesh)
         if resolution is None:
             resolution = automatic_resolution(np.ptp(self.mesh.bounds, axis=0))
-        self.resolution = integer("Mesh.resolution", resolution, at_least=8)
+        self.resolution = integer("Mesh.resolution", resolution, at_least=8, at_most=400)
         self._spline = distance_spline(
             np.asarray(self.mesh.vertices, dtype=float),
             np.asarray(self.mesh.faces),

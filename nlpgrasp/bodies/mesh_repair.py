@@ -30,7 +30,10 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     if not file.is_file():
         raise InputError("Mesh.path", str(path), "a mesh file that exists")
     try:
-        loaded = trimesh.load(file, force="mesh", process=True)
+        loaded = trimesh.load(file, force="mesh", process=False)  # processing drops NaN vertices unseen
+    except ImportError:
+        allowed = "a mesh file trimesh can read (STL, OBJ, PLY, OFF, GLB, ...)"
+        raise InputError("Mesh.path", f"{path}, which is not of the format its name says", allowed) from None
     except Exception as error:
         reason = f"{path} ({type(error).__name__}: {error})"
         raise InputError("Mesh.path", reason, "a mesh file trimesh can read (STL, OBJ, PLY, OFF, GLB, ...)") from None

@@ -65,7 +65,7 @@ def simple_polygon(field: str, vertices: ArrayLike) -> tuple[tuple[float, float]
     if len(v) < 3:
         raise InputError(field, f"{len(v)} vertices", "at least 3 vertices")
     following = np.roll(v, -1, axis=0)
-    area = 0.5 * float(np.sum(v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0]))
+    area = _area(v - v[0])
     extent = float(np.max(np.ptp(v, axis=0)))
     if abs(area) <= 1e-12 * extent**2:
         raise InputError(field, f"area {area:.3g}", "a polygon of non-zero area")
@@ -74,8 +74,11 @@ def simple_polygon(field: str, vertices: ArrayLike) -> tuple[tuple[float, float]
     m = len(v)
     for i in range(m):
         for j in range(i + 2, m):
-            if (i, j) != (0, m - 1) and _cross(v[i], following[i], v[j], following[j]):
-                raise InputError(field, f"edges {i} and {j} that cross", "a simple polygon")
+            if (i, j) != (0, m - 1) and _touch(v[i], following[i], v[j], following[j], 1e-9 * extent):
+                raise InputError(field, f"edges {i} and {j} that meet", "a simple polygon")
+        back, ahead = v[i] - following[i], np.roll(v, -2, axis=0)[i] - following[i]
+        if back @ ahead > 0.0 and abs(back[0] * ahead[1] - back[1] * ahead[0]) <= 1e-9 * back @ ahead:
+            raise InputError(field, f"edge {(i + 1) % m} that runs back over edge {i}", "a simple polygon")
     if area < 0.0:
         v = np.concatenate([v[:1], v[:0:-1]])
     return tuple((float(x), float(y)) for x, y in v)
@@ -83,9 +86,15 @@ def simple_polygon(field: str, vertices: ArrayLike) -> tuple[tuple[float, float]
 
 def polygon_centroid(v: FloatArray) -> FloatArray:
     """Return the centre of area of a polygon, (2,)."""
+    local = v - v[0]  # far from the origin, products of coordinates would lose the digits that matter
+    following = np.roll(local, -1, axis=0)
+    cross = local[:, 0] * following[:, 1] - local[:, 1] * following[:, 0]
+    return np.asarray(v[0] + ((local + following) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
+
+
+def _area(v: FloatArray) -> float:
     following = np.roll(v, -1, axis=0)
-    cross = v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0]
-    return np.asarray(((v + following) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
+    return 0.5 * float(np.sum(v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0]))
 
 
 def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> Face:
@@ -106,8 +115,16 @@ def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> 
     return Face(name, surface, extent)
 
 
-def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> bool:
+def _touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, tolerance: float) -> bool:
+    """Return whether the segments ab and cd cross, or come closer than the tolerance."""
+
     def side(o: FloatArray, p: FloatArray, q: FloatArray) -> float:
         return float((p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]))
 
-    return side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0
+    def distance(p: FloatArray, o: FloatArray, e: FloatArray) -> float:
+        along = np.clip((p - o) @ (e - o) / ((e - o) @ (e - o)), 0.0, 1.0)
+        return float(np.linalg.norm(p - o - along * (e - o)))
+
+    if side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0:
+        return True
+    return min(distance(a, c, d), distance(b, c, d), distance(c, a, b), distance(d, a, b)) <= tolerance

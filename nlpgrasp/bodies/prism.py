@@ -34,7 +34,10 @@ class Prism(Body):
         object.__setattr__(self, "height", number("Prism.height", self.height, above=0.0))
         edges = np.roll(self.corners, -1, axis=0) - self.corners
         following = np.roll(edges, -1, axis=0)
-        if np.any(edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0] < -1e-12 * self.size**2):
+        if np.any(
+            edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+            < -1e-9 * np.max(np.ptp(self.corners, axis=0)) ** 2
+        ):
             raise InputError("Prism.polygon", "a non-convex polygon", "a convex polygon")
 
     @property

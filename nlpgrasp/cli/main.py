@@ -5,9 +5,10 @@ Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad 
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NoReturn
 
 import numpy as np
 import typer
@@ -30,6 +31,8 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # typer brings a click of its own; this is its UsageError
 
 Script = Annotated[Path, typer.Argument(metavar="SCRIPT", help="Python file with a function problem().")]
 File = Annotated[Path, typer.Argument(metavar="F.json", help="Solution file.")]
@@ -61,13 +64,14 @@ def solve_command(
     integer("--seed", seed, at_least=0)
     options = SolveOptions(workers=workers, time_limit=time_limit)
     target = Path(f"{script.stem}.json") if out is None else out
+    place = _writable(target, script)  # before the script runs: it may change the working directory
     problem = load_problem(script)
-    _check_writable(target)
     with Reporter(problem.name, starts, as_json) as reporter:
         solution = solve(problem, starts, seed, options, progress=reporter.start_done)
     written = None
-    if solution.success or not target.exists():
-        written = str(solution.save(target))
+    if solution.success or not place.exists():
+        solution.save(place)
+        written = str(target)
     if as_json:
         emit(done(solution, written))
     else:
@@ -125,18 +129,35 @@ def verify_command(file: File, rtol: Rtol = 0.01, as_json: AsJson = False) -> No
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit code 2."""
     try:
-        app()
+        code = app(standalone_mode=False)
     except NlpgraspError as error:
-        sys.stderr.write(f"nlpgrasp: {error}\n")
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.stderr.write("nlpgrasp: interrupted\n")
+        _end(str(error), 2)
+    except USAGE_ERROR as error:
+        _end(" ".join(error.format_message().split()), 2)
+    except (KeyboardInterrupt, typer.Abort):
+        _end("interrupted", 1)
+    except BrokenPipeError:
+        sys.stderr.close()
         sys.exit(1)
+    sys.exit(code if isinstance(code, int) else 0)
 
 
-def _check_writable(target: Path) -> None:
-    """Refuse, before anything is computed, a result file that could not be written."""
-    if target.is_dir():
+def _end(message: str, code: int) -> NoReturn:
+    sys.stderr.write(f"nlpgrasp: {message}\n")
+    sys.exit(code)
+
+
+def _writable(target: Path, script: Path) -> Path:
+    """Return the absolute path of a result file, refusing one that could not or should not be written."""
+    place = target.resolve()
+    if place.is_dir():
         raise InputError("--out", f"{target} (a folder)", "a file name")
-    if not target.parent.is_dir():
+    if not place.parent.is_dir():
         raise InputError("--out", f"{target} (no folder {target.parent})", "a file in a folder that exists")
+    if place == script.resolve():
+        raise InputError("--out", f"{target} (the script itself)", "another file")
+    if place.exists() and not place.is_file():
+        raise InputError("--out", f"{target} (not a regular file)", "a file name")
+    if not os.access(place.parent, os.W_OK) or (place.exists() and not os.access(place, os.W_OK)):
+        raise InputError("--out", f"{target} (not writable)", "a file that can be written")
+    return place

@@ -5,8 +5,6 @@ from __future__ import annotations
 import runpy
 import sys
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +25,19 @@ def load_problem(path: str | Path) -> GraspProblem:
     file = Path(path)
     if not file.is_file():
         raise InputError("SCRIPT", str(path), "a Python file that exists")
-    with _beside(file):
-        try:
-            names = runpy.run_path(str(file), run_name=RUN_NAME)
-        except InputError:
-            raise
-        except SyntaxError as error:
-            raise InputError(str(path), f"line {error.lineno}: {error.msg}", "a Python script") from None
-        except (Exception, SystemExit) as error:
-            raise InputError(str(path), _where(error, file), "a script that runs") from None
-        function = names.get("problem")
-        if not callable(function):
-            raise InputError(str(path), "no function problem()", "a script with a function problem() -> GraspProblem")
-        return _called(function, path, file)
+    sys.path.insert(0, str(file.resolve().parent))  # neighbours may be imported, also later and by workers
+    try:
+        names = runpy.run_path(str(file), run_name=RUN_NAME)
+    except InputError:
+        raise
+    except SyntaxError as error:
+        raise InputError(str(path), f"line {error.lineno}: {error.msg}", "a Python script") from None
+    except (Exception, SystemExit) as error:
+        raise InputError(str(path), _where(error, file), "a script that runs") from None
+    function = names.get("problem")
+    if not callable(function):
+        raise InputError(str(path), "no function problem()", "a script with a function problem() -> GraspProblem")
+    return _called(function, path, file)
 
 
 def _called(function: Any, path: str | Path, file: Path) -> GraspProblem:
@@ -59,14 +57,3 @@ def _where(error: BaseException, file: Path) -> str:
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == file]
     place = f" (line {lines[-1]})" if lines else ""
     return f"{type(error).__name__}: {error}{place}"
-
-
-@contextmanager
-def _beside(file: Path) -> Iterator[None]:
-    """Let the script import its neighbours while it runs."""
-    folder = str(file.resolve().parent)
-    sys.path.insert(0, folder)
-    try:
-        yield
-    finally:
-        sys.path.remove(folder)

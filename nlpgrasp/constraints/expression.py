@@ -12,6 +12,7 @@ import numpy as np
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
 from nlpgrasp.rows import Placement, Row
+from nlpgrasp.validation import FloatArray
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,20 @@ class Constraint(PlacementConstraint):
             raise InputError(
                 f"Constraint {self.name!r}.expression", self.expression, "a function of (positions, normals)"
             )
-        low, high = np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
+        low, high = (self._limit(value) for value in (self.lower, self.upper))
+        if low.size > 1 and high.size > 1 and low.shape != high.shape:
+            raise InputError(f"Constraint {self.name!r}", f"limits of shape {low.shape} and {high.shape}", "one shape")
+        object.__setattr__(self, "lower", low)
+        object.__setattr__(self, "upper", high)
         if np.any(np.isnan(low)) or np.any(np.isnan(high)) or np.any(low > high):
-            raise InputError(
-                f"Constraint {self.name!r}",
-                f"{self.lower} to {self.upper}",
-                "lower limits below upper limits",
-            )
+            given = f"{low.tolist()} to {high.tolist()}"
+            raise InputError(f"Constraint {self.name!r}", given, "lower limits below upper limits")
+
+    def _limit(self, value: Any) -> FloatArray:
+        try:
+            return np.array(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(f"Constraint {self.name!r}", value, "limits that are numbers") from None
 
     def rows(self, placement: Placement) -> list[Row]:
         """Return one row an element of the expression."""
@@ -65,9 +73,11 @@ class Constraint(PlacementConstraint):
             reason = f"{type(error).__name__}: {error}"
             raise InputError(field, reason, "CasADi operations on the positions and normals") from None
         count = int(value.shape[0])
+        if count == 0:
+            raise InputError(field, "nothing", "at least one scalar")
         try:
-            lower = np.broadcast_to(np.asarray(self.lower, dtype=float).ravel(), count)
-            upper = np.broadcast_to(np.asarray(self.upper, dtype=float).ravel(), count)
+            lower = np.broadcast_to(np.ravel(self.lower, order="F"), count)  # columns first, as CasADi's vec
+            upper = np.broadcast_to(np.ravel(self.upper, order="F"), count)
         except ValueError:
             raise InputError(field, f"{count} elements", "as many limits as elements, or one") from None
         label = [self.name] if count == 1 else [f"{self.name}[{i}]" for i in range(count)]

@@ -129,13 +129,26 @@ class ExpressionRegion(Region):
 
     def inside(self, p: Expression) -> Expression:
         """Return the user's expression, refusing anything but a scalar."""
-        value = self.expression(p)
+        try:
+            value = self.expression(p)
+        except InputError:
+            raise
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise InputError("Forbid.region", reason, "CasADi operations on a point of the body's dimension") from None
         if getattr(value, "shape", None) != (1, 1):
             raise InputError(
                 "Forbid.region", type(value).__name__, "a function that returns a scalar CasADi expression"
             )
         return value
 
+    def _text(self) -> str:
+        """Return the expression written out, for a point of whichever dimension it takes."""
+        try:
+            return str(self.expression(ca.SX.sym("p", 3)))
+        except (RuntimeError, NotImplementedError):
+            return str(self.expression(ca.SX.sym("p", 2)))
+
     def to_dict(self) -> dict[str, Any]:
         """Return the expression as text, for reading."""
-        return {"type": "expression_region", "expression": str(self.expression(ca.SX.sym("p", 3)))}
+        return {"type": "expression_region", "expression": self._text()}

@@ -56,13 +56,17 @@ class SolveOptions:
         if self.shells not in (1, 2):
             raise InputError("SolveOptions.shells", self.shells, "1 or 2")
         for name in ("exchange_rounds", "candidates", "max_iterations"):
-            integer(f"SolveOptions.{name}", getattr(self, name), at_least=1)
+            object.__setattr__(self, name, integer(f"SolveOptions.{name}", getattr(self, name), at_least=1))
         for name in ("rtol", "final_rtol"):
-            number(f"SolveOptions.{name}", getattr(self, name), above=0.0)
+            object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), above=0.0))
         if self.time_limit is not None:
-            number("SolveOptions.time_limit", self.time_limit, above=0.0)
+            limit = number("SolveOptions.time_limit", self.time_limit, above=0.0)
+            object.__setattr__(self, "time_limit", limit)
         if self.workers is not None:
-            integer("SolveOptions.workers", self.workers, at_least=1)
+            workers = integer("SolveOptions.workers", self.workers, at_least=1, at_most=1024)
+            object.__setattr__(self, "workers", workers)
+        if not isinstance(self.exchange, bool):
+            raise InputError("SolveOptions.exchange", self.exchange, "True or False")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the options as JSON data."""

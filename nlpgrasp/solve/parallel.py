@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
-import threading
+import sys
 import time
 import uuid
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import cloudpickle
 from loky import get_reusable_executor
 from loky.process_executor import BrokenProcessPool
 
+from nlpgrasp.errors import InputError
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.solution import StartRecord, Status
 from nlpgrasp.solve.options import SolveOptions
@@ -22,12 +24,9 @@ from nlpgrasp.solve.start import StartResult, run_start
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import Workbench
 
+NOT_BEGUN = "not begun"
 GRACE = 10.0  # seconds in-flight starts get to finish after a stop
 _benches: dict[str, Workbench] = {}
-
-
-class StartsInterrupted(Exception):  # noqa: N818 - a signal between layers, not an error a user sees
-    """The user interrupted; what was found before has been yielded."""
 
 
 def run_starts(
@@ -37,11 +36,6 @@ def run_starts(
 
     loky's workers are fresh interpreters that never import the caller's main module: notebooks and scripts
     without a main guard work. A worker that dies costs the starts in flight, which are reported as failed.
-
-    Raises
-    ------
-    StartsInterrupted
-        After Ctrl-C, once the starts in flight have handed in what they had.
     """
     workers = min(options.workers or _cores(), starts)
     if workers == 1:
@@ -51,62 +45,68 @@ def run_starts(
 
 
 def _here(problem: GraspProblem, options: SolveOptions, starts: int, seed: int, stop: Stop) -> Iterator[StartResult]:
-    """Run the starts in this process; Ctrl-C asks the running start to finish with what it has."""
+    """Run the starts in this process; once a stop is requested the running start finishes with what it has."""
     bench = Workbench(problem, options)
-    with _Interrupt(stop) as interrupt:
-        for index in range(starts):
-            if stop.requested():
-                break
-            yield run_start(bench, index, seed, stop)
-    if interrupt.caught:
-        raise StartsInterrupted
+    for index in range(starts):
+        if stop.requested():
+            break
+        yield run_start(bench, index, seed, stop)
 
 
 def _in_processes(
     problem: GraspProblem, options: SolveOptions, starts: int, seed: int, stop: Stop, workers: int
 ) -> Iterator[StartResult]:
-    payload = cloudpickle.dumps((problem, options))
+    try:
+        payload = (list(sys.path), cloudpickle.dumps((problem, options)))
+    except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
     token = uuid.uuid4().hex
     executor = get_reusable_executor(max_workers=workers, timeout=300, initializer=_ignore_interrupt)
-    with _Interrupt(stop) as interrupt:
-        pending: dict[Future[Any], int] = {
-            executor.submit(_work, token, payload, index, seed, stop): index for index in range(starts)
-        }
-        give_up = None
-        while pending:
-            done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield _result(future, pending.pop(future))
-            if stop.requested() and pending:
-                give_up = give_up or time.monotonic() + GRACE
-                for future in [f for f in pending if f.cancel()]:
-                    pending.pop(future)
-                if time.monotonic() > give_up:
-                    executor.shutdown(wait=True, kill_workers=True)
-                    break
-    if interrupt.caught:
-        raise StartsInterrupted
+    pending: dict[Future[Any], int] = {
+        executor.submit(_work, token, payload, index, seed, stop): index for index in range(starts)
+    }
+    give_up = None
+    while pending:
+        done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+        for future in done:
+            yield _result(future, pending.pop(future))
+        if stop.requested() and pending:
+            give_up = give_up or time.monotonic() + GRACE
+            for future in [f for f in pending if f.cancel()]:
+                pending.pop(future)
+            if time.monotonic() > give_up:
+                executor.shutdown(wait=True, kill_workers=True)
+                break
 
 
-def _work(token: str, payload: bytes, index: int, seed: int, stop: Stop) -> StartResult | None:
+def _work(token: str, payload: tuple[list[str], bytes], index: int, seed: int, stop: Stop) -> StartResult | None:
     """Run one start in a worker, building the problem's workbench on the first one it sees."""
     if stop.requested():
         return None
     if token not in _benches:
         _benches.clear()
-        problem, options = cloudpickle.loads(payload)
+        problem, options = _loaded(payload)
         _benches[token] = Workbench(problem, options)
     return run_start(_benches[token], index, seed, stop)
+
+
+def _loaded(payload: tuple[list[str], bytes]) -> tuple[GraspProblem, SolveOptions]:
+    """Return problem and options, with the caller's import path: a script may have imported its neighbours."""
+    path, pickled = payload
+    sys.path.extend(entry for entry in path if entry not in sys.path)
+    problem, options = cloudpickle.loads(pickled)
+    return problem, options
 
 
 def _result(future: Future[Any], index: int) -> StartResult:
     try:
         result = future.result()
-    except (BrokenProcessPool, CancelledError, OSError) as error:
-        text = f"the worker process ended: {type(error).__name__}"
+    except (BrokenProcessPool, CancelledError, OSError, SystemExit, ImportError) as error:
+        text = f"the worker process ended: {type(error).__name__}: {error}".splitlines()[0]
         return StartResult(StartRecord(index, Status.FAILED, message=text))
     if result is None:
-        return StartResult(StartRecord(index, Status.TIME_LIMIT, message="not begun"))
+        return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
     return result  # type: ignore[no-any-return]
 
 
@@ -120,29 +120,3 @@ def _cores() -> int:
 def _ignore_interrupt() -> None:
     """Leave Ctrl-C to the parent, which tells the workers through the stop flag."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-class _Interrupt:
-    """While active, the first Ctrl-C raises the stop flag instead of an exception; the second one is as usual."""
-
-    def __init__(self, stop: Stop) -> None:
-        self.stop = stop
-        self.caught = False
-        self._previous: Any = None
-
-    def __enter__(self) -> _Interrupt:
-        if threading.current_thread() is threading.main_thread():
-            self._previous = signal.getsignal(signal.SIGINT)
-            signal.signal(signal.SIGINT, self._handle)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._previous is not None:
-            signal.signal(signal.SIGINT, self._previous)
-
-    def _handle(self, *_: object) -> None:
-        if self.caught:
-            signal.signal(signal.SIGINT, self._previous or signal.default_int_handler)
-        self.caught = True
-        if self.stop.flag is not None:
-            self.stop.flag.touch()

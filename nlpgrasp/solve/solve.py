@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import tempfile
 import time
@@ -21,15 +22,16 @@ from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.forces import least_forces
 from nlpgrasp.solution import GraspSolution, StartRecord, Status
+from nlpgrasp.solve.interrupt import Interrupt
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.parallel import StartsInterrupted, run_starts
+from nlpgrasp.solve.parallel import NOT_BEGUN, run_starts
 from nlpgrasp.solve.start import StartResult
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.validation import FloatArray, integer
 from nlpgrasp.version import __version__
 
 Progress = Callable[[StartRecord, Bounds], None]
-FINAL_GRACE = 5.0  # seconds the answer's certificate may take past the time limit
+FINAL_GRACE = 2.0  # seconds the answer's certificate may take past the time limit
 
 
 def solve(
@@ -68,31 +70,39 @@ def solve(
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, "a GraspProblem")
-    starts = integer("starts", starts, at_least=1)
-    seed = integer("seed", seed, at_least=0)
-    options = options or SolveOptions()
+    starts = integer("starts", starts, at_least=1, at_most=10**6)
+    seed = integer("seed", seed, at_least=0, at_most=10**15)
+    options = SolveOptions() if options is None else options
+    if not isinstance(options, SolveOptions):
+        raise InputError("options", options, "a SolveOptions")
     begun = time.monotonic()
     deadline = None if options.time_limit is None else begun + options.time_limit
+    check_json(problem.to_dict())
     results: list[StartResult] = []
-    interrupted = False
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         stop = Stop(deadline, Path(folder) / "stop")
-        try:
+        with Interrupt(stop) as interrupt, threadpool_limits(1):
             for result in run_starts(problem, options, starts, seed, stop):
                 results.append(result)
                 if progress is not None:
                     best = _best(results)
                     progress(result.record, Bounds(0.0, float("inf")) if best is None else best.record.mu)
-        except (StartsInterrupted, KeyboardInterrupt):
-            interrupted = True
-    results.sort(key=lambda r: r.record.index)
-    cut_short = Status.INTERRUPTED if interrupted else Status.TIME_LIMIT if len(results) < starts else None
-    with threadpool_limits(1):
-        solution = _solution(problem, options, seed, results, cut_short, deadline)
+            results.sort(key=lambda r: r.record.index)
+            begun_all = len(results) == starts and all(r.record.message != NOT_BEGUN for r in results)
+            cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
+            solution = _solution(problem, options, seed, results, cut_short, deadline)
     solution = replace(solution, solver=_solver_record(options, seed, results, time.monotonic() - begun))
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution
+
+
+def check_json(data: dict[str, Any]) -> None:
+    """Refuse, before anything is solved, a problem whose result could not be written."""
+    try:
+        json.dumps(data, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError("problem", str(error), "parts that can be written as JSON") from None
 
 
 def _best(results: Sequence[StartResult]) -> StartResult | None:
@@ -109,15 +119,14 @@ def _solution(
     cut_short: Status | None,
     deadline: float | None,
 ) -> GraspSolution:
-    begun = [r for r in results if r.record.message != "not begun"]
-    if cut_short is None and len(begun) < len(results):
-        cut_short = Status.TIME_LIMIT
     records = tuple(r.record for r in results)
     kind = "mu" if problem.task.is_centred else "mu_tilde"
     best = _best(results)
     data = problem.to_dict()
     if best is None or best.grasp is None:
-        return GraspSolution(cut_short or Status.NO_GRASP, problem.name, data, kind=kind, starts=records)
+        failed = bool(records) and all(r.status is Status.FAILED for r in records)
+        status = cut_short or (Status.FAILED if failed else Status.NO_GRASP)
+        return GraspSolution(status, problem.name, data, kind=kind, starts=records)
     limit = None if deadline is None and cut_short is None else max(deadline or 0.0, time.monotonic() + FINAL_GRACE)
     bounds = mu(best.grasp, problem.task, options.final_rtol, seed=seed, deadline=limit)
     bounds = Bounds(

@@ -108,7 +108,9 @@ class Workbench:
 
     def _compiled(self, program: Program, limits: dict[str, Any]) -> CompiledProgram:
         # MUMPS scaling 7 avoids the factorizations that take 20 times as long as the rest (measured on scans)
-        most = {"max_iter": self.options.max_iterations, "mumps_scaling": 7}
+        most: dict[str, Any] = {"max_iter": self.options.max_iterations, "mumps_scaling": 7}
+        if self.options.time_limit is not None:
+            most["max_wall_time"] = self.options.time_limit
         return CompiledProgram(program, most | limits)
 
     @property

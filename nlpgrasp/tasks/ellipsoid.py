@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
-from nlpgrasp.validation import FloatArray, array, number, read_only
+from nlpgrasp.validation import SMALLEST, FloatArray, array, number, read_only
 
 
 class TaskEllipsoid(Task):
@@ -48,7 +48,7 @@ class TaskEllipsoid(Task):
         self, semi_axes: ArrayLike, center: ArrayLike | None = None, directions: ArrayLike | None = None
     ) -> None:
         lengths = array("TaskEllipsoid.semi_axes", semi_axes, (None,))
-        if np.any(lengths < 0.0) or not np.any(lengths > 0.0):
+        if np.any(lengths < 0.0) or not np.any(lengths > SMALLEST):
             raise InputError("TaskEllipsoid.semi_axes", semi_axes, "lengths of at least 0, not all of them 0")
         if directions is None:
             if lengths.size not in (3, 6):
@@ -89,15 +89,17 @@ class TaskEllipsoid(Task):
         InputError
             When Q is not symmetric or not positive definite, shapes differ, or beta is not positive.
         """
-        rows = np.shape(Q)[0] if np.ndim(Q) else 0
-        if rows not in (3, 6):
-            raise InputError("TaskEllipsoid.Q", f"shape {np.shape(Q)}", "a 3 x 3 (planar) or 6 x 6 matrix")
-        matrix = array("TaskEllipsoid.Q", Q, (rows, rows))
+        matrix = array("TaskEllipsoid.Q", Q, (None, None))
+        rows = len(matrix)
+        if matrix.shape not in ((3, 3), (6, 6)):
+            raise InputError("TaskEllipsoid.Q", f"shape {matrix.shape}", "a 3 x 3 (planar) or 6 x 6 matrix")
         skew = float(np.max(np.abs(matrix - matrix.T)))
         if skew > 1e-9 * float(np.max(np.abs(matrix))):
             raise InputError("TaskEllipsoid.Q", f"a matrix off symmetric by {skew:.3g}", "a symmetric matrix")
         values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-        if values[0] <= 1e-12 * abs(values[-1]):
+        size = np.sqrt(np.maximum(np.diag(matrix), 0.0))  # force and torque have different units: equilibrate
+        balanced = matrix / np.outer(size, size) if np.all(size > 0.0) else matrix
+        if np.linalg.eigvalsh(0.5 * (balanced + balanced.T))[0] <= 1e-12 or values[0] <= 0.0:
             raise InputError("TaskEllipsoid.Q", f"smallest eigenvalue {values[0]:.3g}", "a positive definite matrix")
         linear = np.zeros(rows) if a is None else array("TaskEllipsoid.a", a, (rows,))
         beta = number("TaskEllipsoid.beta", beta, above=0.0)

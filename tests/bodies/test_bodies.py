@@ -80,6 +80,11 @@ def test_centroids():
     np.testing.assert_allclose(half.centroid, [0.0, 0.0, 3 / 8], atol=0.01)
 
 
+def test_centroid_far_from_the_origin():
+    square = np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]) + np.array([5e5, 5e6])
+    np.testing.assert_allclose(ng.Polygon(square).centroid, [5e5 + 0.05, 5e6 + 0.05], rtol=0, atol=1e-8)
+
+
 def test_polygon_orientation_does_not_matter():
     clockwise = ng.Polygon([[0, 0], [0, 1], [1, 1], [1, 0]])
     normals = clockwise.evaluate("edge0", np.array([[0.5, 0.0]]))[2]
@@ -100,6 +105,8 @@ def test_polygon_orientation_does_not_matter():
         (lambda: ng.Superquadric([1, 1, 1], [3.0, 1.0]), "from 0.2 to 1.9"),
         (lambda: ng.Polygon([[0, 0], [1, 0]]), "at least 3 vertices"),
         (lambda: ng.Polygon([[0, 0], [1, 1], [2, 2]]), "non-zero area"),
+        (lambda: ng.Polygon([[0, 0], [2, 0], [1, 0], [1, 1]]), "simple polygon"),
+        (lambda: ng.Sphere(1e-200), "at least 1e-100"),
         (lambda: ng.Polygon([[0, 0], [2, 2], [2, 0], [0, 1]]), "simple polygon"),
         (lambda: ng.Prism([[0, 0], [2, 0], [0.5, 0.5], [0, 2]], 1.0), "convex polygon"),
         (lambda: ng.Implicit(lambda p: 1.0 + ca.sumsqr(p), [[-1] * 3, [1] * 3]), "h negative inside"),

@@ -78,7 +78,7 @@ def test_unusable_meshes_are_refused():
     assert "unit is probably smaller" in refused(trimesh.creation.box([100.0, 60.0, 40.0]))
     assert "unit is probably larger" in refused(trimesh.creation.box([1e-4, 1e-4, 1e-4]))
     assert "a trimesh.Trimesh" in refused("box")
-    assert "at least 8" in refused(box, resolution=2)
+    assert "from 8 to 400" in refused(box, resolution=2)
 
 
 def test_a_mesh_open_beyond_repair_is_refused():
@@ -117,6 +117,16 @@ def test_unreadable_files_are_refused(tmp_path, name, content, message):
         (tmp_path / name).write_bytes(content)
     with pytest.raises(ng.InputError, match=message):
         ng.Mesh.load(tmp_path / name)
+
+
+def test_nan_vertices_in_a_file_are_refused_not_dropped(tmp_path):
+    path = tmp_path / "nan.obj"
+    box = trimesh.creation.box([0.1, 0.08, 0.06])
+    lines = [f"v {x} {y} {z}" for x, y, z in box.vertices]
+    lines[0] = "v nan 0 0"
+    path.write_text("\n".join(lines + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in box.faces]))
+    with pytest.raises(ng.InputError, match="finite coordinates"):
+        ng.Mesh.load(path)
 
 
 def test_unknown_unit_lists_the_known(tmp_path):

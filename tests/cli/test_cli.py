@@ -139,6 +139,10 @@ def test_bad_scripts_are_one_line_and_write_nothing(tmp_path, text, message):
         (["solve", "square.py", "--time-limit", "0"], "time_limit"),
         (["solve", "square.py", "--out", "none/x.json"], "a file in a folder that exists"),
         (["solve", "square.py", "--out", "."], "a file name"),
+        (["solve", "square.py", "--out", "square.py"], "the script itself"),
+        (["solve", "square.py", "--starts", "many"], "--starts"),
+        (["solve"], "Missing argument"),
+        (["resolve"], "No such command"),
         (["verify", "none.json"], "a solution file that exists"),
         (["quality", "square.py"], "not valid JSON"),
         (["verify", "square.json", "--rtol", "-1"], "square.json"),
@@ -148,12 +152,25 @@ def test_wrong_use_is_one_line(script, tmp_path, arguments, message):
     assert message in refused(run(*arguments, cwd=tmp_path))
 
 
-def test_unknown_command_and_help(tmp_path):
-    assert run("resolve", cwd=tmp_path).returncode == 2
+def test_help_and_version(tmp_path):
     done = run("--help", cwd=tmp_path)
     assert done.returncode == 0
     assert all(command in done.stdout for command in ("solve", "quality", "verify"))
     assert run("--version", cwd=tmp_path).stdout.startswith("nlpgrasp 0.")
+
+
+def test_a_script_may_import_its_neighbours_and_change_folder(tmp_path):
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "scripts" / "neighbour.py").write_text("def level(p, n):\n    return p[0][1] + p[1][1]\n")
+    text = SMALL.replace(
+        "import nlpgrasp as ng", "import os\nimport neighbour\nimport nlpgrasp as ng\nos.chdir('elsewhere')"
+    )
+    text = text.replace("name=", "constraints=[ng.Constraint('level', neighbour.level, -1, 1)], name=")
+    (tmp_path / "scripts" / "square.py").write_text(text)
+    done = run("solve", "scripts/square.py", "--starts", 2, "--workers", 2, "--out", "found.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "found.json").is_file()
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -64,6 +64,13 @@ def test_user_constraint_with_several_elements():
     assert [(r[0], r[2], r[3]) for r in rows] == [("level[0]", -1.0, 1.0), ("level[1]", -2.0, 2.0)]
 
 
+def test_matrix_limits_belong_to_their_elements():
+    """CasADi's vec runs down the columns."""
+    upper = [[1, 2], [3, 4], [5, 6]]
+    rows = values(ng.Constraint("both", lambda p, n: ca.horzcat(p[0], p[1]), -1, upper))
+    assert [r[3] for r in rows] == [1.0, 3.0, 5.0, 2.0, 4.0, 6.0]
+
+
 def test_fingertips_rows():
     hand = ng.Fingertips(3, radius=0.05, spread=1.0, reach=0.8)
     placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], 0.05, 1.0)
@@ -90,6 +97,8 @@ def test_fingertips_rows():
         (lambda: ng.Constraint("", lambda p, n: p[0]), "non-empty name"),
         (lambda: ng.Constraint("x", lambda p, n: p[0], 1.0, 0.0), "lower limits below"),
         (lambda: ng.Constraint("x", "p[0] > 0"), "a function of"),
+        (lambda: ng.Constraint("x", lambda p, n: p[0], "low"), "limits that are numbers"),
+        (lambda: ng.Constraint("x", lambda p, n: p[0], [0, 0], [1, 1, 1]), "one shape"),
         (lambda: ng.Fingertips(0), r"Fingertips\.count"),
         (lambda: ng.Fingertips(3, radius=-1.0), r"Fingertips\.radius"),
         (lambda: ng.Fingertips(3, spread=(0.2, 0.1)), r"Fingertips\.spread"),

@@ -31,6 +31,11 @@ def test_centred_quadratic_has_semi_axes_beta_over_root_of_eigenvalue():
     assert task.is_centred
 
 
+def test_units_far_apart_are_still_positive_definite():
+    task = ng.TaskEllipsoid.from_quadratic(np.diag([1e-4] * 3 + [1e8, 1e8, 1e9]))
+    assert np.linalg.norm(task.axes, axis=1).max() == pytest.approx(100.0)
+
+
 def test_axes_are_rows_with_length():
     task = ng.TaskEllipsoid([1.0, 2.0, 0.0], center=[0.0, 0.5, 0.0])
     np.testing.assert_array_equal(task.axes, np.diag([1.0, 2.0, 0.0]))
