@@ -49,7 +49,7 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
         where floating point allows no better.
     """
     rng = np.random.default_rng(seed)
-    seeds = np.concatenate([random_directions(185, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
+    seeds = np.concatenate([random_directions(120, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
     found, values = descend(problem, seeds)
     separating = separating_direction(problem.wrenches)
     best = int(np.argmin(values))
@@ -62,8 +62,8 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
     if problem.rank == 1:
         return Bounds(upper * (1.0 - ROUNDING), upper * (1.0 + ROUNDING), worst)
 
-    chosen = separated(found, np.argsort(values), 0.95, 40)
-    start = np.concatenate([found[chosen], random_directions(15, problem.rank, rng)])
+    chosen = separated(found, np.argsort(values), 0.95, 14)
+    start = np.concatenate([found[chosen], random_directions(8, problem.rank, rng)])
     points = _inner_points(problem, start, rng)
     if separating is not None:  # the origin is on the boundary: it is a vertex of its own
         points = np.concatenate([np.zeros((1, problem.rank)), points])

@@ -175,7 +175,7 @@ def _evaluate(
     batched = {name: v[None, :] for name, v in hand.items()}
     if bench.violations(points[None], normals[None], batched)[0] > FEASIBLE:
         return None
-    return weakest_directions(bench.grasp(faces, points), bench.problem.task, cuts, rng)
+    return weakest_directions(bench.grasp(faces, points), bench.problem.task, cuts, rng, fresh=60, iterations=30)
 
 
 def _new(known: FloatArray, directions: FloatArray) -> FloatArray:

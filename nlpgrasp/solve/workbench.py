@@ -103,7 +103,7 @@ class Workbench:
         """Return the compiled program of the exchange for this assignment of faces."""
         if faces not in self._cuts:
             program = support_program(self.problem, faces, self.slots, eliminate=True)
-            self._cuts[faces] = self._compiled(program, {"tol": 1e-6, "mu_init": 1e-3})
+            self._cuts[faces] = self._compiled(program, {"tol": 1e-5, "mu_init": 1e-3})
         return self._cuts[faces]
 
     def _compiled(self, program: Program, limits: dict[str, Any]) -> CompiledProgram:
