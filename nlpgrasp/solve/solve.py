@@ -31,6 +31,7 @@ from nlpgrasp.validation import FloatArray, integer
 from nlpgrasp.version import __version__
 
 Progress = Callable[[StartRecord, Bounds], None]
+CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
 FINAL_GRACE = 2.0  # seconds the answer's certificate may take past the time limit
 
 
@@ -46,8 +47,8 @@ def solve(
     """Find the best grasp over several seeded starts and certify it.
 
     Each start draws random placements, screens them, solves the first program, refines the best contacts with
-    the exchange, puts them on the body and certifies them. The answer is the start with the largest certified
-    lower bound; it is a local optimum at most. The same seed gives the same answer with any number of workers
+    the exchange, puts them on the body and certifies them. The answer is the start with the best certified
+    bounds; it is a local optimum at most. The same seed gives the same answer with any number of workers
     (unless a time limit or Ctrl-C cuts the solve short).
 
     Parameters
@@ -106,9 +107,17 @@ def check_json(data: dict[str, Any]) -> None:
 
 
 def _best(results: Sequence[StartResult]) -> StartResult | None:
-    """Return the solved start with the largest certified lower bound; the earliest of equals."""
+    """Return the best solved start; the earliest of equals.
+
+    The lower bounds of two starts differ by chance within their certificates' gap, while the upper bounds are nearly
+    always the values themselves: among the starts whose lower bounds are that close, the largest upper bound wins.
+    """
     solved = [r for r in results if r.record.status is Status.SOLVED]
-    return max(solved, key=lambda r: (r.record.mu.lower, -r.record.index), default=None)
+    if not solved:
+        return None
+    lower = max(r.record.mu.lower for r in solved)
+    close = [r for r in solved if r.record.mu.upper >= lower and r.record.mu.lower >= (1.0 - CLOSE) * lower]
+    return max(close, key=lambda r: (r.record.mu.upper, -r.record.index))
 
 
 def _solution(
