@@ -1,0 +1,68 @@
+"""The growing hull against Qhull, and that it surrounds its centre whatever the points."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from nlpgrasp.quality.hull import Hull
+
+
+def distances(planes, centre):
+    """Return distances of the planes of live cells to the origin, as the measure of a cell."""
+    return (1.0 + planes @ centre) / np.maximum(np.linalg.norm(planes, axis=1), 1e-300)
+
+
+def grown(points, first):
+    hull = Hull(points[:first], distances)
+    for p in points[first:]:
+        hull.insert(p)
+    return hull
+
+
+@pytest.mark.parametrize("dimension", [2, 3, 4, 6])
+def test_same_facets_as_qhull(dimension, rng):
+    points = rng.standard_normal((80, dimension))
+    hull, expected = grown(points, 12), ConvexHull(points)
+    values = np.sort(hull.values[np.isfinite(hull.values)])
+    np.testing.assert_allclose(values, np.sort(-expected.equations[:, -1]), rtol=1e-9, atol=1e-9)
+
+
+def test_a_point_inside_changes_nothing(rng):
+    points = rng.standard_normal((30, 4))
+    hull = Hull(points, distances)
+    before = hull.values.copy()
+    assert not hull.insert(points.mean(axis=0))
+    np.testing.assert_array_equal(hull.values, before)
+
+
+DEGENERATE = {
+    "grid": np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=4))),
+    "cross and cube": np.concatenate(
+        [np.eye(4), -np.eye(4), np.array(list(itertools.product([-0.25, 0.25], repeat=4)))]
+    ),
+    "repeated": np.repeat(np.concatenate([np.eye(4), -np.eye(4)]), 3, axis=0),
+}
+
+
+@pytest.mark.parametrize("name", DEGENERATE)
+@pytest.mark.parametrize("seed", range(3))
+def test_degenerate_points_stay_inside_and_surrounded(name, seed):
+    """Every point is below every plane, and every direction meets a cell: the planes bound the hull's own gauge."""
+    rng = np.random.default_rng(seed)
+    points = DEGENERATE[name]
+    points = points[rng.permutation(len(points))]
+    start = rng.uniform(-0.1, 0.1, (10, 4))
+    hull = grown(np.concatenate([start, points]), 10)
+    live = hull.planes[np.any(hull.planes != 0.0, axis=1)]
+    assert np.max((points - hull.centre) @ live.T) <= 1.0 + 1e-6
+    directions = rng.standard_normal((200, 4))
+    expected = ConvexHull(points)  # merged facets: the same planes
+    gauge = np.max(
+        directions
+        @ expected.equations[:, :-1].T
+        / (-expected.equations[:, -1] - expected.equations[:, :-1] @ hull.centre),
+        axis=1,
+    )
+    np.testing.assert_allclose(np.max(directions @ live.T, axis=1), gauge, rtol=1e-6)
