@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.spatial import tangents as complete_frame
 from nlpgrasp.spatial import wrench_dimension, wrench_transform
 from nlpgrasp.validation import FloatArray, array, read_only
 
@@ -31,12 +30,14 @@ class Grasp:
     torque_origin : (2,) or (3,) array, optional
         Point about which moments are taken; the frame's origin when left out.
     tangents : (k, 1, 2) or (k, 2, 3) array, optional
-        Unit tangents as rows; chosen when left out (no measure depends on them).
+        Unit tangents as rows; chosen when left out. Measures depend on them only where a line or rectangle of
+        contact has no direction of its own.
 
     Raises
     ------
     InputError
-        On shapes that do not match, NaN, or normals that are not unit (says by how much).
+        On shapes that do not match, NaN, normals that are not unit (says by how much), or a line or rectangle of
+        contact without a direction.
     """
 
     def __init__(
@@ -52,18 +53,15 @@ class Grasp:
         if space not in (2, 3) or k < 1:
             raise InputError("Grasp.points", f"shape {p.shape}", "shape (k, 2) or (k, 3) with at least one contact")
         n = array("Grasp.normals", normals, (k, space))
-        length = np.linalg.norm(n, axis=1)
-        worst = int(np.argmax(np.abs(length - 1.0)))
-        if abs(length[worst] - 1.0) > UNIT_TOLERANCE:
-            raise InputError(
-                "Grasp.normals", f"length {length[worst]:.9g} at contact {worst}", "unit vectors (to 1e-6)"
-            )
-        n = n / length[:, None]
+        n = unit_normals("Grasp.normals", n)
         models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
         if len(models) != k or not all(isinstance(m, ContactModel) for m in models):
             raise InputError("Grasp.contacts", f"{len(models)} entries", f"one contact model, or {k} of them")
         origin = np.zeros(space) if torque_origin is None else array("Grasp.torque_origin", torque_origin, (space,))
-        t = complete_frame(n) if tangents is None else array("Grasp.tangents", tangents, (k, space - 1, space))
+        if tangents is None:
+            t = np.concatenate([m.tangents(n[i : i + 1]) for i, m in enumerate(models)])
+        else:
+            t = array("Grasp.tangents", tangents, (k, space - 1, space))
         frames = np.concatenate([n[:, None, :], t], axis=1)
         error = float(np.max(np.abs(frames @ frames.transpose(0, 2, 1) - np.eye(space))))
         if error > UNIT_TOLERANCE:
@@ -112,5 +110,38 @@ class Grasp:
         """Grasp map (2.2-3), (d, n): contact-frame force components to body wrenches."""
         return self.T_f @ self.B
 
+    def contact_wrenches(self, x: FloatArray) -> FloatArray:
+        """Return force and moment of each finger in the body frame, moments about the contact point.
+
+        Parameters
+        ----------
+        x : (n,) array
+            Force components in the contact frames, as :func:`~nlpgrasp.finger_forces` returns them.
+
+        Returns
+        -------
+        (k, d) array
+        """
+        local = (self.B @ x).reshape(len(self), self.dimension)
+        rotate = np.zeros((len(self), self.dimension, self.dimension))
+        rotate[:, : self.space, : self.space] = self.frames
+        rotate[:, self.space :, self.space :] = self.frames if self.space == 3 else 1.0
+        return np.asarray(np.einsum("kij,kj->ki", rotate, local))
+
     def __len__(self) -> int:
         return int(self.points.shape[0])
+
+
+def unit_normals(field: str, normals: FloatArray) -> FloatArray:
+    """Return normals (..., space) normalised exactly; those that are not unit to 1e-6 are refused."""
+    length = np.linalg.norm(normals, axis=-1)
+    off = np.abs(length - 1.0)
+    if off.size and np.max(off) > UNIT_TOLERANCE:
+        where = np.unravel_index(int(np.argmax(off)), off.shape)
+        place = f"contact {where[-1]}" + (f" of grasp {where[0]}" if len(where) > 1 else "")
+        raise InputError(
+            field,
+            f"length {length[where]:.9g} at {place} (off by {length[where] - 1.0:+.3g})",
+            "unit vectors (to 1e-6)",
+        )
+    return np.asarray(normals / length[..., None])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies import Body
+from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -19,7 +20,6 @@ from nlpgrasp.spatial import wrench_dimension
 from nlpgrasp.tasks import TaskEllipsoid
 from nlpgrasp.validation import FloatArray, array
 
-FORCE_BUDGETS = ("l2",)
 MOST_CONTACTS = 32
 
 
@@ -37,8 +37,10 @@ class GraspProblem:
     hand : Hand, optional
         Free point fingertips when left out. Contact i belongs to fingertip i.
     constraints : sequence of PlacementConstraint
-    force_budget : {"l2"}
-        What a unit of finger force means: ``"l2"`` bounds the L2 norm of all finger forces by 1.
+    force_budget : {"l2", "per_finger", "shared", "per_finger_size"} or ForceBudget
+        What a unit of finger force means: ``"l2"`` bounds the L2 norm of all finger forces by 1, ``"per_finger"``
+        each normal force, ``"shared"`` their sum, ``"per_finger_size"`` each force;
+        :class:`~nlpgrasp.budgets.JointTorqueLimits` bounds the torques that the forces ask of the joints.
     torque_origin : (space,) array, optional
         Point about which task and grasp map take moments; the body's centroid when left out.
     name : str
@@ -54,7 +56,7 @@ class GraspProblem:
     task: TaskEllipsoid
     hand: Hand | None = None
     constraints: Sequence[PlacementConstraint] = ()
-    force_budget: str = "l2"
+    force_budget: str | ForceBudget = "l2"
     torque_origin: ArrayLike | None = None
     name: str = "grasp"
 
@@ -69,8 +71,7 @@ class GraspProblem:
             raise InputError(
                 "GraspProblem.task", f"dimension {self.task.dimension}", f"dimension {wanted} for this body"
             )
-        if self.force_budget not in FORCE_BUDGETS:
-            raise InputError("GraspProblem.force_budget", self.force_budget, "one of " + ", ".join(FORCE_BUDGETS))
+        force_budget(self.force_budget, "GraspProblem.force_budget").check(self.models, self.body.space)
         if self.torque_origin is not None:
             origin = array("GraspProblem.torque_origin", self.torque_origin, (self.body.space,))
             object.__setattr__(self, "torque_origin", tuple(origin.tolist()))
@@ -100,8 +101,10 @@ class GraspProblem:
             raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"at most {MOST_CONTACTS}")
         if self.hand is not None and self.hand.count != len(models):
             raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"{self.hand.count}, one a fingertip")
-        for model in models:
+        for i, model in enumerate(models):
             model.components(self.body.space)
+            if model.needs_tangents and self.body.space == 3:
+                raise InputError(f"GraspProblem.contacts[{i}].direction", None, "a direction in the body frame")
         object.__setattr__(self, "contacts", models)
 
     def _check_constraints(self) -> None:
@@ -133,6 +136,11 @@ class GraspProblem:
         return tuple(self.contacts) if not isinstance(self.contacts, ContactModel) else (self.contacts,)
 
     @property
+    def budget(self) -> ForceBudget:
+        """The force budget as an object."""
+        return force_budget(self.force_budget)
+
+    @property
     def origin(self) -> FloatArray:
         """The torque origin, (space,)."""
         return self.body.centroid if self.torque_origin is None else np.asarray(self.torque_origin, dtype=float)
@@ -161,5 +169,5 @@ class GraspProblem:
             "task": self.task.to_dict(),
             "constraints": [c.to_dict() for c in self.constraints],
             "hand": None if self.hand is None else self.hand.to_dict(),
-            "force_budget": self.force_budget,
+            "force_budget": self.budget.to_dict(),
         }

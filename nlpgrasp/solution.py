@@ -12,6 +12,7 @@ import numpy as np
 
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.volume import Volume
 from nlpgrasp.validation import FloatArray
 
 UNKNOWN = Bounds(0.0, float("inf"))
@@ -125,8 +126,14 @@ class GraspSolution:
         Certified, of the grasp found; ``[0, inf]`` without a grasp.
     kind : {"mu", "mu_tilde"}
         Which measure ``mu`` holds: (3.3-4a) for a centred task, (3.3-4b) otherwise.
+    delta : Bounds or None
+        Certified, with its torque scale; None where a stop came first.
+    nu : Volume or None
+        With the same torque scale.
     forces : sequence of (wrench, forces)
         Task wrenches ``mu.lower * (c + semi-axis)`` (d,) and finger forces (k, space) that produce them.
+    moments : sequence of (k, d - space) array
+        The moments about the contact points that go with the forces; empty when no contact exerts any.
     constraints : tuple of ConstraintReport
     hand : mapping or None
         The hand's variables at the solution.
@@ -145,7 +152,10 @@ class GraspSolution:
     faces: tuple[str, ...] = ()
     mu: Bounds = UNKNOWN
     kind: str = "mu"
+    delta: Bounds | None = None
+    nu: Volume | None = None
     forces: Sequence[tuple[FloatArray, FloatArray]] = ()
+    moments: Sequence[FloatArray] = ()
     constraints: tuple[ConstraintReport, ...] = ()
     hand: Mapping[str, Any] | None = None
     surface: SurfaceMatch | None = None

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality_data import bounds_data, check_interval, delta_of, measure_data, nu_of
 from nlpgrasp.schema import SCHEMA_NAME
 from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status, SurfaceMatch
 from nlpgrasp.tasks import TaskEllipsoid
@@ -21,6 +23,7 @@ from nlpgrasp.validation import array
 
 def to_data(solution: GraspSolution) -> dict[str, Any]:
     """Return the solution as JSON data."""
+    moments = len(solution.moments) > 0
     return {
         "schema": SCHEMA_NAME,
         "created_by": dict(solution.solver.get("versions", {})),
@@ -30,8 +33,19 @@ def to_data(solution: GraspSolution) -> dict[str, Any]:
         "problem": dict(solution.problem),
         "grasp": _grasp_data(solution),
         "hand": solution.hand if solution.hand is None else dict(solution.hand),
-        "quality": {"mu": _bounds_data(solution.mu, solution.kind), "delta": None, "nu": None},
-        "forces": [{"direction": w.tolist(), "forces": f.tolist()} for w, f in solution.forces],
+        "quality": {
+            "mu": bounds_data(solution.mu, solution.kind),
+            "delta": measure_data(solution.delta),
+            "nu": measure_data(solution.nu),
+        },
+        "forces": [
+            {
+                "direction": w.tolist(),
+                "forces": f.tolist(),
+                **({"moments": solution.moments[i].tolist()} if moments else {}),
+            }
+            for i, (w, f) in enumerate(solution.forces)
+        ],
         "constraints": [
             {
                 "name": c.name,
@@ -57,6 +71,7 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
     if data["grasp"] is not None:
         grasp, faces, surface = _grasp_of(data["grasp"], name)
     _check_task(data["problem"]["task"], grasp, name)
+    _check_budget(data["problem"]["force_budget"], grasp, name)
     quality = data["quality"]["mu"]
     bounds, kind = UNKNOWN, "mu"
     if quality is not None:
@@ -65,8 +80,7 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
             direction = array(f"{name}: quality.mu.worst_direction", direction, (None,))
         bounds = Bounds(quality["lower"], quality["upper"], direction)
         kind = quality["kind"]
-        if bounds.lower > bounds.upper:
-            raise InputError(f"{name}: quality.mu", f"lower {bounds.lower} > upper {bounds.upper}", "lower <= upper")
+        check_interval(quality, f"{name}: quality.mu")
     solver = dict(data.get("solver", {}))
     try:
         starts = tuple(_start_of(s) for s in solver.pop("starts", []))
@@ -85,6 +99,10 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
             (array(f"{name}: direction", f["direction"], (None,)), array(f"{name}: forces", f["forces"], (None, None)))
             for f in data.get("forces", [])
         )
+        given = [f["moments"] for f in data.get("forces", []) if "moments" in f]
+        moments = tuple(array(f"{name}: moments", m, (None, None)) for m in given)
+        if given and len(given) != len(forces):
+            raise InputError(f"{name}: forces", f"{len(given)} entries with moments", "moments in all or in none")
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -97,7 +115,10 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
         faces=faces,
         mu=bounds,
         kind=kind,
+        delta=delta_of(data["quality"].get("delta"), name),
+        nu=nu_of(data["quality"].get("nu"), name),
         forces=forces,
+        moments=moments,
         constraints=constraints,
         hand=data.get("hand"),
         surface=surface,
@@ -160,11 +181,21 @@ def _check_task(data: Mapping[str, Any], grasp: Grasp | None, name: str) -> None
         raise InputError(f"{name}: problem.task", f"dimension {task.dimension}", f"dimension {grasp.dimension}")
 
 
+def _check_budget(data: Any, grasp: Grasp | None, name: str) -> None:
+    """Refuse a force budget that is none, or does not fit the grasp's contacts."""
+    try:
+        budget = budget_from_dict(data)
+        if grasp is not None:
+            budget.check(grasp.contacts, grasp.space)
+    except InputError as error:
+        raise InputError(f"{name}: problem.{error.field}", error.given, error.allowed) from None
+
+
 def _start_data(record: StartRecord) -> dict[str, Any]:
     data = asdict(record)
     data["status"] = record.status.name.lower()
     data["faces"] = list(record.faces)
-    data["mu"] = _bounds_data(record.mu, None)
+    data["mu"] = bounds_data(record.mu, None)
     data["violation"] = _finite_or_none(record.violation)
     data["seconds"] = dict(record.seconds)
     return data
@@ -182,16 +213,6 @@ def _start_of(data: Mapping[str, Any]) -> StartRecord:
         seconds={str(k): float(v) for k, v in data["seconds"].items()},
         message=str(data["message"]),
     )
-
-
-def _bounds_data(bounds: Bounds, kind: str | None) -> dict[str, Any] | None:
-    if not math.isfinite(bounds.upper):
-        return None
-    data: dict[str, Any] = {"lower": bounds.lower, "upper": bounds.upper}
-    if kind is not None:
-        data["kind"] = kind
-        data["worst_direction"] = None if bounds.worst_direction is None else bounds.worst_direction.tolist()
-    return data
 
 
 def _finite_or_none(value: float) -> float | None:

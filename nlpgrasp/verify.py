@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nlpgrasp.budgets import ForceBudget, budget_from_dict
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import mu
@@ -79,7 +80,7 @@ def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verifica
     Verification
         Fails when there is no grasp, when stated and recomputed intervals do not overlap, when the stated
         interval is empty, when a stated direction contradicts the stated lower bound, or when stated forces
-        do not produce their wrench from inside the cones.
+        do not produce their wrench from inside the cones and the force budget.
 
     Raises
     ------
@@ -92,13 +93,14 @@ def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verifica
     if grasp is None:
         return Verification((Check("grasp", False, f"the file holds no grasp ({solution.status.name.lower()})"),), None)
     task = TaskEllipsoid.from_dict(solution.problem["task"])
-    found = mu(grasp, task, rtol, seed=OTHER_SEED)
+    budget = budget_from_dict(solution.problem["force_budget"])
+    found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
     checks = [
         _grasp_map(grasp),
         _interval(solution.mu),
         _overlap(solution.mu, found),
-        *_direction(solution, grasp, task),
-        *_forces(solution, grasp),
+        *_direction(solution, grasp, task, budget),
+        *_forces(solution, grasp, budget),
         *_constraints(solution),
     ]
     return Verification(tuple(checks), found)
@@ -109,12 +111,14 @@ def _grasp_map(grasp: Grasp) -> Check:
     columns = []
     for p, n, t, model in zip(grasp.points, grasp.normals, grasp.tangents, grasp.contacts, strict=True):
         arm = p - grasp.torque_origin
-        count = model.components(grasp.space)
-        for axis in [n, *t][: min(count, grasp.space)]:
-            moment = np.array([arm[0] * axis[1] - arm[1] * axis[0]]) if grasp.space == 2 else np.cross(arm, axis)
-            columns.append(np.concatenate([axis, moment]))
-        if count == 4:
-            columns.append(np.concatenate([np.zeros(3), n]))
+        for axis in model.axes(grasp.space):
+            if axis >= grasp.space:  # a moment about the contact point
+                turning = np.ones(1) if grasp.space == 2 else [n, *t][axis - 3]
+                columns.append(np.concatenate([np.zeros(grasp.space), turning]))
+                continue
+            e = [n, *t][axis]
+            moment = np.array([arm[0] * e[1] - arm[1] * e[0]]) if grasp.space == 2 else np.cross(arm, e)
+            columns.append(np.concatenate([e, moment]))
     error = float(np.max(np.abs(np.array(columns).T - grasp.G))) / max(float(np.max(np.abs(grasp.G))), 1e-300)
     return Check("grasp map", error < 1e-9, f"rebuilt column by column, relative difference {error:.1e}")
 
@@ -129,7 +133,7 @@ def _overlap(stated: Bounds, found: Bounds) -> Check:
     return Check("certified quality", good, f"stated {stated}, recomputed {found}")
 
 
-def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid) -> list[Check]:
+def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid, budget: ForceBudget) -> list[Check]:
     """Evaluate the stated worst direction by hand: its ratio is an upper bound on mu, so never below lower."""
     y = solution.mu.worst_direction
     if y is None:
@@ -139,13 +143,9 @@ def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid) -> li
     reach = float(task.center @ y + np.linalg.norm(task.axes @ y))
     if reach <= 0.0:
         return [Check("worst direction", False, "the task asks for nothing in the stated direction")]
-    total, start = 0.0, 0
-    z = grasp.G.T @ y
-    for model in grasp.contacts:
-        count = model.components(grasp.space)
-        total += float(np.sum(model.project(z[None, start : start + count]) ** 2))
-        start += count
-    ratio = total**0.5 / reach
+    z = (grasp.G.T @ y)[None, :]
+    work, force = budget.at(grasp.frames, grasp.contacts).support(z, grasp.contacts, grasp.space)
+    ratio = float(max(work[0], force[0] @ z[0])) / reach
     good = solution.mu.lower <= ratio * (1.0 + 1e-6) + 1e-12
     return [
         Check(
@@ -156,27 +156,34 @@ def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid) -> li
     ]
 
 
-def _forces(solution: GraspSolution, grasp: Grasp) -> list[Check]:
-    """Check that stated forces are in the cones and add up to the stated wrench (contacts without torsion)."""
-    if not solution.forces or any(m.components(grasp.space) > grasp.space for m in grasp.contacts):
+def _forces(solution: GraspSolution, grasp: Grasp, budget: ForceBudget) -> list[Check]:
+    """Check that stated forces are in the cones and the budget and add up to the stated wrench."""
+    if not solution.forces:
         return []
-    worst_balance = worst_cone = 0.0
-    for wrench, forces in solution.forces:
-        if forces.shape != grasp.points.shape or wrench.shape != (grasp.dimension,):
-            return [Check("forces", False, f"shape {forces.shape} for {len(grasp)} contacts")]
-        total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces)])
-        scale = max(float(np.linalg.norm(forces)), 1e-300)
+    k, space, d = len(grasp), grasp.space, grasp.dimension
+    bound = budget.at(grasp.frames, grasp.contacts)
+    worst_balance = worst_cone = most = 0.0
+    for i, (wrench, forces) in enumerate(solution.forces):
+        moments = solution.moments[i] if len(solution.moments) else np.zeros((k, d - space))
+        if forces.shape != (k, space) or moments.shape != (k, d - space) or wrench.shape != (d,):
+            return [Check("forces", False, f"shapes {forces.shape} and {moments.shape} for {k} contacts")]
+        total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces) + moments.sum(axis=0)])
         arm = max(float(np.max(np.abs(grasp.points - grasp.torque_origin))), 1e-300)
-        units = np.concatenate([np.ones(grasp.space), np.full(grasp.dimension - grasp.space, 1.0 / arm)])
+        units = np.concatenate([np.ones(space), np.full(d - space, 1.0 / arm)])
+        scale = max(float(np.linalg.norm(forces)), float(np.linalg.norm(moments)) / arm, 1e-300)
         worst_balance = max(worst_balance, float(np.linalg.norm((total - wrench) * units)) / scale)
-        for force, frame, model in zip(forces, grasp.frames, grasp.contacts, strict=True):
-            local = frame.T @ force
-            inside = np.zeros(grasp.space)
-            inside[: model.components(grasp.space)] = model.project(local[None, : model.components(grasp.space)])[0]
-            worst_cone = max(worst_cone, float(np.linalg.norm(local - inside)) / scale)
-    good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE
+        inside = []
+        for force, moment, frame, model in zip(forces, moments, grasp.frames, grasp.contacts, strict=True):
+            local = np.concatenate([frame.T @ force, frame.T @ moment if space == 3 else moment])
+            allowed = np.zeros(d)
+            components = model.project(local[None, list(model.axes(space))])[0]
+            allowed[list(model.axes(space))] = components
+            inside.append(components)
+            worst_cone = max(worst_cone, float(np.linalg.norm(local - allowed)) / scale)
+        most = max(most, float(bound.used(np.concatenate(inside)[None, :], grasp.contacts, space)[0]))
+    good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and most <= 1.0 + FORCE_TOLERANCE
     residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
-    return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}")]
+    return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}, {most:.4g} of the force budget")]
 
 
 def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:

@@ -23,6 +23,12 @@ CONTACTS = {
     "friction": ng.FrictionContact(0.5),
     "soft box": ng.SoftContact(0.6, 0.2),
     "soft elliptic": ng.SoftContact(0.6, 0.2, "elliptic"),
+    "line": ng.LineContact(0.4, direction=[1.0, 0.3, 0.2]),
+    "rough line": ng.LineContact(0.4, friction=0.5, direction=[1.0, 0.3, 0.2]),
+    "disc": ng.PlaneContact(radius=0.2),
+    "rough disc": ng.PlaneContact(radius=0.2, friction=0.5),
+    "rough rectangle": ng.PlaneContact(extents=[0.4, 0.2], friction=0.5, direction=[1.0, 0.3, 0.2]),
+    "bilateral": ng.BilateralContact(ng.FrictionContact(0.5)),
 }
 
 

@@ -11,9 +11,9 @@ LAYERS = [
     ["validation"],
     ["spatial", "directions", "rows", "schema"],
     ["bodies", "contacts", "tasks", "hands", "constraints"],
-    ["grasp"],
+    ["budgets", "grasp", "grasp_stack"],
     ["quality"],
-    ["problem_check"],
+    ["problem_check", "quality_data"],
     ["problem"],
     ["solution", "solution_data", "solution_file"],
     ["nlp", "verify"],
@@ -24,6 +24,7 @@ LAYERS = [
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 # a dataclass with save() and load() beside the module that does them; types only where annotations are circular
 ALLOWED = {
+    ("grasp_stack", "grasp"),
     ("solution", "solution_file"),
     ("solution_file", "solution"),
     ("solution_file", "solution_data"),

@@ -13,10 +13,11 @@ from typing import Annotated, Any, NoReturn
 import numpy as np
 import typer
 
+from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.cli.progress import Reporter, done, emit, pair
 from nlpgrasp.cli.script import load_problem
 from nlpgrasp.errors import InputError, NlpgraspError
-from nlpgrasp.quality import delta, mu
+from nlpgrasp.quality import delta, mu, nu
 from nlpgrasp.solution import GraspSolution
 from nlpgrasp.solve import SolveOptions, solve
 from nlpgrasp.tasks import TaskEllipsoid
@@ -100,13 +101,21 @@ def quality_command(
     if torque_scale is None:
         torque_scale = float(np.sqrt(np.mean(np.sum((grasp.points - grasp.torque_origin) ** 2, axis=1)))) or 1.0
     task = TaskEllipsoid.from_dict(solution.problem["task"])
-    found, ball = mu(grasp, task, rtol), delta(grasp, torque_scale, rtol)
+    budget = budget_from_dict(solution.problem["force_budget"])
+    found = mu(grasp, task, rtol, force_budget=budget)
+    ball = delta(grasp, torque_scale, rtol, force_budget=budget)
+    volume = nu(grasp, torque_scale, rtol, force_budget=budget)
+    stable = ball.lower > 0.0
     if as_json:
-        emit({"kind": solution.kind, "mu": pair(found), "delta": pair(ball), "torque_scale": torque_scale})
+        data = {"kind": solution.kind, "mu": pair(found), "delta": pair(ball), "torque_scale": torque_scale}
+        emit({**data, "nu": pair(volume), "nu_value": volume.value, "nu_error": volume.error, "stable": stable})
         return
-    typer.echo(f"{solution.name}: {len(grasp)} contacts")
+    typer.echo(f"{solution.name}: {len(grasp)} contacts, force budget {budget.kind}")
     typer.echo(f"  {solution.kind:8} certified in {found}")
-    typer.echo(f"  delta    certified in {ball} (torque scale {torque_scale:.4g} m)")
+    typer.echo(
+        f"  delta    certified in {ball} (torque scale {torque_scale:.4g} m): {'' if stable else 'not '}force-closed"
+    )
+    typer.echo(f"  nu       {volume}")
     if found.upper == 0.0 and found.worst_direction is not None:
         typer.echo(f"  cannot resist the task: no contact force works along {found.worst_direction.tolist()}")
 

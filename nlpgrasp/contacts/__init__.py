@@ -1,9 +1,21 @@
 """Contact models: how a finger may push."""
 
 from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.contacts.bilateral import BilateralContact
 from nlpgrasp.contacts.friction import FrictionContact
+from nlpgrasp.contacts.line import LineContact
+from nlpgrasp.contacts.plane import PlaneContact
 from nlpgrasp.contacts.point import PointContact
 from nlpgrasp.contacts.registry import contact_from_dict
 from nlpgrasp.contacts.soft import SoftContact
 
-__all__ = ["ContactModel", "FrictionContact", "PointContact", "SoftContact", "contact_from_dict"]
+__all__ = [
+    "BilateralContact",
+    "ContactModel",
+    "FrictionContact",
+    "LineContact",
+    "PlaneContact",
+    "PointContact",
+    "SoftContact",
+    "contact_from_dict",
+]

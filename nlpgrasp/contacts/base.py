@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nlpgrasp.spatial import tangents as any_tangents
 from nlpgrasp.validation import FloatArray, names
 
 
@@ -16,9 +17,9 @@ from nlpgrasp.validation import FloatArray, names
 class ContactModel(ABC):
     """A contact model: its force components and its force domain K_i, a closed convex cone (Section 2.4).
 
-    Force components are written in the contact frame, normal first: ``(f_n, f_t1, f_t2, torsion)``, of which
-    a model has the first few. Methods marked *symbolic* use arithmetic only, so that they serve CasADi
-    expressions and numpy arrays alike.
+    Force components are written in the contact frame, normal force first: some of
+    ``(f_n, f_t1, f_t2, m_n, m_t1, m_t2)`` in space, of ``(f_n, f_t, m)`` in the plane. Methods marked *symbolic* use
+    arithmetic only, so that they serve CasADi expressions and numpy arrays alike.
 
     Parameters
     ----------
@@ -33,8 +34,12 @@ class ContactModel(ABC):
         object.__setattr__(self, "faces", names(f"{type(self).__name__}.faces", self.faces))
 
     @abstractmethod
+    def axes(self, space: int) -> tuple[int, ...]:
+        """Return which components of a contact-frame wrench this model can exert, normal force first."""
+
     def components(self, space: int) -> int:
         """Return n_i, the number of independent force components in the plane (2) or in space (3)."""
+        return len(self.axes(space))
 
     def basis(self, space: int) -> FloatArray:
         """Return ``B_i`` of (2.3-5): which contact-frame wrenches this model can exert.
@@ -42,19 +47,54 @@ class ContactModel(ABC):
         Returns
         -------
         (3, n_i) array in the plane, (6, n_i) in space
-            Contact-frame wrenches are ``(f_n, f_t, m)`` and ``(f_n, f_t1, f_t2, m_n, m_t1, m_t2)``.
         """
-        return np.eye(3 if space == 2 else 6)[:, : self.components(space)]
+        return np.eye(3 if space == 2 else 6)[:, list(self.axes(space))]
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether the model has a direction along the surface that nobody has stated yet."""
+        return False
+
+    def tangents(self, normals: FloatArray) -> FloatArray:
+        """Return unit tangents at contacts with these inward normals: (b, space) to (b, space - 1, space)."""
+        return any_tangents(normals)
 
     @abstractmethod
     def project(self, z: FloatArray) -> FloatArray:
         """Return the Euclidean projection of force components ``z`` (..., n_i) onto K_i."""
 
     @abstractmethod
-    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
-        """Return the force (body frame) and the torsion moment of NLP variables ``x`` (symbolic).
+    def derivative(self, z: FloatArray) -> FloatArray:
+        """Return the Jacobian of the projection at ``z`` (..., n_i): symmetric (..., n_i, n_i).
 
-        The second value is the scalar moment about the normal, or ``None``.
+        At the kinks of the projection, one of its generalised Jacobians.
+        """
+
+    @abstractmethod
+    def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``max <z, x>`` over x in K_i with normal force at most 1, and a force that attains it.
+
+        Returns
+        -------
+        values : (...) array
+            At least zero.
+        forces : (..., n_i) array
+
+        Raises
+        ------
+        InputError
+            When the set is unbounded: normal force does not limit a bilateral contact.
+        """
+
+    @abstractmethod
+    def cones(self, space: int) -> list[FloatArray]:
+        """Return matrices M such that K_i is where every ``M x`` is in a second-order cone (one row: at least 0)."""
+
+    @abstractmethod
+    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+        """Return the force and the moment about the contact point of NLP variables ``x`` (symbolic, body frame).
+
+        The moment is a scalar in the plane, a column in space, or ``None``.
         """
 
     @abstractmethod
@@ -81,6 +121,10 @@ class ContactModel(ABC):
         """Return the NLP variables of a unit force along the inward normal ``(space,)``."""
         size = self.variables(normal.shape[0])
         return np.concatenate([normal, np.zeros(max(0, size - normal.shape[0]))])[:size]
+
+    def normal_force(self, x: Any, normal: Any) -> Any:
+        """Return ``f_n`` of NLP variables ``x`` (symbolic)."""
+        return normal.T @ self.split(x, normal)[0]
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:

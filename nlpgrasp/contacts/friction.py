@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from nlpgrasp.contacts.base import ContactModel
-from nlpgrasp.validation import FloatArray, number
+from nlpgrasp.contacts.range_cone import Blocks, RangeContact
+from nlpgrasp.validation import number
 
 
 @dataclass(frozen=True)
-class FrictionContact(ContactModel):
+class FrictionContact(RangeContact):
     """Point contact with friction: ``|f_t| <= friction f_n`` (finger II of Example 2-2, (2.4-1)).
 
     Parameters
@@ -30,17 +28,17 @@ class FrictionContact(ContactModel):
         super().__post_init__()
         object.__setattr__(self, "friction", number("FrictionContact.friction", self.friction, above=0.0))
 
-    def components(self, space: int) -> int:
-        """Return 3 in space (normal and two tangential forces), 2 in the plane."""
-        return space
+    def axes(self, space: int) -> tuple[int, ...]:
+        """Return normal and tangential forces: 3 in space, 2 in the plane."""
+        return tuple(range(space))
+
+    def blocks(self, components: int) -> Blocks:
+        """Return the tangential force with the friction coefficient."""
+        return ((slice(1, components), self.friction),)
 
     def variables(self, space: int) -> int:
         """Return the size of a force in the body frame."""
         return space
-
-    def project(self, z: FloatArray) -> FloatArray:
-        """Return the projection onto the friction cone (see :func:`project_cone`)."""
-        return project_cone(z, self.friction)
 
     def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
         """Return ``x`` itself: the variables are the force in the body frame."""
@@ -64,25 +62,3 @@ class FrictionContact(ContactModel):
     def to_dict(self) -> dict[str, Any]:
         """Return the model's name and coefficient."""
         return {"model": self.kind, "friction": self.friction}
-
-
-def project_cone(z: FloatArray, friction: float) -> FloatArray:
-    """Project onto ``{(f_n, f_t): |f_t| <= friction f_n}``.
-
-    Parameters
-    ----------
-    z : (..., n) array
-        Normal component first; n is 2 or 3.
-    friction : float
-        At least zero.
-
-    Returns
-    -------
-    (..., n) array
-        The normal force of the projection is ``max(z_n, (z_n + mu |z_t|)/(1 + mu^2), 0)`` and the tangential
-        force keeps its direction, cut to the cone.
-    """
-    r = np.sqrt(np.sum(z[..., 1:] ** 2, axis=-1))
-    pressing = np.maximum(np.maximum(z[..., 0], (z[..., 0] + friction * r) / (1.0 + friction**2)), 0.0)
-    scale = np.minimum(r, friction * pressing) / np.where(r > 0.0, r, 1.0)
-    return np.concatenate([pressing[..., None], z[..., 1:] * scale[..., None]], axis=-1)

@@ -7,19 +7,23 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.contacts.range_cone import Blocks, RangeContact
 from nlpgrasp.validation import FloatArray
 
 
 @dataclass(frozen=True)
-class PointContact(ContactModel):
+class PointContact(RangeContact):
     """Point contact without friction: one component, ``f_n >= 0`` (finger I of Example 2-2)."""
 
     kind: ClassVar[str] = "point"
 
-    def components(self, space: int) -> int:
-        """Return 1."""
-        return 1
+    def axes(self, space: int) -> tuple[int, ...]:
+        """Return the normal force."""
+        return (0,)
+
+    def blocks(self, components: int) -> Blocks:
+        """Return none."""
+        return ()
 
     def variables(self, space: int) -> int:
         """Return 1: the normal force."""
@@ -29,13 +33,13 @@ class PointContact(ContactModel):
         """Return ``(1,)``."""
         return np.ones(1)
 
-    def project(self, z: FloatArray) -> FloatArray:
-        """Return ``max(z, 0)``."""
-        return np.maximum(z, 0.0)
-
     def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
-        """Return ``x n`` and no torsion."""
+        """Return ``x n`` and no moment."""
         return x[0] * normal, None
+
+    def normal_force(self, x: Any, normal: Any) -> Any:
+        """Return ``x``."""
+        return x[0]
 
     def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
         """Return ``f_n >= 0``."""

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.nlp.placement import ContactSymbols
+from nlpgrasp.nlp.placement import ContactSymbols, Scaling
 from nlpgrasp.nlp.program import Program
+from nlpgrasp.problem import GraspProblem
 from nlpgrasp.validation import FloatArray
 
+LARGEST, LARGEST_OTHERWISE = 1.1, 50.0  # solver units: the L2 ball's own bound, and one that no budget reaches
 
-def force_sizes(models: Sequence[ContactModel], space: int) -> list[int]:
-    """Return how many force variables each contact has."""
-    return [m.variables(space) for m in models]
+
+def add_forces(program: Program, problem: GraspProblem, scaling: Scaling, direction: int) -> list[Any]:
+    """Add one copy of all finger forces, in solver units; return each contact's in newtons, as columns."""
+    sizes = [m.variables(problem.body.space) for m in problem.models]
+    most = LARGEST if problem.budget.has_closed_form else LARGEST_OTHERWISE
+    block = program.variable(f"forces {direction}", sum(sizes), -most, most, scaling.force)
+    return list(ca.vertsplit(scaling.force * block, [0, *accumulate(sizes)]))
 
 
 def symbolic_wrench(
@@ -29,35 +36,34 @@ def symbolic_wrench(
     models : sequence of k ContactModel
     contacts : ContactSymbols
     forces : sequence of k columns
-        Force variables: forces in newtons, torsion in newton-metres.
+        Force variables: forces in newtons, moments in newton-metres.
     length : float
         Metres a solver unit of length; torques come out divided by it.
     """
     total: Any = 0.0
     for model, p, n, x in zip(models, contacts.positions, contacts.normals, forces, strict=True):
-        force, torsion = model.split(x, n)
-        if p.shape[0] == 2:
-            moment = p[0] * force[1] - p[1] * force[0]
-        else:
-            moment = ca.cross(p, force)
-            if torsion is not None:
-                moment = moment + torsion * n / length
+        force, own = model.split(x, n)
+        moment = p[0] * force[1] - p[1] * force[0] if p.shape[0] == 2 else ca.cross(p, force)
+        if own is not None:
+            moment = moment + own / length
         total = total + ca.vertcat(force, moment)
     return total
 
 
 def add_membership(
     program: Program,
-    models: Sequence[ContactModel],
+    problem: GraspProblem,
+    scaling: Scaling,
     contacts: ContactSymbols,
     forces: Sequence[Any],
     direction: int,
 ) -> None:
-    """Add "each force is in its cone" and "all forces together have L2 norm at most 1" for one direction."""
-    for i, (model, n, x) in enumerate(zip(models, contacts.normals, forces, strict=True)):
-        for name, expression in model.membership(x, n):
+    """Add "each force is in its cone" and "all forces together are within the budget" for one direction."""
+    for i, (model, n, x) in enumerate(zip(problem.models, contacts.normals, forces, strict=True)):
+        for name, expression in model.membership(x / scaling.force, n):
             program.constrain(f"{name}, finger {i}, direction {direction}", expression, 0.0, np.inf)
-    program.constrain(f"force budget, direction {direction}", ca.sumsqr(ca.vertcat(*forces)), -np.inf, 1.0)
+    for name, expression, lower, upper in problem.budget.rows(problem.models, forces, contacts.normals):
+        program.constrain(f"{name}, direction {direction}", expression, lower, upper)
 
 
 def pressing_forces(models: Sequence[ContactModel], normals: FloatArray, size: float) -> FloatArray:

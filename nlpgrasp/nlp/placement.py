@@ -27,7 +27,9 @@ class Scaling:
     length : float
         The body's characteristic length, metres.
     task : float
-        Size of the scaled task; the solver's beta is mu times this.
+        Size of the scaled task.
+    force : float
+        Newtons a solver unit of finger force.
     wrench : (d,) array
         Factors that turn a wrench into solver units.
     """
@@ -35,6 +37,7 @@ class Scaling:
     origin: FloatArray
     length: float
     task: float
+    force: float
     wrench: FloatArray
 
     @classmethod
@@ -44,7 +47,12 @@ class Scaling:
         length = problem.body.size
         wrench = np.concatenate([np.ones(space), np.full(d - space, 1.0 / length)])
         spanning = np.concatenate([problem.task.axes, problem.task.center[None, :]]) * wrench
-        return cls(problem.origin, length, float(np.linalg.norm(spanning, 2)), wrench)
+        return cls(problem.origin, length, float(np.linalg.norm(spanning, 2)), problem.budget.force_scale(), wrench)
+
+    @property
+    def beta(self) -> float:
+        """The solver's beta is mu times this."""
+        return self.task / self.force
 
     def position(self, p: FloatArray) -> FloatArray:
         """Return metres as solver units."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.nlp.forces import add_membership, force_sizes, symbolic_wrench
+from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
 from nlpgrasp.nlp.placement import ContactSymbols, Scaling, add_constraints, add_faces, add_placement
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem import GraspProblem
@@ -32,7 +31,7 @@ def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eli
         Number of direction slots.
     eliminate : bool
         Use the closed form of the support function (3k + 1 variables) instead of one copy of the forces per
-        direction. Ignored where a contact model has no closed form.
+        direction. Ignored where a contact model or the budget has no closed form.
 
     Returns
     -------
@@ -43,22 +42,21 @@ def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eli
     scaling = Scaling.of(problem)
     program = Program()
     contacts = add_placement(program, problem, scaling)
-    beta = program.variable("beta", 1, 0.0, 100.0, 1.0 / scaling.task)
+    beta = program.variable("beta", 1, 0.0, 100.0, 1.0 / scaling.beta)
     d = problem.dimension
     directions = ca.reshape(program.parameter("directions", d * count), d, count)
     reach = program.parameter("reach", count)
     squared = squared_support(problem, contacts, scaling) if eliminate else None
-    sizes = list(accumulate(force_sizes(problem.models, problem.body.space)))
     for j in range(count):
         if squared is not None:
             value = squared(directions[:, j], *contacts.positions, *contacts.normals)
             program.constrain(f"support, direction {j}", value - (beta * reach[j]) ** 2, 0.0, np.inf)
             continue
-        forces = ca.vertsplit(program.variable(f"forces {j}", sizes[-1], -1.1, 1.1), [0, *sizes])
-        produced = symbolic_wrench(problem.models, contacts, forces, scaling.length)
+        forces = add_forces(program, problem, scaling, j)
+        produced = symbolic_wrench(problem.models, contacts, forces, scaling.length) / scaling.force
         work = ca.dot(directions[:, j], produced)
         program.constrain(f"support, direction {j}", work - beta * reach[j], 0.0, np.inf)
-        add_membership(program, problem.models, contacts, forces, j)
+        add_membership(program, problem, scaling, contacts, forces, j)
     add_constraints(program, problem, scaling, contacts)
     add_faces(program, problem, scaling, contacts, faces)
     program.objective = beta
@@ -66,8 +64,9 @@ def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eli
 
 
 def has_closed_form(problem: GraspProblem) -> bool:
-    """Return whether every contact's support function has a closed form."""
-    return all(m.squared_support(0.0, 0.0, 0.0, np) is not None for m in problem.models)
+    """Return whether the grasp's support function has a smooth closed form: the L2 budget's mostly does."""
+    closed = all(m.squared_support(0.0, 0.0, 0.0, np) is not None for m in problem.models)
+    return closed and problem.budget.has_closed_form
 
 
 def squared_support(problem: GraspProblem, contacts: ContactSymbols, scaling: Scaling) -> ca.Function | None:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
 
 import casadi as ca
 
-from nlpgrasp.nlp.forces import add_membership, force_sizes, symbolic_wrench
+from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
 from nlpgrasp.nlp.placement import Scaling, add_constraints, add_faces, add_placement
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem import GraspProblem
 
 
 def vertex_program(problem: GraspProblem, faces: Sequence[str], count: int) -> Program:
-    """Return: maximise beta with ``G x_j = beta w_j``, ``x_j`` in K, ``||x_j|| <= 1`` for j = 1 ... count.
+    """Return: maximise beta with ``G x_j = beta w_j``, ``x_j`` in K and in the budget, for j = 1 ... count.
 
     The wrenches ``w_j = c + L u_j`` are parameters, so that every start may turn them as it likes. With
     inradius r of the directions u_j a centred task has ``mu >= r beta``; a non-grasp never has beta > 0.
@@ -35,15 +34,13 @@ def vertex_program(problem: GraspProblem, faces: Sequence[str], count: int) -> P
     scaling = Scaling.of(problem)
     program = Program()
     contacts = add_placement(program, problem, scaling)
-    beta = program.variable("beta", 1, 0.0, 100.0, 1.0 / scaling.task)
+    beta = program.variable("beta", 1, 0.0, 100.0, 1.0 / scaling.beta)
     wrenches = ca.reshape(program.parameter("wrenches", problem.dimension * count), problem.dimension, count)
-    sizes = force_sizes(problem.models, problem.body.space)
     for j in range(count):
-        block = program.variable(f"forces {j}", sum(sizes), -1.1, 1.1)
-        forces = ca.vertsplit(block, [0, *accumulate(sizes)])
-        produced = symbolic_wrench(problem.models, contacts, forces, scaling.length)
+        forces = add_forces(program, problem, scaling, j)
+        produced = symbolic_wrench(problem.models, contacts, forces, scaling.length) / scaling.force
         program.constrain(f"wrench balance, direction {j}", produced - beta * wrenches[:, j], 0.0, 0.0)
-        add_membership(program, problem.models, contacts, forces, j)
+        add_membership(program, problem, scaling, contacts, forces, j)
     add_constraints(program, problem, scaling, contacts)
     add_faces(program, problem, scaling, contacts, faces)
     program.objective = beta

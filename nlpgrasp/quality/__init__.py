@@ -1,7 +1,42 @@
-"""Quality of a given grasp, with certified bounds; numpy and scipy only."""
+"""Quality of given grasps, with certified bounds; no CasADi."""
 
-from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.measures import delta, mu
+from nlpgrasp.quality.bounds import Bounds, StackBounds
+from nlpgrasp.quality.comparison import (
+    ferrari_canny,
+    isotropy,
+    min_weight,
+    pyramid_volume,
+    pyramid_wrenches,
+    smallest_singular_value,
+)
+from nlpgrasp.quality.forces import FingerForces, finger_forces
+from nlpgrasp.quality.measures import delta, equivalence_constants, mu, mu_1, mu_tilde
+from nlpgrasp.quality.screening import screen
+from nlpgrasp.quality.stability import Stability, allowed_twists, is_stable
+from nlpgrasp.quality.volume import Volume, nu
 from nlpgrasp.quality.wrench_set import WrenchSet
 
-__all__ = ["Bounds", "WrenchSet", "delta", "mu"]
+__all__ = [
+    "Bounds",
+    "FingerForces",
+    "Stability",
+    "StackBounds",
+    "Volume",
+    "WrenchSet",
+    "allowed_twists",
+    "delta",
+    "equivalence_constants",
+    "ferrari_canny",
+    "finger_forces",
+    "is_stable",
+    "isotropy",
+    "min_weight",
+    "mu",
+    "mu_1",
+    "mu_tilde",
+    "nu",
+    "pyramid_volume",
+    "pyramid_wrenches",
+    "screen",
+    "smallest_singular_value",
+]

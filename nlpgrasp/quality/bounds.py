@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from nlpgrasp.validation import FloatArray
 
@@ -18,11 +21,14 @@ class Bounds:
     worst_direction : (d,) array, optional
         The direction that attains ``upper``; with ``upper == 0`` it proves that the grasp is not force-closed
         against the task: no force in the contacts' cones does positive work along it.
+    torque_scale : float, optional
+        Metres: the length that turned torques into forces, where the measure needs one.
     """
 
     lower: float
     upper: float
     worst_direction: FloatArray | None = field(default=None, compare=False)
+    torque_scale: float | None = field(default=None, compare=False, kw_only=True)
 
     @property
     def gap(self) -> float:
@@ -34,3 +40,46 @@ class Bounds:
 
     def __str__(self) -> str:
         return f"[{self.lower:.5g}, {self.upper:.5g}]"
+
+
+@dataclass(frozen=True)
+class StackBounds:
+    """Intervals of a stack of grasps; a sequence of :class:`Bounds`.
+
+    Parameters
+    ----------
+    lower, upper : (b,) array
+    worst_directions : (b, d) array
+        NaN where there is none.
+    torque_scale : float, optional
+        Metres: the length that turned torques into forces, where the measure needs one.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    worst_directions: FloatArray
+    torque_scale: float | None = None
+
+    @classmethod
+    def of(cls, bounds: Sequence[Bounds]) -> StackBounds:
+        """Return the intervals of several grasps together."""
+        known = [b.worst_direction for b in bounds if b.worst_direction is not None]
+        size = len(known[0]) if known else 0
+        rows = [np.full(size, np.nan) if b.worst_direction is None else b.worst_direction for b in bounds]
+        return cls(
+            np.array([b.lower for b in bounds], dtype=float),
+            np.array([b.upper for b in bounds], dtype=float),
+            np.array(rows).reshape(len(bounds), size),
+            bounds[0].torque_scale if bounds else None,
+        )
+
+    def __len__(self) -> int:
+        return len(self.lower)
+
+    def __getitem__(self, index: int) -> Bounds:
+        y = self.worst_directions[index]
+        worst = None if not y.size or np.isnan(y).any() else y
+        return Bounds(float(self.lower[index]), float(self.upper[index]), worst, torque_scale=self.torque_scale)
+
+    def __iter__(self) -> Iterator[Bounds]:
+        return (self[i] for i in range(len(self)))

@@ -1,23 +1,25 @@
-"""Least finger forces for many wrenches at once (theory, Section 5).
-
-``min ||x||^2 / 2  s.t.  G x = w, x in K`` has the dual ``max_y <w, y> - ||P_K(G^T y)||^2 / 2`` with d unknowns
-whatever the number of contacts; the primal is ``x = P_K(G^T y)``. The dual is concave, C^1 and piecewise
-smooth: a semismooth Newton method with a line search solves it to rounding in some ten steps.
-"""
+"""Finger forces that produce given wrenches with the least effort, and which wrenches cannot be produced."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.grasp import Grasp
+from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality import conic
+from nlpgrasp.quality.closure import unreachable
+from nlpgrasp.quality.dual_newton import dual_newton
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.validation import FloatArray, array
 
-TOLERANCE = 1e-10
-STEPS = 60
-DIFFERENCE = 1e-7
+RANK_TOLERANCE = 1e-10
+PRODUCED = 1e-8  # relative residual up to which a wrench counts as produced
+PROVEN = 1e-7  # support of a separating direction, relative to G
 
 
 @dataclass(frozen=True)
@@ -27,86 +29,104 @@ class FingerForces:
     Parameters
     ----------
     forces : (m, n) array
-        Force components in the contact frames, normal first; the nearest attempt where infeasible.
+        Force components in the contact frames, contact by contact, normal force first; the nearest attempt where a
+        wrench cannot be produced.
     feasible : (m,) bool array
-        Whether the contacts can produce the wrench.
+        Whether the contacts can produce the wrench, with whatever force.
     residual : (m,) array
-        ``||G x - w||`` relative to ``max(||w||, 1e-300)``, torques over the grasp's own length scale.
+        ``||G x - w||`` relative to ``||w||``, each coordinate over the length of its row of G.
+    used : (m,) array
+        Least amount of the force budget: the L2 norm of all forces, the largest normal force, ...; infinite
+        where a wrench cannot be produced.
+    separating_directions : (m, d) array
+        Why not: a unit direction y with ``<w, y> > 0`` along which no force in the contacts' cones does positive work;
+        NaN where a wrench can be produced.
     """
 
     forces: FloatArray
-    feasible: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    feasible: NDArray[np.bool_]
     residual: FloatArray
+    used: FloatArray
+    separating_directions: FloatArray
 
 
-def least_forces(grasp: Grasp, wrenches: FloatArray) -> FingerForces:
-    """Return the forces of least L2 norm that produce each wrench.
+@overload
+def finger_forces(grasp: Grasp, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2") -> FingerForces: ...
+
+
+@overload
+def finger_forces(
+    grasp: GraspStack, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2"
+) -> tuple[FingerForces, ...]: ...
+
+
+def finger_forces(
+    grasp: Grasp | GraspStack, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2"
+) -> FingerForces | tuple[FingerForces, ...]:
+    """Return the least finger forces for each wrench, theory Section 5.
+
+    With the default budget the forces of least L2 norm, unique, for thousands of wrenches at once. With
+    ``"per_finger"`` the least maximal normal force (the grasp force optimisation problem), with ``"shared"`` the
+    least sum of normal forces, with ``"per_finger_size"`` the least maximal finger force, with joint-torque limits
+    the least share of them: one small conic program a wrench.
 
     Parameters
     ----------
-    grasp : Grasp
-    wrenches : (m, d) array
-        About the grasp's torque origin.
+    grasp : Grasp or GraspStack
+    wrenches : (m, d) or (d,) array
+        What the fingers have to produce, about the grasp's torque origin. A load on the body asks for its opposite.
+    force_budget : str or ForceBudget
+        What counts as least.
+
+    Returns
+    -------
+    FingerForces
+        For a stack, one for each grasp.
+
+    Raises
+    ------
+    InputError
+        On wrenches of another dimension, NaN, or a budget that does not bound the contacts' forces.
     """
-    w = array("wrenches", wrenches, (None, grasp.dimension))
-    scale = np.sqrt(np.maximum(np.sum(grasp.G**2, axis=1), 1e-300))
-    wrench_set = WrenchSet.of(grasp).transformed(np.diag(1.0 / scale))
+    if isinstance(grasp, GraspStack):
+        return tuple(finger_forces(g, wrenches, force_budget=force_budget) for g in grasp)
+    w = array("wrenches", np.atleast_2d(np.asarray(wrenches)), (None, grasp.dimension))
+    scale = np.linalg.norm(grasp.G, axis=1)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    scaled = WrenchSet.of(grasp, force_budget).transformed(np.diag(1.0 / scale))
     target = w / scale
-    size = np.asarray(np.maximum(np.linalg.norm(target, axis=1), 1e-300))
-    unit = target / size[:, None]
-    x, residual = _newton(wrench_set, unit)
-    return FingerForces(x * size[:, None], residual <= 1e-7, residual)
+    size = np.linalg.norm(target, axis=1)
+    unit = target / np.where(size > 0.0, size, 1.0)[:, None]
+    x, residual, why = _least(scaled, unit)
+    feasible = residual <= PRODUCED
+    why = why / scale
+    why /= np.where(feasible, np.nan, np.linalg.norm(why, axis=1))[:, None]
+    used = np.where(feasible, scaled.budget.used(x, grasp.contacts, grasp.space) * size, np.inf)
+    return FingerForces(x * size[:, None], feasible, residual, used, why)
 
 
-def _newton(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solve the dual for unit wrenches (m, d): forces (m, n) and residuals (m,)."""
-    G = wrench_set.G
-    d = G.shape[0]
-    y: FloatArray = np.asarray(np.linalg.lstsq(G @ G.T + 1e-9 * np.eye(d), w.T, rcond=None)[0].T, dtype=np.float64)
-    x = wrench_set.project(y @ G)
-    value = _dual(w, y, x)
-    for _ in range(STEPS):
-        gradient = w - x @ G.T
-        if np.max(np.linalg.norm(gradient, axis=1)) <= TOLERANCE:
-            break
-        matrix: FloatArray = _hessian(wrench_set, y) + _regular(gradient, d)
-        step = np.linalg.solve(matrix, gradient[:, :, None])[:, :, 0]
-        slope = np.sum(gradient * step, axis=1)
-        length = np.ones(len(w))
-        for _ in range(30):
-            trial = y + length[:, None] * step
-            trial_x = wrench_set.project(trial @ G)
-            trial_value = _dual(w, trial, trial_x)
-            short = trial_value < value + 1e-4 * length * slope - 1e-15 * np.abs(value)
-            if not short.any():
-                break
-            length = np.where(short, 0.5 * length, length)
-        better = trial_value >= value
-        y = np.where(better[:, None], trial, y)
-        x = np.where(better[:, None], trial_x, x)
-        value = np.where(better, trial_value, value)
-    return x, np.linalg.norm(w - x @ G.T, axis=1)
-
-
-def _dual(w: FloatArray, y: FloatArray, x: FloatArray) -> FloatArray:
-    return np.asarray(np.sum(w * y, axis=1) - 0.5 * np.sum(x * x, axis=1))
-
-
-def _regular(gradient: FloatArray, d: int) -> FloatArray:
-    """Return a multiple of the identity that vanishes with the gradient, (m, d, d)."""
-    return np.asarray(
-        (1e-3 * np.minimum(1.0, np.linalg.norm(gradient, axis=1)) ** 2 + 1e-14)[:, None, None] * np.eye(d)
-    )
-
-
-def _hessian(wrench_set: WrenchSet, y: FloatArray) -> FloatArray:
-    """Return ``G P_K'(G^T y) G^T`` by central differences of the projection, column by column (m, d, d)."""
-    G = wrench_set.G
-    columns = []
-    size = DIFFERENCE * np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-12)
-    for row in G:
-        up = wrench_set.project((y @ G) + size * row)
-        down = wrench_set.project((y @ G) - size * row)
-        columns.append(((up - down) / (2.0 * size)) @ G.T)
-    result = np.stack(columns, axis=2)
-    return np.asarray(0.5 * (result + result.transpose(0, 2, 1)))
+def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return forces, residuals and separating directions for unit (or zero) wrenches."""
+    basis, values, _ = np.linalg.svd(wrench_set.G)
+    rank = int(np.sum(values > RANK_TOLERANCE * max(values[0], 1e-300)))
+    basis = basis[:, :rank]  # what G reaches at all, contacts' cones aside
+    inside = wrench_set.transformed(basis.T)
+    local = w @ basis
+    y, x = dual_newton(inside, local)
+    why = w - local @ basis.T
+    off = np.linalg.norm(why, axis=1) > PRODUCED
+    residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
+    for i in np.flatnonzero(~off & (residual > PRODUCED)):
+        direction = y[i] / max(float(np.linalg.norm(y[i])), 1e-300)
+        support = np.linalg.norm(inside.project((direction @ inside.G)[None, :]))
+        if support > PROVEN * values[0] or direction @ local[i] <= 0.0:
+            found = unreachable(inside, local[i])
+            direction = direction if found is None else found
+        why[i] = basis @ direction
+    if not isinstance(wrench_set.budget, L2Budget):
+        able = np.flatnonzero(residual <= PRODUCED)
+        found_forces = conic.least_forces(inside, local[able])[0]
+        good = np.all(np.isfinite(found_forces), axis=1)
+        x[able[good]] = found_forces[good]
+        residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
+    return x, residual, why

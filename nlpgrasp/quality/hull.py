@@ -8,6 +8,7 @@ over that set's boundary surrounds it again. Rounding can therefore only widen a
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.spatial import ConvexHull, QhullError
 from nlpgrasp.validation import FloatArray
 
 Indices = NDArray[np.intp]
+ILL = 1e-3  # difference of two heights below which planes are solved for anew
 BEYOND = 1e-9  # relative height above a plane from which a point counts as beyond it
 
 
@@ -69,6 +71,16 @@ class Hull:
         """Return the number of vertices."""
         return self._count
 
+    def corners(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the cells' vertices relative to the centre (f, d, d), their planes (f, d) and heights (f,).
+
+        A height is the least ``<a, v - centre>`` over a cell's own vertices: 1 up to rounding.
+        """
+        live = np.any(self.planes[: self._size] != 0.0, axis=1)
+        corners = self._points[self._cells[: self._size][live]]
+        planes = self.planes[: self._size][live]
+        return corners, planes, np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1)
+
     def worst(self, below: float, most: int) -> Indices:
         """Return at most ``most`` cells with a value below the given one, smallest first."""
         values = self.values[: self._size]
@@ -76,11 +88,6 @@ class Hull:
         if cells.size > most:
             cells = cells[np.argpartition(values[cells], most - 1)[:most]]
         return cells[np.argsort(values[cells])]
-
-    def heights(self) -> FloatArray:
-        """Return, for each cell, the least ``<a, v - centre>`` over its own vertices: 1 up to rounding (f,)."""
-        corners = self._points[self._cells[: self._size]]
-        return np.asarray(np.min(np.einsum("fvd,fd->fv", corners, self.planes[: self._size]), axis=1))
 
     def insert(self, point: FloatArray) -> bool:
         """Add a vertex; return whether it was outside."""
@@ -105,8 +112,7 @@ class Hull:
             self._count -= 1
             return False
         back = np.argmax(self._near[outer] == old[:, None], axis=1)
-        share = ((height[old] - 1.0) / (height[old] - height[outer]))[:, None]
-        planes = (1.0 - share) * self.planes[old] + share * self.planes[outer]
+        planes = self._new_planes(height, old, outer, cells)
         new = self._slots(seen, len(old))
         rows, slots, partner = pairs
         self._near[new, slot] = outer
@@ -116,6 +122,29 @@ class Hull:
         self.planes[new] = planes
         self.values[new] = self._measure(planes, self.centre)
         return True
+
+    def _new_planes(self, height: FloatArray, old: Indices, outer: Indices, cells: Indices) -> FloatArray:
+        """Return the planes through the horizon's ridges and the new point: each between those of the cells there."""
+        drop = height[old] - height[outer]
+        share = ((height[old] - 1.0) / drop)[:, None]
+        planes = (1.0 - share) * self.planes[old] + share * self.planes[outer]
+        close = np.flatnonzero(drop < ILL)
+        if close.size:  # the two planes hardly differ at the new point: solve for the vertices themselves
+            with contextlib.suppress(np.linalg.LinAlgError):
+                corners = self._points[cells[close]]
+                solved = np.linalg.solve(corners, np.ones((*corners.shape[:2], 1)))[:, :, 0]
+                good = np.all(np.isfinite(solved), axis=1)
+                planes[close[good]] = solved[good]
+        return planes
+
+    def folds(self) -> float:
+        """Return how far any cell's neighbour sticks out of its plane, relative: 0 for a convex surface."""
+        live = np.flatnonzero(np.any(self.planes[: self._size] != 0.0, axis=1))
+        near = self._near[live]
+        back = np.argmax(self._near[near] == live[:, None, None], axis=2)
+        opposite = np.take_along_axis(self._cells[near], back[:, :, None], axis=2)[:, :, 0]
+        height = np.einsum("fsd,fd->fs", self._points[opposite], self.planes[live])
+        return float(np.max(height)) - 1.0
 
     def _pairs(self, cells: Indices, inner: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices] | None:
         """Match the ridges the new cells share: rows, slots and the row on the other side; None when some is alone."""

@@ -1,33 +1,74 @@
-"""Quality measures of a given grasp, with certified bounds (Sections 3.1 and 3.3)."""
+"""delta, mu, mu-tilde and mu_1 of given grasps, with certified bounds (Sections 3.1 and 3.3)."""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+from typing import overload
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
-from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality.bilateral import bilateral_ellipsoid
+from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.containment import conditioned
 from nlpgrasp.quality.sandwich import sandwich
 from nlpgrasp.quality.wrench_set import WrenchSet
-from nlpgrasp.tasks import Task, TaskEllipsoid
-from nlpgrasp.validation import number
+from nlpgrasp.tasks import Task, TaskEllipsoid, TaskSet
+from nlpgrasp.validation import FloatArray, array, number
 
 
-def mu(grasp: Grasp, task: Task, rtol: float = 0.01, *, seed: int = 0, deadline: float | None = None) -> Bounds:
+@overload
+def mu(
+    grasp: Grasp,
+    task: Task,
+    rtol: float = 0.01,
+    *,
+    force_budget: str | ForceBudget = "l2",
+    seed: int = 0,
+    deadline: float | None = None,
+) -> Bounds: ...
+
+
+@overload
+def mu(
+    grasp: GraspStack,
+    task: Task,
+    rtol: float = 0.01,
+    *,
+    force_budget: str | ForceBudget = "l2",
+    seed: int = 0,
+    deadline: float | None = None,
+) -> StackBounds: ...
+
+
+def mu(
+    grasp: Grasp | GraspStack,
+    task: Task,
+    rtol: float = 0.01,
+    *,
+    force_budget: str | ForceBudget = "l2",
+    seed: int = 0,
+    deadline: float | None = None,
+) -> Bounds | StackBounds:
     """Return the task-oriented quality: mu (3.3-4a) when the task is centred, mu-tilde (3.3-4b) otherwise.
 
-    Both are the largest alpha with ``alpha A`` inside ``G(B n K)``: unit force (in the L2 norm of all finger
-    forces) then resists every wrench of the task times alpha; the whole task needs force ``1 / alpha``. For a
-    centred ellipsoid alpha is the paper's beta, in units of the semi-axes as given.
+    Both are the largest alpha with ``alpha A`` inside ``G(B n K)``: unit force (in the sense of the force budget)
+    then resists every wrench of the task times alpha; the whole task needs force ``1 / alpha``. For a centred
+    ellipsoid alpha is the paper's beta, in units of the semi-axes as given.
 
     Parameters
     ----------
-    grasp : Grasp
+    grasp : Grasp or GraspStack
     task : Task
         About the same torque origin as the grasp.
     rtol : float
         Relative width at which to stop, greater than zero.
+    force_budget : str or ForceBudget
+        ``"l2"`` (the paper's), ``"per_finger"``, ``"shared"``, ``"per_finger_size"`` or joint-torque limits.
     seed : int
         Of the search directions; the bounds hold whatever it is.
     deadline : float, optional
@@ -36,43 +77,151 @@ def mu(grasp: Grasp, task: Task, rtol: float = 0.01, *, seed: int = 0, deadline:
     Returns
     -------
     Bounds
-        Certified: ``lower <= mu <= upper``. With ``upper == 0``, ``worst_direction`` is the proof.
+        Certified: ``lower <= mu <= upper``. With ``upper == 0``, ``worst_direction`` is the proof. For a stack,
+        arrays of them.
 
     Raises
     ------
     InputError
-        When the task's dimension is not the grasp's, or rtol is not positive.
+        When the task's dimension is not the grasp's, rtol is not positive, or the budget does not fit.
     """
+    if isinstance(grasp, GraspStack):
+        return StackBounds.of(
+            [mu(g, task, rtol, force_budget=force_budget, seed=seed, deadline=deadline) for g in grasp]
+        )
     rtol = number("rtol", rtol, above=0.0)
     if task.dimension != grasp.dimension:
         raise InputError("task", f"dimension {task.dimension}", f"the grasp's wrench dimension {grasp.dimension}")
-    problem, proof = conditioned(WrenchSet.of(grasp), task)
+    problem, proof = conditioned(WrenchSet.of(grasp, force_budget), task)
     if problem is None:
         return Bounds(0.0, 0.0, proof)
-    bounds = sandwich(problem, rtol, seed, deadline)
+    bounds = bilateral_ellipsoid(problem) or sandwich(problem, rtol, seed, deadline)
     worst = bounds.worst_direction
     direction = None if worst is None else problem.original(worst)
     return Bounds(bounds.lower, bounds.upper, direction)
 
 
-def delta(grasp: Grasp, torque_scale: float = 1.0, rtol: float = 0.01) -> Bounds:
-    """Return delta (3.1-1b): the radius of the largest ball about the origin inside ``G(B n K)``.
+@overload
+def delta(
+    grasp: Grasp, torque_scale: float = 1.0, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2"
+) -> Bounds: ...
+
+
+@overload
+def delta(
+    grasp: GraspStack, torque_scale: float = 1.0, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2"
+) -> StackBounds: ...
+
+
+def delta(
+    grasp: Grasp | GraspStack,
+    torque_scale: float = 1.0,
+    rtol: float = 0.01,
+    *,
+    force_budget: str | ForceBudget = "l2",
+) -> Bounds | StackBounds:
+    """Return delta: the radius of the largest ball about the origin inside ``G(B n K)``, (3.1-1b).
+
+    With bilateral contacts only (``K = R^n``) and the L2 budget it is the smallest singular value of G, (3.1-1a). With
+    ``force_budget="shared"`` it is Ferrari and Canny's epsilon, of the exact friction cones.
 
     Parameters
     ----------
-    grasp : Grasp
+    grasp : Grasp or GraspStack
     torque_scale : float
         Metres. A torque counts as the force ``torque / torque_scale``; delta depends on it and on the torque
         origin (Remark 6), so both belong with any value that is quoted.
     rtol : float
         Relative width at which to stop.
+    force_budget : str or ForceBudget
 
     Returns
     -------
     Bounds
-        Certified, in newtons per unit of finger force.
+        Certified, in newtons per unit of finger force. For a stack, arrays of them.
     """
+    found = mu(grasp, ball(grasp.dimension, torque_scale), rtol, force_budget=force_budget)
+    return replace(found, torque_scale=float(torque_scale))
+
+
+def ball(dimension: int, torque_scale: float) -> TaskEllipsoid:
+    """Return the unit ball of wrenches, torques counted over ``torque_scale``."""
     scale = number("torque_scale", torque_scale, above=0.0)
-    forces = 2 if grasp.space == 2 else 3
-    ball = TaskEllipsoid(np.array([1.0] * forces + [scale] * (grasp.dimension - forces)))
-    return mu(grasp, ball, rtol)
+    forces = 2 if dimension == 3 else 3
+    return TaskEllipsoid(np.array([1.0] * forces + [scale] * (dimension - forces)))
+
+
+def mu_tilde(grasp: Grasp, task: Task, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2") -> Bounds:
+    """Return mu-tilde (3.3-4b): one over the least finger force that resists every wrench of the task.
+
+    The same number as :func:`mu`, which measures a task by its own size: a centred ellipsoid whose axes are the
+    paper's ``r_i`` has mu = beta, and the ellipsoid ``A_beta`` has mu-tilde = mu / beta.
+
+    Parameters
+    ----------
+    grasp : Grasp
+    task : Task
+    rtol : float
+    force_budget : str or ForceBudget
+    """
+    return mu(grasp, task, rtol, force_budget=force_budget)
+
+
+def mu_1(
+    grasp: Grasp,
+    task: Task,
+    center: ArrayLike,
+    scale: float = 1.0,
+    rtol: float = 0.01,
+    *,
+    force_budget: str | ForceBudget = "l2",
+) -> Bounds:
+    """Return mu_1 (3.3-9): mu-tilde of ``b + lambda_0 (C - b)``, a convex task rescaled about a point of it.
+
+    Parameters
+    ----------
+    grasp : Grasp
+    task : Task
+        C, any convex set of wrenches.
+    center : (d,) array
+        b.
+    scale : float
+        lambda_0, greater than zero; large enough for the rescaled set to contain the origin if mu_1 > 0 is to
+        mean stability.
+    rtol : float
+    force_budget : str or ForceBudget
+    """
+    b = array("center", center, (grasp.dimension,))
+    factor = number("scale", scale, above=0.0)
+
+    def support(y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values, maximisers = task.support(y)
+        shift = y @ b
+        return shift + factor * (values - shift), b + factor * (maximisers - b)
+
+    if task.dimension != grasp.dimension:
+        raise InputError("task", f"dimension {task.dimension}", f"the grasp's wrench dimension {grasp.dimension}")
+    return mu(grasp, TaskSet(support, grasp.dimension), rtol, force_budget=force_budget)
+
+
+def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:
+    """Return K_1 and K_2 of (3.3-8): ``K_1 mu_tilde(c + E) <= mu(E) <= K_2 mu_tilde(c + E)`` for every grasp.
+
+    With ``s = ||L^+ c||``, how far the centre c of the task is out in units of its own ellipsoid E, ``(1 - s) E`` is
+    inside ``c + E``, which is inside ``(1 + s) E``: K_1 is ``max(0, 1 - s)`` and K_2 is ``1 + s``. Both are
+    1 for a centred task. K_2 is infinite where c is out of the span of a flat ellipsoid.
+
+    Parameters
+    ----------
+    task : TaskEllipsoid
+        ``c + E``.
+
+    Returns
+    -------
+    K_1, K_2 : float
+    """
+    local, *_ = np.linalg.lstsq(task.axes.T, task.center, rcond=None)
+    if np.linalg.norm(task.axes.T @ local - task.center) > 1e-9 * max(float(np.linalg.norm(task.center)), 1e-300):
+        return 0.0, float("inf")
+    s = float(np.linalg.norm(local))
+    return max(0.0, 1.0 - s), 1.0 + s

@@ -128,7 +128,5 @@ def _values(problem: Containment, planes: FloatArray, centre: FloatArray, height
 
 def _lower(problem: Containment, hull: Hull) -> float:
     """Return the certified lower bound, each cell's offset taken anew from its own vertices, the nearest one."""
-    heights = hull.heights()
-    alive = np.isfinite(hull.values[: len(heights)]) | np.any(hull.planes[: len(heights)] != 0.0, axis=1)
-    planes = hull.planes[: len(heights)][alive]
-    return float(np.min(_values(problem, planes, hull.centre, np.minimum(heights[alive], 1.0))))
+    _, planes, heights = hull.corners()
+    return float(np.min(_values(problem, planes, hull.centre, np.minimum(heights, 1.0))))

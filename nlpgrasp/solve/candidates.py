@@ -7,7 +7,8 @@ from itertools import combinations_with_replacement, product
 import numpy as np
 
 from nlpgrasp.directions import directions
-from nlpgrasp.quality.batch import grasp_maps, sampled_ratios, screening_score
+from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality.screening import sampled_ratios, screening_score
 from nlpgrasp.solve.workbench import FEASIBLE, Workbench
 from nlpgrasp.validation import FloatArray
 
@@ -29,10 +30,9 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> tuple[tuple[str, .
     assignments = _assignments(bench, count, rng)
     points = np.stack([_place(bench, faces, rng) for faces in assignments])
     normals = _normals(bench, assignments, points)
-    maps = grasp_maps(points, normals, bench.problem.models, bench.problem.origin)
-    y = screening_directions(bench)
-    ratios = sampled_ratios(maps, bench.problem.models, bench.space, bench.problem.task, y)
-    score = screening_score(ratios) * bench.scaling.task
+    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
+    ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
+    score = screening_score(ratios) * bench.scaling.beta
     violation = bench.violations(points, normals, bench.hand_start(points, normals))
     best = int(np.argmax(np.where(violation <= FEASIBLE, score, -1.0 - violation)))
     return assignments[best], points[best]

@@ -58,8 +58,8 @@ def exchange(
 ) -> ExchangeState:
     """Improve the contacts until the model promises nothing more, the rounds are used up, or a stop."""
     compiled = bench.cut_program(faces)
-    task = bench.problem.task
-    weakest = weakest_directions(bench.grasp(faces, state.points), task, np.zeros((0, task.dimension)), rng)
+    task, budget = bench.problem.task, bench.problem.budget
+    weakest = weakest_directions(bench.grasp(faces, state.points), task, np.zeros((0, task.dimension)), rng, budget)
     cuts, state.value = weakest.directions, weakest.value
     radius = FIRST_RADIUS
     while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
@@ -70,7 +70,7 @@ def exchange(
         state.iterations += result.iterations
         state.function_seconds += result.function_seconds
         state.solver_seconds += result.seconds
-        promised = result.objective / bench.scaling.task - state.value
+        promised = result.objective / bench.scaling.beta - state.value
         trial, hand = contacts_of(bench, compiled, faces, result)
         found = _evaluate(bench, faces, trial, hand, cuts, rng)
         if found is None:
@@ -137,7 +137,7 @@ def _start(
     """Return start, parameters and trust-region bounds of one solve."""
     program = compiled.program
     z = fill_start(bench, compiled, faces, state.points, state.hand)
-    z[program.block("beta").range] = state.value * bench.scaling.task
+    z[program.block("beta").range] = state.value * bench.scaling.beta
     lower, upper = (b.copy() for b in program.bounds)
     for i in range(len(faces)):
         block = program.block(f"position {i}").range
@@ -154,7 +154,7 @@ def _most_relevant(bench: Workbench, faces: tuple[str, ...], points: FloatArray,
     """Return as many cuts as the program holds: those nearest to binding at the current contacts."""
     if len(cuts) <= bench.slots:
         return cuts
-    support = WrenchSet.of(bench.grasp(faces, points)).support(cuts)[0]
+    support = WrenchSet.of(bench.grasp(faces, points), bench.problem.budget).support(cuts)[0]
     return cuts[np.sort(np.argsort(support, kind="stable")[: bench.slots])]
 
 
@@ -175,7 +175,7 @@ def _evaluate(
     batched = {name: v[None, :] for name, v in hand.items()}
     if bench.violations(points[None], normals[None], batched)[0] > FEASIBLE:
         return None
-    return weakest_directions(bench.grasp(faces, points), bench.problem.task, cuts, rng, fresh=60, iterations=30)
+    return weakest_directions(bench.grasp(faces, points), bench.problem.task, cuts, rng, bench.problem.budget, 60, 30)
 
 
 def _new(known: FloatArray, directions: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.containment import conditioned
 from nlpgrasp.quality.minimise import descend, random_directions, separated
@@ -39,6 +40,7 @@ def weakest_directions(
     task: Task,
     known: FloatArray,
     rng: np.random.Generator,
+    budget: ForceBudget,
     fresh: int = 150,
     iterations: int = 40,
 ) -> Weakest:
@@ -51,12 +53,13 @@ def weakest_directions(
     known : (m, d) array
         Directions to start from as well, for example those of a nearby grasp.
     rng : numpy.random.Generator
+    budget : ForceBudget
     fresh : int
         Random starting directions.
     iterations : int
         Of the descent.
     """
-    problem, proof = conditioned(WrenchSet.of(grasp), task)
+    problem, proof = conditioned(WrenchSet.of(grasp, budget), task)
     if problem is None:
         y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
         return Weakest(0.0, y)

@@ -12,7 +12,8 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.grasp import Grasp
-from nlpgrasp.quality.batch import grasp_maps, sampled_ratios, screening_score
+from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality.screening import sampled_ratios, screening_score
 from nlpgrasp.solve.candidates import screening_directions
 from nlpgrasp.solve.exchange import ExchangeState
 from nlpgrasp.solve.minimisers import weakest_directions
@@ -106,15 +107,15 @@ def _move(
 
 
 def _scores(bench: Workbench, points: FloatArray, normals: FloatArray, y: FloatArray) -> FloatArray:
-    maps = grasp_maps(points, normals, bench.problem.models, bench.problem.origin)
-    return screening_score(sampled_ratios(maps, bench.problem.models, bench.space, bench.problem.task, y))
+    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
+    return screening_score(sampled_ratios(stack, bench.problem.task, y, bench.screening_budget))
 
 
 def _weakest(
     bench: Workbench, points: FloatArray, normals: FloatArray, known: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     grasp = Grasp(points, normals, bench.problem.models, bench.problem.origin)
-    return weakest_directions(grasp, bench.problem.task, known[-100:], rng, fresh=60, iterations=25).directions
+    return weakest_directions(grasp, bench.problem.task, known[-100:], rng, bench.problem.budget, 60, 25).directions
 
 
 def _value(bench: Workbench, points: FloatArray, normals: FloatArray, cuts: FloatArray) -> float:

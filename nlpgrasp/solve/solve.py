@@ -18,9 +18,9 @@ import trimesh
 from threadpoolctl import threadpool_limits
 
 from nlpgrasp.errors import InputError, NoGraspError
+from nlpgrasp.grasp import Grasp
 from nlpgrasp.problem import GraspProblem
-from nlpgrasp.quality import Bounds, mu
-from nlpgrasp.quality.forces import least_forces
+from nlpgrasp.quality import Bounds, delta, finger_forces, mu, nu
 from nlpgrasp.solution import GraspSolution, StartRecord, Status
 from nlpgrasp.solve.interrupt import Interrupt
 from nlpgrasp.solve.options import SolveOptions
@@ -32,6 +32,7 @@ from nlpgrasp.version import __version__
 
 Progress = Callable[[StartRecord, Bounds], None]
 CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
+OTHER_RTOL = 0.02  # relative gap of delta, error bar of nu
 FINAL_GRACE = 2.0  # seconds the answer's certificate may take past the time limit
 
 
@@ -137,12 +138,15 @@ def _solution(
         status = cut_short or (Status.FAILED if failed else Status.NO_GRASP)
         return GraspSolution(status, problem.name, data, kind=kind, starts=records)
     limit = None if deadline is None and cut_short is None else max(deadline or 0.0, time.monotonic() + FINAL_GRACE)
-    bounds = mu(best.grasp, problem.task, options.final_rtol, seed=seed, deadline=limit)
+    bounds = mu(best.grasp, problem.task, options.final_rtol, force_budget=problem.budget, seed=seed, deadline=limit)
     bounds = Bounds(
         max(bounds.lower, best.record.mu.lower),
         min(bounds.upper, best.record.mu.upper),
         bounds.worst_direction,
     )
+    forces, moments = _forces(problem, best.grasp, bounds.lower)
+    scale = float(np.sqrt(np.mean(np.sum((best.grasp.points - best.grasp.torque_origin) ** 2, axis=1)))) or 1.0
+    measured = limit is None  # where time is short, mu alone
     return GraspSolution(
         status=cut_short or Status.SOLVED,
         name=problem.name,
@@ -151,7 +155,10 @@ def _solution(
         faces=best.record.faces,
         mu=bounds,
         kind=kind,
-        forces=_forces(problem, best, bounds.lower),
+        delta=delta(best.grasp, scale, OTHER_RTOL, force_budget=problem.budget) if measured else None,
+        nu=nu(best.grasp, scale, OTHER_RTOL, force_budget=problem.budget) if measured else None,
+        forces=forces,
+        moments=moments,
         constraints=best.constraints,
         hand=best.hand,
         surface=best.surface,
@@ -159,24 +166,18 @@ def _solution(
     )
 
 
-def _forces(problem: GraspProblem, best: StartResult, share: float) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Return least finger forces for the ends of the task's semi-axes, scaled by the certified quality."""
-    grasp = best.grasp
-    if grasp is None:
-        return ()
+def _forces(
+    problem: GraspProblem, grasp: Grasp, share: float
+) -> tuple[tuple[tuple[FloatArray, FloatArray], ...], tuple[FloatArray, ...]]:
+    """Return least finger forces, and moments if any, for the ends of the task's semi-axes times the quality."""
     axes = problem.task.axes[np.any(problem.task.axes != 0.0, axis=1)]
     wrenches = share * (problem.task.center + np.concatenate([axes, -axes]))
-    found = least_forces(grasp, wrenches)
-    body_frame = []
-    for x in found.forces:
-        start, rows = 0, []
-        for frame, model in zip(grasp.frames, grasp.contacts, strict=True):
-            count = model.components(grasp.space)
-            linear = min(count, grasp.space)
-            rows.append(frame[:, :linear] @ x[start : start + linear])
-            start += count
-        body_frame.append(np.stack(rows))
-    return tuple((w, f) for w, f, ok in zip(wrenches, body_frame, found.feasible, strict=True) if ok)
+    found = finger_forces(grasp, wrenches, force_budget=problem.budget)
+    each = [grasp.contact_wrenches(x) for x in found.forces[found.feasible]]
+    space = grasp.space
+    forces = tuple((w, c[:, :space]) for w, c in zip(wrenches[found.feasible], each, strict=True))
+    turning = any(axis >= space for m in grasp.contacts for axis in m.axes(space))
+    return forces, tuple(c[:, space:] for c in each) if turning else ()
 
 
 def _solver_record(options: SolveOptions, seed: int, results: Sequence[StartResult], seconds: float) -> dict[str, Any]:

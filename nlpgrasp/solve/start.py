@@ -73,7 +73,13 @@ def _run(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResult:
         clock.mark("exchange")
         grasp, surface = _on_surface(bench, faces, state, rng, stop)
         clock.mark("mesh")
-        bounds = mu(grasp, bench.problem.task, bench.options.rtol, deadline=stop.certificate_deadline(GRACE))
+        bounds = mu(
+            grasp,
+            bench.problem.task,
+            bench.options.rtol,
+            force_budget=bench.problem.budget,
+            deadline=stop.certificate_deadline(GRACE),
+        )
         clock.mark("certificate")
     except (RuntimeError, np.linalg.LinAlgError) as error:
         text = f"{type(error).__name__}: {error}"
@@ -143,7 +149,8 @@ def _better(
             scores.append(-np.inf)
             continue
         violation = bench.violations(points[None], normals[None], {n: v[None, :] for n, v in hand.items()})[0]
-        value = weakest_directions(bench.grasp(faces, points), bench.problem.task, none, rng).value
+        grasp = bench.grasp(faces, points)
+        value = weakest_directions(grasp, bench.problem.task, none, rng, bench.problem.budget).value
         scores.append(value if violation <= FEASIBLE else -violation)
     return options[int(np.argmax(scores))]
 
@@ -188,7 +195,7 @@ def _multipliers(bench: Workbench, state: ExchangeState) -> FloatArray:
     scales = np.array([row.scale for row in bench.constraint_rows])
     stop = len(state.last.multipliers) - state.last.face_rows  # face rows come last, these just before them
     count = len(scales)
-    return np.asarray(state.last.multipliers[stop - count : stop] / (bench.scaling.task * scales))
+    return np.asarray(state.last.multipliers[stop - count : stop] / (bench.scaling.beta * scales))
 
 
 class _Clock:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.directions import directions
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
@@ -112,6 +113,11 @@ class Workbench:
         if self.options.time_limit is not None:
             most["max_wall_time"] = self.options.time_limit
         return CompiledProgram(program, most | limits)
+
+    @property
+    def screening_budget(self) -> ForceBudget:
+        """The budget to rank placements by: the paper's where the problem's own needs each placement's frames."""
+        return L2Budget() if self.problem.budget.depends_on_frames else self.problem.budget
 
     @property
     def slots(self) -> int:

@@ -12,7 +12,6 @@ from scipy.optimize import minimize
 import nlpgrasp as ng
 from nlpgrasp.nlp import CompiledProgram, support_program, vertex_program
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.quality.batch import grasp_maps
 from nlpgrasp.quality.minimise import random_directions
 from nlpgrasp.solve.candidates import draw_start
 from nlpgrasp.solve.exchange import contacts_of, fill_start
@@ -35,7 +34,7 @@ def slsqp(points, rng):
         p = x[:12].reshape(4, 3)
         n = -p / AXES**2
         n /= np.linalg.norm(n, axis=1, keepdims=True)
-        G = grasp_maps(p[None], n[None], CONTACTS, np.zeros(3))[0]
+        G = ng.GraspStack(p[None], n[None], CONTACTS).G[0]
         return WrenchSet(G, CONTACTS, 3).support(y)[0]
 
     constraints = [

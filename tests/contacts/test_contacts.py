@@ -1,5 +1,6 @@
 """Conformance of every contact model."""
 
+import casadi as ca
 import clarabel
 import numpy as np
 import pytest
@@ -7,25 +8,44 @@ from scipy import sparse
 
 import nlpgrasp as ng
 from nlpgrasp.contacts import contact_from_dict
+from nlpgrasp.quality import WrenchSet
 from tests.samples import CONTACTS
 
 models = pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS.keys())
 
 
+def ranges(contact, n):
+    """Return the blocks of components and how far normal force lets them go, from the models' definitions."""
+    mu, mu_t = getattr(contact, "friction", None), getattr(contact, "torsional_friction", None)
+    rough = [((1, 2), mu), ((3,), mu_t)]
+    return {
+        "point": lambda: [],
+        "friction": lambda: [(tuple(range(1, n)), mu)],
+        "soft": lambda: rough,
+        "line": lambda: [*(rough if mu else []), ((n - 1,), contact.length / 2)],
+        "plane": lambda: [
+            *(rough if mu else []),
+            *(
+                [((n - 2, n - 1), contact.radius)]
+                if contact.radius
+                else [((n - 2,), contact.extents[1] / 2), ((n - 1,), contact.extents[0] / 2)]
+            ),
+        ],
+    }[contact.kind]()
+
+
 def inside(contact, x, tolerance=0.0):
     """Return whether force components are in the force domain, by its definition in (2.4-1)."""
-    normal, sliding = x[..., 0], np.linalg.norm(x[..., 1:3], axis=-1)
+    if contact.kind == "bilateral":
+        return np.ones(x.shape[:-1], dtype=bool)
+    normal = x[..., 0]
     good = normal >= -tolerance
-    if isinstance(contact, ng.FrictionContact):
-        good &= sliding <= contact.friction * normal + tolerance
-    if isinstance(contact, ng.SoftContact):
-        torsion = np.abs(x[..., 3])
-        if contact.model == "box":
-            good &= sliding <= contact.friction * normal + tolerance
-            good &= torsion <= contact.torsional_friction * normal + tolerance
-        else:
-            size = np.hypot(sliding / contact.friction, torsion / contact.torsional_friction)
-            good &= size <= normal + tolerance / contact.torsional_friction
+    if getattr(contact, "model", None) == "elliptic":
+        sliding, torsion = np.linalg.norm(x[..., 1:3], axis=-1), np.abs(x[..., 3])
+        size = np.hypot(sliding / contact.friction, torsion / contact.torsional_friction)
+        return good & (size <= normal + tolerance / contact.torsional_friction)
+    for block, most in ranges(contact, x.shape[-1]):
+        good &= np.linalg.norm(x[..., list(block)], axis=-1) <= most * normal + tolerance
     return good
 
 
@@ -85,17 +105,16 @@ def conic_projection(contact, z):
         row[i] = value
         return row
 
-    if n == 1:
-        rows.append(-np.eye(1))
-        cones.append(clarabel.NonnegativeConeT(1))
-    elif n == 3:
-        second_order([unit(0, contact.friction), unit(1), unit(2)])
-    elif contact.model == "box":
-        second_order([unit(0, contact.friction), unit(1), unit(2)])
-        second_order([unit(0, contact.torsional_friction), unit(3)])
-    else:
+    if contact.kind == "bilateral":
+        return z
+    rows.append(-np.eye(n)[:1])
+    cones.append(clarabel.NonnegativeConeT(1))
+    if getattr(contact, "model", None) == "elliptic":
         mu, mu_t = contact.friction, contact.torsional_friction
         second_order([unit(0), unit(1, 1 / mu), unit(2, 1 / mu), unit(3, 1 / mu_t)])
+    else:
+        for block, most in ranges(contact, n):
+            second_order([unit(0, most), *[unit(i) for i in block]])
     A = np.concatenate(rows)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -107,35 +126,108 @@ def conic_projection(contact, z):
 
 
 @models
+def test_derivative_is_that_of_the_projection(contact, rng):
+    """Against central differences, away from the kinks; symmetric and a contraction everywhere."""
+    n = contact.components(3)
+    z = rng.standard_normal((400, n))
+    matrix = contact.derivative(z)
+    np.testing.assert_allclose(matrix, matrix.transpose(0, 2, 1), atol=1e-9)
+    assert np.max(np.linalg.norm(matrix, 2, axis=(1, 2))) <= 1.0 + 1e-6
+    h = 1e-6
+    columns = [(contact.project(z + h * e) - contact.project(z - h * e)) / (2 * h) for e in np.eye(n)]
+    error = np.max(np.abs(np.stack(columns, axis=2) - matrix), axis=(1, 2))
+    assert np.mean(error < 1e-6) > 0.98
+
+
+@models
+def test_extreme_force_attains_the_largest_work_of_unit_normal_force(contact, rng):
+    if contact.kind == "bilateral":
+        with pytest.raises(ng.InputError, match="bilateral"):
+            contact.extreme(np.zeros((1, 3)))
+        return
+    z = rng.standard_normal((300, contact.components(3)))
+    value, force = contact.extreme(z)
+    assert inside(contact, force, 1e-12).all()
+    assert np.max(force[:, 0]) <= 1.0
+    np.testing.assert_allclose(np.sum(z * force, axis=1), value, atol=1e-12)
+    others = contact.project(rng.standard_normal((3000, contact.components(3))))
+    others = others[others[:, 0] > 1e-6]
+    others /= others[:, :1]
+    assert np.max(others @ z.T - value) <= 1e-9
+
+
+@models
+def test_cones_describe_the_force_domain(contact, rng):
+    z = rng.standard_normal((300, contact.components(3)))
+    z[:, 0] = np.abs(z[:, 0]) * 3.0
+    good = np.ones(len(z), dtype=bool)
+    for M in contact.cones(3):
+        y = z @ M.T
+        good &= np.linalg.norm(y[:, 1:], axis=1) <= y[:, 0] if y.shape[1] > 1 else y[:, 0] >= 0.0
+    np.testing.assert_array_equal(good, inside(contact, z))
+    assert np.sum(good) > 0
+
+
+@models
 def test_closed_form_support_is_the_norm_of_the_projection(contact, rng):
     z = samples(contact, rng, 500)
     sliding = np.linalg.norm(z[:, 1:3], axis=1)
     torsion = np.abs(z[:, 3]) if z.shape[1] == 4 else np.zeros(len(z))
     squared = contact.squared_support(z[:, 0], sliding, torsion, np)
     if squared is None:
-        assert contact.model == "elliptic"
+        assert contact.kind in ("line", "plane") or contact.model == "elliptic"
     else:
         np.testing.assert_allclose(squared, np.sum(contact.project(z) ** 2, axis=1), rtol=1e-10, atol=1e-15)
+
+
+def program_variables(contact, z, normal):
+    """Return the program's variables of force components z, from the contact frame."""
+    first, second = contact.tangents(normal[None])[0]
+    if contact.kind == "bilateral":
+        contact = contact.model
+    rough = contact.kind in ("friction", "soft") or getattr(contact, "friction", None)
+    force = z[0] * normal + z[1] * first + z[2] * second if rough else z[:1]
+    rest = z[3:] if rough else z[1:]
+    if contact.kind == "plane":  # the moment is n x v
+        v = rest[-1] * first - rest[-2] * second
+        rest = np.concatenate([rest[:-2], v])
+    return np.concatenate([force, rest])
+
+
+def random_normal(rng):
+    normal = rng.standard_normal(3)
+    return normal / np.linalg.norm(normal)
 
 
 @models
 def test_membership_agrees_with_the_definition(contact, rng):
     """The program's inequalities, written for body-frame forces, hold exactly inside the cone."""
-    normal = np.array([0.0, 0.0, 1.0])
-    for z in rng.standard_normal((300, contact.components(3))):
-        x = z if len(z) == 1 else np.array([z[1], z[2], z[0], *z[3:]])
-        values = [float(v) for _, v in contact.membership(x, normal)]
-        assert (min(values) >= 0.0) == bool(inside(contact, z))
+    for z in rng.standard_normal((300, contact.components(3))) * np.array([3.0] + [1.0] * (contact.components(3) - 1)):
+        normal = random_normal(rng)
+        values = [float(v) for _, v in contact.membership(ca.DM(program_variables(contact, z, normal)), ca.DM(normal))]
+        assert (min(values, default=0.0) >= 0.0) == bool(inside(contact, z))
+
+
+@models
+def test_program_and_grasp_agree_on_the_wrench_of_a_force(contact, rng):
+    for z in rng.standard_normal((20, contact.components(3))):
+        normal = random_normal(rng)
+        x = program_variables(contact, z, normal)
+        assert len(x) == contact.variables(3)
+        force, moment = contact.split(ca.DM(x), ca.DM(normal))
+        wrench = ng.Grasp([[0.3, -0.2, 0.5]], normal[None], contact).contact_wrenches(z)[0]
+        np.testing.assert_allclose(force.full().ravel(), wrench[:3], atol=1e-9)
+        np.testing.assert_allclose(np.zeros(3) if moment is None else moment.full().ravel(), wrench[3:], atol=1e-9)
+        assert float(contact.normal_force(ca.DM(x), ca.DM(normal))) == pytest.approx(z[0])
 
 
 @models
 def test_pressing_is_inside_and_splits_into_a_unit_normal_force(contact, rng):
-    normal = rng.standard_normal(3)
-    normal /= np.linalg.norm(normal)
+    normal = random_normal(rng)
     x = contact.pressing(normal)
     assert len(x) == contact.variables(3)
-    assert min(float(v) for _, v in contact.membership(x, normal)) >= 0.0
-    np.testing.assert_allclose(np.ravel(contact.split(x, normal)[0]), normal)
+    assert min((float(v) for _, v in contact.membership(ca.DM(x), ca.DM(normal))), default=0.0) >= 0.0
+    np.testing.assert_allclose(contact.split(ca.DM(x), ca.DM(normal))[0].full().ravel(), normal, atol=1e-12)
 
 
 @models
@@ -143,7 +235,88 @@ def test_json_round_trip(contact):
     assert contact_from_dict(contact.to_dict()) == contact
 
 
+@pytest.mark.parametrize(
+    ("contact", "components"),
+    [
+        (ng.PointContact(), 1),
+        (ng.LineContact(0.1, direction=[1, 0, 0]), 2),
+        (ng.FrictionContact(0.5), 3),
+        (ng.PlaneContact(radius=0.1), 3),
+        (ng.SoftContact(0.5, 0.1), 4),
+        (ng.LineContact(0.1, friction=0.5, direction=[1, 0, 0]), 5),
+        (ng.PlaneContact(radius=0.1, friction=0.5), 6),
+    ],
+)
+def test_salisburys_seven_types(contact, components):
+    grasp = ng.Grasp([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], contact)
+    assert contact.components(3) == components
+    assert np.linalg.matrix_rank(grasp.G) == components
+    assert len(ng.allowed_twists(grasp)) == 6 - components
+
+
+def same_wrench_sets(one, other, rng):
+    """Under the shared budget (normal force alone counts) the support functions agree exactly."""
+    y = rng.standard_normal((300, one.dimension))
+    a, b = (WrenchSet.of(g, "shared").support(y)[0] for g in (one, other))
+    np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+def test_a_smooth_line_is_the_point_contacts_at_its_ends(rng):
+    line = ng.Grasp([[0.1, 0.2, 0.3]], [[0, 0, 1.0]], ng.LineContact(0.4, direction=[1, 1, 7]))
+    along = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    ends = np.array([0.1, 0.2, 0.3]) + np.outer([0.2, -0.2], along)
+    same_wrench_sets(line, ng.Grasp(ends, [[0, 0, 1.0]] * 2, ng.PointContact()), rng)
+
+
+def test_a_smooth_rectangle_is_the_point_contacts_at_its_corners(rng):
+    plane = ng.Grasp([[0.1, 0.2, 0.3]], [[0, 0, 1.0]], ng.PlaneContact(extents=[0.4, 0.2], direction=[1, 0, 0]))
+    corners = [[0.1 + sx * 0.2, 0.2 + sy * 0.1, 0.3] for sx in (1, -1) for sy in (1, -1)]
+    same_wrench_sets(plane, ng.Grasp(corners, [[0, 0, 1.0]] * 4, ng.PointContact()), rng)
+
+
+def test_a_planar_line_is_the_contacts_at_its_ends(rng):
+    line = ng.Grasp([[0.0, 1.0]], [[0.0, -1.0]], ng.LineContact(0.4))
+    same_wrench_sets(line, ng.Grasp([[0.2, 1.0], [-0.2, 1.0]], [[0.0, -1.0]] * 2, ng.PointContact()), rng)
+
+
+def test_a_rough_line_contains_the_friction_contacts_at_its_ends(rng):
+    line = ng.Grasp([[0, 0, 0]], [[0, 0, 1.0]], ng.LineContact(0.4, 0.5, torsional_friction=0.1, direction=[1, 0, 0]))
+    ends = ng.Grasp([[0.2, 0, 0], [-0.2, 0, 0]], [[0, 0, 1.0]] * 2, ng.FrictionContact(0.5))
+    y = rng.standard_normal((300, 6))
+    assert np.all(WrenchSet.of(line, "shared").support(y)[0] >= WrenchSet.of(ends, "shared").support(y)[0] - 1e-12)
+
+
+def test_even_pressure_gives_the_torsion_when_it_is_left_out(rng):
+    disc, square = ng.PlaneContact(radius=0.3, friction=0.5), ng.PlaneContact(extents=[0.3, 0.5], friction=0.5)
+    assert disc.torsional_friction == pytest.approx(0.5 * 0.2)
+    x = rng.uniform(-0.5, 0.5, (400_000, 2)) * [0.3, 0.5]
+    assert square.torsional_friction == pytest.approx(0.5 * np.mean(np.linalg.norm(x, axis=1)), rel=2e-3)
+    assert ng.LineContact(0.4, friction=0.5).torsional_friction == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ng.LineContact(0.0), r"LineContact\.length"),
+        (lambda: ng.LineContact(0.1, torsional_friction=0.1), "none without friction"),
+        (lambda: ng.LineContact(0.1, direction=[0, 0, 0]), "a direction of some length"),
+        (lambda: ng.PlaneContact(), "one of the two"),
+        (lambda: ng.PlaneContact(radius=0.1, extents=[1, 1]), "one of the two"),
+        (lambda: ng.PlaneContact(extents=[0.1, -0.1]), r"PlaneContact\.extents"),
+        (lambda: ng.PlaneContact(radius=0.1).components(2), "planar body"),
+        (lambda: ng.BilateralContact(0.5), r"BilateralContact\.model"),
+        (lambda: ng.Grasp([[0, 0, 0]], [[0, 0, 1]], ng.LineContact(0.1)), "or tangents"),
+        (lambda: ng.Grasp([[0, 0, 0]], [[0, 0, 1]], ng.LineContact(0.1, direction=[0, 0, 2])), "off the normal"),
+    ],
+)
+def test_contacts_that_make_no_sense_are_refused(make, message):
+    with pytest.raises(ng.InputError, match=message):
+        make()
+
+
 def test_planar_components():
+    assert ng.LineContact(0.1).components(2) == 2
+    assert ng.LineContact(0.1, friction=0.5).components(2) == 3
     assert ng.FrictionContact(0.5).components(2) == 2
     assert ng.PointContact().components(2) == 1
     with pytest.raises(ng.InputError, match="no torsion"):

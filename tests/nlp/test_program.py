@@ -105,7 +105,7 @@ def test_vertex_program_bounds_the_measure_from_below():
     rng = np.random.default_rng(0)
     points = closed_ellipsoid_grasp(np.random.default_rng(1)).points
     state, _ = _first(bench, ("surface",) * 4, points, rng)
-    beta = state.last.objective / bench.scaling.task
+    beta = state.last.objective / bench.scaling.beta
     bounds = ng.mu(bench.grasp(("surface",) * 4, state.points), BALL, 0.02)
     assert beta * inradius(6, 1) <= bounds.upper
     assert bounds.lower <= beta * (1 + 1e-4)
@@ -129,7 +129,7 @@ def test_support_program_bounds_the_measure_from_above():
     lower[fixed], upper[fixed] = z[fixed] - 1e-9, z[fixed] + 1e-9
     parameters = np.concatenate([(y * scaling.task / scaling.wrench).ravel(), np.ones(10)])
     result = CompiledProgram(program, {"tol": 1e-8}).solve(z, parameters, (lower, upper))
-    assert result.objective / scaling.task == pytest.approx(WrenchSet.of(grasp).support(y)[0].min(), rel=1e-5)
+    assert result.objective / scaling.beta == pytest.approx(WrenchSet.of(grasp).support(y)[0].min(), rel=1e-5)
 
 
 def test_both_forms_of_the_support_program_agree():

@@ -1,0 +1,20 @@
+"""Force budgets: what one unit of finger force means."""
+
+from nlpgrasp.budgets.base import ForceBudget
+from nlpgrasp.budgets.joint_torques import JointTorqueLimits
+from nlpgrasp.budgets.l2 import L2Budget
+from nlpgrasp.budgets.per_finger import PerFingerBudget
+from nlpgrasp.budgets.per_finger_size import PerFingerSizeBudget
+from nlpgrasp.budgets.registry import budget_from_dict, force_budget
+from nlpgrasp.budgets.shared import SharedBudget
+
+__all__ = [
+    "ForceBudget",
+    "JointTorqueLimits",
+    "L2Budget",
+    "PerFingerBudget",
+    "PerFingerSizeBudget",
+    "SharedBudget",
+    "budget_from_dict",
+    "force_budget",
+]

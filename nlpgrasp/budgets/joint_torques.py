@@ -1,0 +1,168 @@
+"""Joint-torque limits: what a force-controlled hand can exert."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.budgets.base import ForceBudget, Row, ranges
+from nlpgrasp.budgets.torque_polytope import TorquePolytope
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import FloatArray, array, number, read_only
+
+
+class JointTorqueLimits(ForceBudget):
+    """``|J_i^T f_i| <= tau_i`` for every contact i: fingers without common joints, each with its own limits.
+
+    Parameters
+    ----------
+    jacobians : sequence of k arrays
+        Body-frame velocity of contact point i per joint rate, (space, m_i); with the rows of the fingertip's
+        angular velocity below where moments load the joints too, (3, m_i) in the plane, (6, m_i) in space.
+    limits : float, or sequence of k floats or (m_i,) arrays
+        Torque limits, newton-metres (newtons for sliding joints), greater than zero.
+
+    Raises
+    ------
+    InputError
+        On shapes that do not match, limits that are not positive, or a contact with a force no joint feels.
+    """
+
+    kind: ClassVar[str] = "joint_torques"
+    depends_on_frames: ClassVar[bool] = True
+
+    def __init__(self, jacobians: Sequence[ArrayLike], limits: ArrayLike | Sequence[ArrayLike]) -> None:
+        try:
+            given = list(jacobians)
+        except TypeError:
+            given = []
+        if not given:
+            raise InputError("JointTorqueLimits.jacobians", jacobians, "one Jacobian a contact")
+        self.jacobians = tuple(
+            read_only(array(f"JointTorqueLimits.jacobians[{i}]", J, (None, None))) for i, J in enumerate(given)
+        )
+        several: list[Any] = list(limits) if isinstance(limits, list | tuple | np.ndarray) else [limits] * len(given)
+        if len(several) != len(given):
+            raise InputError("JointTorqueLimits.limits", f"{len(several)} entries", f"{len(given)}, one a contact")
+        self.limits = tuple(
+            _limits(i, tau, J.shape[1]) for i, (tau, J) in enumerate(zip(several, self.jacobians, strict=True))
+        )
+
+    def check(self, contacts: Sequence[ContactModel], space: int) -> None:
+        """Refuse a number of contacts, or a dimension, other than the Jacobians'."""
+        if len(contacts) != len(self.jacobians):
+            raise InputError("JointTorqueLimits.jacobians", f"{len(self.jacobians)} of them", f"{len(contacts)}")
+        d = 3 if space == 2 else 6
+        for i, J in enumerate(self.jacobians):
+            if len(J) not in (space, d):
+                raise InputError(f"JointTorqueLimits.jacobians[{i}]", f"{len(J)} rows", f"{space} or {d} rows")
+
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceBudget:
+        """Return the budget in the contacts' frames."""
+        space = frames.shape[1]
+        self.check(contacts, space)
+        return _TorquesAtContacts(self, frames, contacts)
+
+    def force_scale(self) -> float:
+        """Return the mean over contacts of the force that takes some joint to its limit."""
+        arms = [np.max(np.linalg.norm(J, axis=0) / tau) for J, tau in zip(self.jacobians, self.limits, strict=True)]
+        return float(np.mean([1.0 / max(arm, 1e-12) for arm in arms]))
+
+    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
+        """Refuse: without the contacts' frames it is not known what loads the joints."""
+        raise InputError("force_budget", "joint-torque limits without contact frames", "the budget of `at(frames)`")
+
+    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+        """Refuse: see :meth:`support`."""
+        return self.support(x, contacts, space)[0]
+
+    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
+        """Refuse: see :meth:`support`."""
+        return [self.support(np.zeros((0, 0)), contacts, space)[0]]
+
+    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+        """Return ``-1 <= (J_i^T f_i) / tau_i <= 1`` for every joint."""
+        result: list[Row] = []
+        for i, (contact, x, n) in enumerate(zip(contacts, forces, normals, strict=True)):
+            force, moment = contact.split(x, n)
+            space = n.shape[0]
+            J, tau = self.jacobians[i], self.limits[i]
+            for j in range(J.shape[1]):
+                torque = sum(float(J[a, j]) * force[a] for a in range(space))
+                if moment is not None and len(J) > space:
+                    torque += sum(float(J[space + a, j]) * moment[a] for a in range(len(J) - space))
+                result.append((f"torque limit, finger {i}, joint {j}", torque / float(tau[j]), -1.0, 1.0))
+        return result
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return Jacobians and limits."""
+        return {
+            "type": self.kind,
+            "jacobians": [J.tolist() for J in self.jacobians],
+            "limits": [tau.tolist() for tau in self.limits],
+        }
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, JointTorqueLimits) and self.to_dict() == other.to_dict()
+
+    def __hash__(self) -> int:
+        return hash(tuple(J.tobytes() for J in (*self.jacobians, *self.limits)))
+
+
+class _TorquesAtContacts(JointTorqueLimits):
+    """Joint-torque limits with the matrices from force components to torques over their limits."""
+
+    def __init__(self, given: JointTorqueLimits, frames: FloatArray, contacts: Sequence[ContactModel]) -> None:
+        self.jacobians, self.limits = given.jacobians, given.limits
+        space = frames.shape[1]
+        self.torques = []
+        for J, tau, frame, contact in zip(given.jacobians, given.limits, frames, contacts, strict=True):
+            full = np.zeros((3 if space == 2 else 6,) * 2)
+            full[:space, :space] = frame
+            full[space:, space:] = frame if space == 3 else 1.0
+            self.torques.append((J.T / tau[:, None]) @ (full @ contact.basis(space))[: len(J)])
+        self._sets = [
+            TorquePolytope(c, T, space, f"JointTorqueLimits, contact {i}")
+            for i, (c, T) in enumerate(zip(contacts, self.torques, strict=True))
+        ]
+
+    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
+        """Return the sum of the contacts' largest works within their limits."""
+        ends = np.cumsum([0] + [T.shape[1] for T in self.torques]).tolist()
+        parts = [s.support(z[:, a:b]) for s, (a, b) in zip(self._sets, pairwise(ends), strict=True)]
+        return np.sum([p[0] for p in parts], axis=0), np.concatenate([p[1] for p in parts], axis=1)
+
+    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+        """Return the largest torque over its limit."""
+        where = ranges(contacts, space)
+        return np.asarray(
+            np.max([np.max(np.abs(x[:, r] @ T.T), axis=1) for r, T in zip(where, self.torques, strict=True)], axis=0)
+        )
+
+    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
+        """Return ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` for every joint."""
+        where = ranges(contacts, space)
+        result = []
+        for r, T in zip(where, self.torques, strict=True):
+            row = np.zeros((len(T), where[-1].stop + 1))
+            row[:, r] = T
+            for one in row:
+                for sign in (1.0, -1.0):
+                    both = sign * one
+                    both[-1] = 1.0
+                    result.append(both[None, :])
+        return result
+
+
+def _limits(i: int, value: Any, joints: int) -> FloatArray:
+    """Return the limits of one contact's joints."""
+    name = f"JointTorqueLimits.limits[{i}]"
+    if np.ndim(value) == 0:
+        return read_only(np.full(joints, number(name, value, above=0.0)))
+    values = array(name, value, (joints,))
+    return read_only(np.array([number(name, v, above=0.0) for v in values.tolist()]))

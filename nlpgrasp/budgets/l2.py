@@ -1,0 +1,38 @@
+"""The paper's budget: the L2 ball of all finger forces, ``B_1^n`` of (2.5-2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nlpgrasp.budgets.base import ForceBudget, Row, project
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.validation import FloatArray
+
+
+class L2Budget(ForceBudget):
+    """``|x| <= 1`` over all force components together. Torsion counts as force through the unit of length."""
+
+    kind: ClassVar[str] = "l2"
+    has_closed_form: ClassVar[bool] = True
+
+    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
+        """Return ``|P_K(z)|``, attained at ``P_K(z)`` over its norm (Moreau)."""
+        x = project(z, contacts, space)
+        size = np.linalg.norm(x, axis=1)
+        return size, x / np.where(size > 0.0, size, 1.0)[:, None]
+
+    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+        """Return ``|x|``."""
+        return np.asarray(np.linalg.norm(x, axis=1))
+
+    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
+        """Return ``|x| <= f``."""
+        n = sum(c.components(space) for c in contacts)
+        return [np.roll(np.eye(n + 1), 1, axis=0)]
+
+    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+        """Return ``|x|^2 <= 1``."""
+        return [("force budget", sum(x.T @ x for x in forces), -np.inf, 1.0)]

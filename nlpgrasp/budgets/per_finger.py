@@ -1,0 +1,45 @@
+"""Every finger may press with one unit of normal force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nlpgrasp.budgets.base import ForceBudget, Row, extremes, ranges
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.validation import FloatArray
+
+
+class PerFingerBudget(ForceBudget):
+    """``f_n <= 1`` for every contact: the Minkowski sum of the contacts' wrenches (Ferrari and Canny's L-infinity)."""
+
+    kind: ClassVar[str] = "per_finger"
+    power: ClassVar[float] = 1.0
+
+    def check(self, contacts: Sequence[ContactModel], space: int) -> None:
+        """Refuse bilateral contacts."""
+        extremes(np.zeros((1, sum(c.components(space) for c in contacts))), contacts, space)
+
+    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
+        """Return the sum of the contacts' ``max(0, z_n + mu |z_t|)``; each presses fully or not at all."""
+        values, forces = extremes(z, contacts, space)
+        return np.sum(values, axis=1), forces
+
+    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+        """Return the largest normal force."""
+        return np.asarray(np.max(np.stack([x[:, r.start] for r in ranges(contacts, space)]), axis=0))
+
+    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
+        """Return ``f - f_n >= 0`` for every contact."""
+        where = ranges(contacts, space)
+        unit = np.eye(where[-1].stop + 1)
+        return [unit[-1:] - unit[r.start : r.start + 1] for r in where]
+
+    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+        """Return ``f_n <= 1`` for every contact."""
+        return [
+            (f"force budget, finger {i}", c.normal_force(x, n), -np.inf, 1.0)
+            for i, (c, x, n) in enumerate(zip(contacts, forces, normals, strict=True))
+        ]

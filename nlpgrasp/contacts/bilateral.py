@@ -1,0 +1,92 @@
+"""Bilateral contacts: glue, suction, a clamp: the force components of a model, unrestricted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class BilateralContact(ContactModel):
+    """``K_i = R^n``: the contact of Proposition 2-7, (3.1-1a) and (3.2-2), that may pull as well as push.
+
+    Parameters
+    ----------
+    model : ContactModel
+        Which force components there are; its coefficients no longer matter.
+    """
+
+    kind: ClassVar[str] = "bilateral"
+    model: ContactModel
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, ContactModel) or isinstance(self.model, BilateralContact):
+            raise InputError("BilateralContact.model", self.model, "a contact model such as ng.FrictionContact")
+        object.__setattr__(self, "faces", self.model.faces if self.faces is None else self.faces)
+        super().__post_init__()
+
+    def axes(self, space: int) -> tuple[int, ...]:
+        """Return the model's."""
+        return self.model.axes(space)
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether the model does."""
+        return self.model.needs_tangents
+
+    def tangents(self, normals: FloatArray) -> FloatArray:
+        """Return the model's."""
+        return self.model.tangents(normals)
+
+    def project(self, z: FloatArray) -> FloatArray:
+        """Return ``z``."""
+        return z.copy()
+
+    def derivative(self, z: FloatArray) -> FloatArray:
+        """Return the identity."""
+        return np.broadcast_to(np.eye(z.shape[-1]), (*z.shape, z.shape[-1])).copy()
+
+    def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Refuse: limits on normal force leave the other components of a bilateral contact unbounded."""
+        raise InputError("force_budget", "limits on normal force", '"l2" with bilateral contacts')
+
+    def cones(self, space: int) -> list[FloatArray]:
+        """Return none."""
+        return []
+
+    def variables(self, space: int) -> int:
+        """Return the model's."""
+        return self.model.variables(space)
+
+    def pressing(self, normal: FloatArray) -> FloatArray:
+        """Return the model's."""
+        return self.model.pressing(normal)
+
+    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+        """Return the model's."""
+        return self.model.split(x, normal)
+
+    def normal_force(self, x: Any, normal: Any) -> Any:
+        """Return the model's."""
+        return self.model.normal_force(x, normal)
+
+    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+        """Return none."""
+        return []
+
+    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+        """Return ``||z||^2`` over the model's components; ``None`` where it has moments along the surface."""
+        if self.model.squared_support(0.0, 0.0, 0.0, np) is None and self.model.kind != "soft":
+            return None
+        count = self.components(3)
+        return normal**2 + (tangential**2 if count >= 3 else 0.0) + (torsion**2 if count >= 4 else 0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model under ``of``."""
+        return {"model": self.kind, "of": self.model.to_dict()}

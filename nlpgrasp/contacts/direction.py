@@ -1,0 +1,59 @@
+"""Tangents of contacts that have a direction along the surface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.spatial import tangents as any_tangents
+from nlpgrasp.validation import FloatArray, array
+
+PARALLEL = 1e-6  # sine of the angle to the normal below which a direction says nothing
+
+
+def direction_field(field: str, value: Any) -> tuple[float, ...] | None:
+    """Return a direction as a unit tuple, or ``None`` when left out."""
+    if value is None:
+        return None
+    direction = array(field, value, (3,))
+    size = float(np.linalg.norm(direction))
+    if size <= 0.0:
+        raise InputError(field, value, "a direction of some length")
+    return tuple((direction if abs(size - 1.0) < 1e-12 else direction / size).tolist())
+
+
+def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, name: str) -> FloatArray:
+    """Return right-handed tangents whose first is the direction's part along the surface: (b, 2, 3).
+
+    In the plane there is only one tangent, and no direction is needed.
+
+    Raises
+    ------
+    InputError
+        When there is no direction, or one is along a normal.
+    """
+    if normals.shape[-1] == 2:
+        return any_tangents(normals)
+    if direction is None:
+        raise InputError(
+            f"{name}.direction", None, "the line's or rectangle's direction in the body frame, or tangents"
+        )
+    first = np.asarray(direction) - (normals @ np.asarray(direction))[:, None] * normals
+    size = np.linalg.norm(first, axis=1)
+    if np.any(size < PARALLEL):
+        raise InputError(f"{name}.direction", direction, f"a direction off the normal {normals[int(np.argmin(size))]}")
+    first = first / size[:, None]
+    return np.stack([first, np.cross(normals, first)], axis=1)
+
+
+def symbolic_tangents(normal: Any, direction: tuple[float, ...] | None, name: str) -> tuple[Any, Any]:
+    """Return the two tangents at a symbolic normal."""
+    if direction is None:
+        raise InputError(f"{name}.direction", None, "the line's or rectangle's direction in the body frame")
+    d = ca.DM(list(direction))
+    first = d - ca.dot(normal, d) * normal
+    first = first / ca.sqrt(ca.sumsqr(first) + PARALLEL**2)
+    return first, ca.cross(normal, first)

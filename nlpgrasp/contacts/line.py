@@ -1,0 +1,129 @@
+"""Line contact: an edge, or a flat finger across a bar (Salisbury's line contact)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
+from nlpgrasp.contacts.range_cone import Blocks, RangeContact
+from nlpgrasp.errors import InputError
+from nlpgrasp.validation import FloatArray, number
+
+
+@dataclass(frozen=True)
+class LineContact(RangeContact):
+    """A segment of contact: the pressure may move along it, so it also resists a moment across the line.
+
+    Without friction 2 components ``(f_n, m_t2)``; with friction 5, all but the moment about the line (in the plane
+    2 and 3, with the moment m). The pressure's centre stays on the segment: ``|m_t2| <= length / 2 f_n``, exactly what
+    point contacts at the two ends can do. With friction the model is the box of (2.4-1), ``|f_t| <= mu f_n`` and
+    ``|m_n| <= mu_t f_n``; what Coulomb's law leaves of it is the wrenches of friction contacts at the two ends.
+
+    Parameters
+    ----------
+    length : float
+        Metres, greater than zero.
+    friction : float, optional
+        Coulomb coefficient; frictionless when left out.
+    torsional_friction : float, optional
+        Greatest moment about the normal over normal force, metres; that of even pressure, ``mu length / 4``, when
+        left out.
+    direction : (3,) array, optional
+        The line's direction, body frame; its part along the surface counts. In place of it a
+        :class:`~nlpgrasp.grasp.Grasp` may be given tangents, the first of them along the line.
+    faces : str or sequence of str, optional
+        Faces this contact may use.
+    """
+
+    kind: ClassVar[str] = "line"
+    length: float
+    friction: float | None = None
+    torsional_friction: float | None = None
+    direction: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "length", number("LineContact.length", self.length, above=0.0))
+        if self.friction is None:
+            if self.torsional_friction is not None:
+                raise InputError("LineContact.torsional_friction", self.torsional_friction, "none without friction")
+        else:
+            object.__setattr__(self, "friction", number("LineContact.friction", self.friction, above=0.0))
+            torsion = self.torsional_friction
+            torsion = self.friction * self.length / 4.0 if torsion is None else torsion
+            object.__setattr__(self, "torsional_friction", number("LineContact.torsional_friction", torsion, above=0.0))
+        object.__setattr__(self, "direction", direction_field("LineContact.direction", self.direction))
+
+    def axes(self, space: int) -> tuple[int, ...]:
+        """Return 2 components without friction, 5 with (3 in the plane)."""
+        if space == 2:
+            return (0, 2) if self.friction is None else (0, 1, 2)
+        return (0, 5) if self.friction is None else (0, 1, 2, 3, 5)
+
+    def blocks(self, components: int) -> Blocks:
+        """Return the moment's range, after those of friction and torsion."""
+        half = 0.5 * self.length
+        if self.friction is None or self.torsional_friction is None:
+            return ((slice(1, 2), half),)
+        if components == 3:
+            return ((slice(1, 2), self.friction), (slice(2, 3), half))
+        return ((slice(1, 3), self.friction), (slice(3, 4), self.torsional_friction), (slice(4, 5), half))
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether the line's direction was left out."""
+        return self.direction is None
+
+    def tangents(self, normals: FloatArray) -> FloatArray:
+        """Return tangents with the first along the line."""
+        return tangents_along(normals, self.direction, "LineContact")
+
+    def variables(self, space: int) -> int:
+        """Return the number of components: force in the body frame (or its size), then moments."""
+        return self.components(space)
+
+    def pressing(self, normal: FloatArray) -> FloatArray:
+        """Return unit force along the normal and no moment."""
+        size = self.variables(len(normal))
+        return np.concatenate([np.ones(1) if self.friction is None else normal, np.zeros(size)])[:size]
+
+    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+        """Return the force, and the moments about the normal and across the line."""
+        force = x[0] * normal if self.friction is None else x[: normal.shape[0]]
+        if normal.shape[0] == 2:
+            return force, x[x.shape[0] - 1]
+        across = symbolic_tangents(normal, self.direction, "LineContact")[1]
+        if self.friction is None:
+            return force, x[1] * across
+        return force, x[3] * normal + x[4] * across
+
+    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+        """Return the ranges of friction, torsion and moment, squared, and the unilateral condition."""
+        pressing = self.normal_force(x, normal)
+        last = x[x.shape[0] - 1]
+        rows = [("moment", (0.5 * self.length * pressing) ** 2 - last**2), ("unilateral", pressing)]
+        if self.friction is None or self.torsional_friction is None:
+            return rows
+        force = x[: normal.shape[0]]
+        sliding = force.T @ force - pressing**2
+        rows.insert(0, ("friction", (self.friction * pressing) ** 2 - sliding))
+        if normal.shape[0] == 3:
+            rows.insert(1, ("torsion", (self.torsional_friction * pressing) ** 2 - x[3] ** 2))
+        return rows
+
+    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+        """Return ``None``: the moment across the line is not among the arguments."""
+        return None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model's name, length, coefficients and direction."""
+        return {
+            "model": self.kind,
+            "length": self.length,
+            "friction": self.friction,
+            "torsional_friction": self.torsional_friction,
+            "direction": None if self.direction is None else list(self.direction),
+        }

@@ -1,0 +1,156 @@
+"""Plane contact: a flat pad on a flat face (Salisbury's planar contact)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
+from nlpgrasp.contacts.range_cone import Blocks, RangeContact
+from nlpgrasp.errors import InputError
+from nlpgrasp.spatial import tangents as any_tangents
+from nlpgrasp.validation import FloatArray, array, number
+
+
+@dataclass(frozen=True)
+class PlaneContact(RangeContact):
+    """A disc or a rectangle of contact: the pressure may move over it, so it also resists tilting moments.
+
+    Without friction 3 components ``(f_n, m_t1, m_t2)``; with friction all 6. The pressure's centre stays on the pad:
+    ``|m_t| <= radius f_n`` on a disc, ``|m_t2| <= a / 2 f_n`` and ``|m_t1| <= b / 2 f_n`` on a rectangle a by b,
+    exactly what point contacts all over it can do. With friction the model is the box of (2.4-1), ``|f_t| <= mu f_n``
+    and ``|m_n| <= mu_t f_n``.
+
+    Parameters
+    ----------
+    radius : float, optional
+        Of a disc, metres. Either this or ``extents``.
+    extents : (2,) array, optional
+        Sides of a rectangle, metres, the first along ``direction``.
+    friction : float, optional
+        Coulomb coefficient; frictionless when left out.
+    torsional_friction : float, optional
+        Greatest moment about the normal over normal force, metres; that of even pressure when left out.
+    direction : (3,) array, optional
+        Of the rectangle's first side, body frame; its part along the surface counts. In place of it a
+        :class:`~nlpgrasp.grasp.Grasp` may be given tangents.
+    faces : str or sequence of str, optional
+        Faces this contact may use.
+    """
+
+    kind: ClassVar[str] = "plane"
+    radius: float | None = None
+    extents: tuple[float, float] | None = None
+    friction: float | None = None
+    torsional_friction: float | None = None
+    direction: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.radius is None) == (self.extents is None):
+            raise InputError("PlaneContact", f"radius {self.radius}, extents {self.extents}", "one of the two")
+        if self.radius is not None:
+            object.__setattr__(self, "radius", number("PlaneContact.radius", self.radius, above=0.0))
+        else:
+            sides = array("PlaneContact.extents", self.extents or (), (2,))
+            object.__setattr__(
+                self, "extents", tuple(number("PlaneContact.extents", s, above=0.0) for s in sides.tolist())
+            )
+        if self.friction is None:
+            if self.torsional_friction is not None:
+                raise InputError("PlaneContact.torsional_friction", self.torsional_friction, "none without friction")
+        else:
+            object.__setattr__(self, "friction", number("PlaneContact.friction", self.friction, above=0.0))
+            torsion = self.torsional_friction
+            torsion = self.friction * self._mean_arm() if torsion is None else torsion
+            object.__setattr__(
+                self, "torsional_friction", number("PlaneContact.torsional_friction", torsion, above=0.0)
+            )
+        object.__setattr__(self, "direction", direction_field("PlaneContact.direction", self.direction))
+
+    def _mean_arm(self) -> float:
+        """Return the mean distance from the pad's centre: torsion over friction under even pressure."""
+        if self.extents is None:
+            return 2.0 / 3.0 * (self.radius or 0.0)
+        a, b = self.extents
+        return float(2.0 * np.hypot(a, b) + b**2 / a * np.arcsinh(a / b) + a**2 / b * np.arcsinh(b / a)) / 12.0
+
+    def axes(self, space: int) -> tuple[int, ...]:
+        """Return 3 components without friction, 6 with."""
+        if space == 2:
+            raise InputError("contacts", self, "point, friction or line contacts on a planar body")
+        return (0, 4, 5) if self.friction is None else (0, 1, 2, 3, 4, 5)
+
+    def blocks(self, components: int) -> Blocks:
+        """Return the ranges of the tilting moments, after those of friction and torsion."""
+        first = components - 2
+        if self.extents is None:
+            tilting: Blocks = ((slice(first, first + 2), self.radius or 0.0),)
+        else:
+            a, b = self.extents
+            tilting = ((slice(first, first + 1), 0.5 * b), (slice(first + 1, first + 2), 0.5 * a))
+        if self.friction is None or self.torsional_friction is None:
+            return tilting
+        return ((slice(1, 3), self.friction), (slice(3, 4), self.torsional_friction), *tilting)
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether it is a rectangle whose direction was left out."""
+        return self.extents is not None and self.direction is None
+
+    def tangents(self, normals: FloatArray) -> FloatArray:
+        """Return tangents along the rectangle's sides; any for a disc."""
+        return (
+            any_tangents(normals) if self.extents is None else tangents_along(normals, self.direction, "PlaneContact")
+        )
+
+    def variables(self, space: int) -> int:
+        """Return the force in the body frame (or its size), the torsion if any, and a vector v: the moment is n x v."""
+        return 4 if self.friction is None else 7
+
+    def pressing(self, normal: FloatArray) -> FloatArray:
+        """Return unit force along the normal and no moment."""
+        size = self.variables(len(normal))
+        return np.concatenate([np.ones(1) if self.friction is None else normal, np.zeros(size)])[:size]
+
+    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+        """Return the force and the moment."""
+        if self.friction is None:
+            return x[0] * normal, ca.cross(normal, x[1:4])
+        return x[:3], x[3] * normal + ca.cross(normal, x[4:7])
+
+    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+        """Return the ranges of friction, torsion and tilting, squared, and the unilateral condition."""
+        pressing = self.normal_force(x, normal)
+        tilting = ca.cross(normal, x[x.shape[0] - 3 :])
+        rows = [("unilateral", pressing)]
+        if self.extents is None:
+            rows.append(("tilting", ((self.radius or 0.0) * pressing) ** 2 - ca.sumsqr(tilting)))
+        else:
+            first, second = symbolic_tangents(normal, self.direction, "PlaneContact")
+            a, b = self.extents
+            rows.append(("tilting about the first side", (0.5 * b * pressing) ** 2 - ca.dot(tilting, first) ** 2))
+            rows.append(("tilting about the second side", (0.5 * a * pressing) ** 2 - ca.dot(tilting, second) ** 2))
+        if self.friction is not None and self.torsional_friction is not None:
+            sliding = ca.sumsqr(x[:3]) - pressing**2
+            rows.append(("friction", (self.friction * pressing) ** 2 - sliding))
+            rows.append(("torsion", (self.torsional_friction * pressing) ** 2 - x[3] ** 2))
+        return rows
+
+    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+        """Return ``None``: the tilting moments are not among the arguments."""
+        return None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model's name, pad, coefficients and direction."""
+        return {
+            "model": self.kind,
+            "radius": self.radius,
+            "extents": None if self.extents is None else list(self.extents),
+            "friction": self.friction,
+            "torsional_friction": self.torsional_friction,
+            "direction": None if self.direction is None else list(self.direction),
+        }

@@ -1,0 +1,100 @@
+"""Many grasps at once: the same contact models at other places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp import Grasp, unit_normals
+from nlpgrasp.spatial import cross_matrix, wrench_dimension
+from nlpgrasp.validation import FloatArray, array, read_only
+
+
+class GraspStack:
+    """b grasps with the same k contact models; a sequence of :class:`~nlpgrasp.grasp.Grasp`.
+
+    Parameters
+    ----------
+    points : (b, k, 2) or (b, k, 3) array
+        Contact positions, metres, body frame.
+    normals : same shape
+        Unit normals pointing *into* the body; unit to 1e-6, then normalised exactly.
+    contacts : ContactModel or sequence of k of them
+        One model for all contacts, or one each.
+    torque_origin : (2,) or (3,) array, optional
+        Point about which moments are taken; the frame's origin when left out.
+
+    Raises
+    ------
+    InputError
+        On shapes that do not match, NaN, or normals that are not unit (says by how much).
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        contacts: ContactModel | Sequence[ContactModel],
+        torque_origin: ArrayLike | None = None,
+    ) -> None:
+        p = array("GraspStack.points", points, (None, None, None))
+        b, k, space = p.shape
+        if space not in (2, 3) or k < 1:
+            raise InputError("GraspStack.points", f"shape {p.shape}", "shape (b, k, 2) or (b, k, 3), k at least 1")
+        n = array("GraspStack.normals", normals, (b, k, space))
+        models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
+        if len(models) != k or not all(isinstance(m, ContactModel) for m in models):
+            raise InputError("GraspStack.contacts", f"{len(models)} entries", f"one contact model, or {k} of them")
+        origin = (
+            np.zeros(space) if torque_origin is None else array("GraspStack.torque_origin", torque_origin, (space,))
+        )
+        self.points = read_only(p)
+        self.normals = read_only(unit_normals("GraspStack.normals", n))
+        self.contacts: tuple[ContactModel, ...] = models
+        self.torque_origin = read_only(origin)
+
+    @property
+    def space(self) -> int:
+        """2 for planar grasps, 3 for spatial ones."""
+        return int(self.points.shape[2])
+
+    @property
+    def dimension(self) -> int:
+        """Dimension d of wrench space: 3 or 6."""
+        return wrench_dimension(self.space)
+
+    @cached_property
+    def tangents(self) -> FloatArray:
+        """Unit tangents as rows, (b, k, space - 1, space)."""
+        return np.stack([m.tangents(self.normals[:, i]) for i, m in enumerate(self.contacts)], axis=1)
+
+    @cached_property
+    def G(self) -> FloatArray:
+        """Grasp maps (2.2-3), (b, d, n)."""
+        b, k, space = self.points.shape
+        arm = self.points - self.torque_origin
+        frame = np.concatenate([self.normals[:, :, None, :], self.tangents], axis=2).transpose(0, 1, 3, 2)
+        d = self.dimension
+        full = np.zeros((b, k, d, d))
+        full[:, :, :space, :space] = frame
+        if space == 2:
+            full[:, :, 2, :2] = arm[:, :, 0, None] * frame[:, :, 1] - arm[:, :, 1, None] * frame[:, :, 0]
+            full[:, :, 2, 2] = 1.0
+        else:
+            full[:, :, 3:, :3] = cross_matrix(arm) @ frame
+            full[:, :, 3:, 3:] = frame
+        return np.concatenate([full[:, i] @ model.basis(space) for i, model in enumerate(self.contacts)], axis=2)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, index: int) -> Grasp:
+        return Grasp(self.points[index], self.normals[index], self.contacts, self.torque_origin, self.tangents[index])
+
+    def __iter__(self) -> Iterator[Grasp]:
+        return (self[i] for i in range(len(self)))

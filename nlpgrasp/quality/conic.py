@@ -1,0 +1,59 @@
+"""Least finger forces under budgets that are not the L2 ball: a small conic program a wrench, solved by Clarabel.
+
+The grasp force optimisation problem (Boyd and Wegbreit 2007, doi:10.1109/TRO.2007.904901): minimise f subject to
+``G x = w``, x in K and x in f B.
+"""
+
+from __future__ import annotations
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.validation import FloatArray
+
+TOLERANCE = 1e-11
+SOLVED = ("Solved", "AlmostSolved")
+
+
+def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return forces that use the least of the budget, and dual directions: (m, d) to (m, n) and (m, d).
+
+    A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver found none.
+    """
+    d, n = wrench_set.G.shape
+    contacts, space = wrench_set.contacts, wrench_set.space
+    rows: list[FloatArray] = [np.concatenate([wrench_set.G, np.zeros((d, 1))], axis=1)]
+    cones = [clarabel.ZeroConeT(d)]
+    start = 0
+    for contact in contacts:
+        count = contact.components(space)
+        for M in contact.cones(space):
+            full = np.zeros((len(M), n + 1))
+            full[:, start : start + count] = M
+            _add(rows, cones, full)
+        start += count
+    for M in wrench_set.budget.cones(contacts, space):
+        _add(rows, cones, M)
+    A = sparse.csc_matrix(np.concatenate(rows))
+    cost = np.zeros(n + 1)
+    cost[n] = 1.0
+    options = clarabel.DefaultSettings()
+    options.verbose = False
+    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = TOLERANCE
+    forces, directions = np.full((len(wrenches), n), np.nan), np.full((len(wrenches), d), np.nan)
+    nothing = sparse.csc_matrix((n + 1, n + 1))
+    for i, w in enumerate(wrenches):
+        b = np.zeros(A.shape[0])
+        b[:d] = w
+        found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
+        if str(found.status) in SOLVED:
+            forces[i] = np.array(found.x)[:n]
+            directions[i] = -np.array(found.z)[:d]
+    return forces, directions
+
+
+def _add(rows: list[FloatArray], cones: list[object], matrix: FloatArray) -> None:
+    rows.append(-matrix)
+    cones.append(clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix)))

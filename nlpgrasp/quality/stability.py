@@ -1,0 +1,103 @@
+"""Stability of a grasp (Section 2.5), with the proof either way, and the twists a set of contacts allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.measures import ball, mu
+from nlpgrasp.validation import FloatArray, array
+
+COARSE = 0.5  # relative width of the certified radius
+RANK_TOLERANCE = 1e-10
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Whether a grasp is stable, and why; true or false by itself.
+
+    Parameters
+    ----------
+    stable : bool
+    radius : Bounds
+        Of the largest ball about the origin inside ``G(B_1^n n K)`` (Proposition 2-9): delta, certified.
+    separating_direction : (d,) array or None
+        Unless stable: a unit direction y along which no force of the contacts does positive work,
+        ``phi(y | G(B_1^n n K)) = 0`` to rounding.
+    """
+
+    stable: bool
+    radius: Bounds
+    separating_direction: FloatArray | None
+
+    def __bool__(self) -> bool:
+        return self.stable
+
+
+@overload
+def is_stable(grasp: Grasp, torque_scale: float = 1.0) -> Stability: ...
+
+
+@overload
+def is_stable(grasp: GraspStack, torque_scale: float = 1.0) -> tuple[Stability, ...]: ...
+
+
+def is_stable(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> Stability | tuple[Stability, ...]:
+    """Return whether ``G`` restricted to the force domain K is surjective (Corollary 2-8), with the proof.
+
+    Either a ball about the origin lies inside ``G(B_1^n n K)`` (Proposition 2-9), or some direction has no support.
+    With bilateral contacts only this is full row rank of G (Proposition 2-7). Stability does not depend on the body
+    frame or the torque origin (Theorem 2-10); the ball's radius does.
+
+    Parameters
+    ----------
+    grasp : Grasp or GraspStack
+        Any number of contacts; too few are not stable, and the direction says why.
+    torque_scale : float
+        Metres: what turns torques into forces in the ball's radius.
+
+    Returns
+    -------
+    Stability
+        For a stack, one for each grasp.
+    """
+    if isinstance(grasp, GraspStack):
+        return tuple(is_stable(g, torque_scale) for g in grasp)
+    radius = mu(grasp, ball(grasp.dimension, torque_scale), COARSE)
+    stable = radius.lower > 0.0
+    return Stability(stable, radius, None if stable else radius.worst_direction)
+
+
+def allowed_twists(wrenches: Grasp | ArrayLike) -> FloatArray:
+    """Return the twists that contact wrenches allow: their annihilator (Theorem 2-1, (2.1-6)).
+
+    Parameters
+    ----------
+    wrenches : Grasp or (m, d) array
+        Contact wrenches ``(f, m)``, one a row; of a grasp all that its contacts can exert.
+
+    Returns
+    -------
+    (t, d) array
+        An orthonormal basis of the twists ``(v, w)`` with ``<v, f> + <w, m> = 0`` for every wrench, one a row; no row
+        when only the body at rest keeps every contact.
+    """
+    if isinstance(wrenches, Grasp):
+        rows = wrenches.G.T
+    else:
+        rows = array("wrenches", wrenches, (None, None))
+        if rows.shape[1] not in (3, 6):
+            raise InputError("wrenches", f"shape {rows.shape}", "rows of length 3 (planar) or 6")
+    scale = np.linalg.norm(rows, axis=0)  # forces and torques have different units: equilibrate
+    scale = np.where(scale > 0.0, scale, 1.0)
+    _, values, vt = np.linalg.svd(rows / scale)
+    rank = int(np.sum(values > RANK_TOLERANCE * max(float(values[0]) if values.size else 0.0, 1e-300)))
+    null = vt[rank:] / scale
+    return np.asarray(np.linalg.qr(null.T)[0].T) if len(null) else np.zeros((0, rows.shape[1]))

@@ -1,0 +1,101 @@
+"""Any convex task, given by its support function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.base import Task
+from nlpgrasp.validation import FloatArray, integer
+
+Support = Callable[[FloatArray], tuple[FloatArray, FloatArray] | FloatArray]
+DIFFERENCE = 1e-6
+PROBES = 200
+
+
+class TaskSet(Task):
+    """A convex set of wrenches known by its support function (Definition 3-8).
+
+    Parameters
+    ----------
+    support : callable
+        Directions (m, d) to ``phi(y | A)`` (m,), or to the pair of that and the wrenches (m, d) that attain it. Must
+        be convex and positively homogeneous; without the wrenches they are taken as its difference quotients.
+    dimension : {3, 6}
+
+    Raises
+    ------
+    InputError
+        When the function returns other shapes, something not finite, or is not positively homogeneous.
+    """
+
+    def __init__(self, support: Support, dimension: int = 6) -> None:
+        self._dimension = integer("TaskSet.dimension", dimension, at_least=1, at_most=6)
+        if not callable(support):
+            raise InputError("TaskSet.support", support, "a function of directions (m, d)")
+        self._support = support
+        probes = np.random.default_rng(0).standard_normal((PROBES, self._dimension))
+        probes /= np.linalg.norm(probes, axis=1, keepdims=True)
+        values, maximisers = self.support(probes)
+        twice = self.support(2.0 * probes)[0]
+        off = float(np.max(np.abs(twice - 2.0 * values)))
+        if off > 1e-6 * max(float(np.max(np.abs(values))), 1e-300):
+            raise InputError(
+                "TaskSet.support", f"phi(2 y) off 2 phi(y) by {off:.3g}", "a positively homogeneous function"
+            )
+        self._moment = maximisers.T @ maximisers * (self._dimension / PROBES)
+        opposite = self.support(-probes)[0]
+        self._centred = bool(np.max(np.abs(values - opposite)) <= 1e-9 * np.max(np.abs(values)))
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of wrench space."""
+        return self._dimension
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether the support function is even, as far as probing it shows."""
+        return self._centred
+
+    def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the function's values and maximisers."""
+        found = self._support(y)
+        if isinstance(found, tuple):
+            values, maximisers = (np.asarray(a, dtype=np.float64) for a in found)
+        else:
+            values = np.asarray(found, dtype=np.float64)
+            if values.shape != (len(y),):
+                raise InputError("TaskSet.support", f"shape {values.shape}", f"({len(y)},), a value a direction")
+            size = DIFFERENCE * np.maximum(np.linalg.norm(y, axis=1), 1e-300)
+            columns = []
+            for e in np.eye(self._dimension):
+                up, down = (np.asarray(self._support(y + s * size[:, None] * e)) for s in (1.0, -1.0))
+                columns.append((up - down) / (2.0 * size))
+            maximisers = np.stack(columns, axis=1)
+        if values.shape != (len(y),) or maximisers.shape != y.shape:
+            raise InputError(
+                "TaskSet.support", f"shapes {values.shape} and {maximisers.shape}", f"({len(y)},) and {y.shape}"
+            )
+        if not (np.all(np.isfinite(values)) and np.all(np.isfinite(maximisers))):
+            raise InputError("TaskSet.support", "a value that is not finite", "a bounded set of wrenches")
+        return values, maximisers
+
+    def transformed(self, matrix: FloatArray) -> TaskSet:
+        """Return the linear image: ``phi(y | M A) = phi(M^T y | A)``."""
+
+        def support(y: FloatArray) -> tuple[FloatArray, FloatArray]:
+            values, maximisers = self.support(y @ matrix)
+            return values, maximisers @ matrix.T
+
+        return TaskSet(support, len(matrix))
+
+    def second_moment(self) -> FloatArray:
+        """Return the second moment of boundary wrenches in random directions."""
+        return self._moment
+
+    def to_dict(self) -> dict[str, Any]:
+        """Refuse: a function has no JSON form."""
+        raise InputError("task", "a TaskSet", "a task with a JSON form, such as a TaskEllipsoid")

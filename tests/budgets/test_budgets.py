@@ -1,0 +1,178 @@
+"""Conformance of every force budget: supports against a conic solver, the program's rows, files."""
+
+import casadi as ca
+import clarabel
+import numpy as np
+import pytest
+from scipy import sparse
+
+import nlpgrasp as ng
+from nlpgrasp.budgets import budget_from_dict, force_budget
+from nlpgrasp.budgets.base import ranges
+from nlpgrasp.quality import WrenchSet
+from tests.contacts.test_contacts import program_variables
+from tests.samples import CONTACTS, closed_ellipsoid_grasp
+
+NAMED = ["l2", "per_finger", "shared", "per_finger_size"]
+MODELS = ["point", "friction", "soft box", "soft elliptic", "rough line", "rough rectangle"]
+
+
+def torque_limits(contacts, rng, joints=3):
+    """Return limits on fingers that feel every force of their contacts."""
+    jacobians = [rng.standard_normal((6, joints + (c.components(3) > 3) * 3)) for c in contacts]
+    return ng.JointTorqueLimits(jacobians, [rng.uniform(0.5, 2.0, J.shape[1]) for J in jacobians])
+
+
+def cases():
+    for name in MODELS:
+        for budget in [*NAMED, "joint_torques"]:
+            yield pytest.param(name, budget, id=f"{name}, {budget}")
+
+
+def made(name, budget, rng, k=2):
+    contacts = [CONTACTS[name]] * k
+    given = torque_limits(contacts, rng) if budget == "joint_torques" else force_budget(budget)
+    normals = rng.standard_normal((k, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    grasp = ng.Grasp(rng.standard_normal((k, 3)), normals, contacts)
+    return grasp, given, given.at(grasp.frames, grasp.contacts)
+
+
+def largest_work(grasp, bound, z):
+    """Maximise <z, x> over the cones and the budget (f = 1) with clarabel."""
+    n = len(z)
+    rows, rhs, cones = [], [], []
+
+    def add(matrix, offset):
+        rows.append(-matrix)
+        rhs.append(offset)
+        cones.append(clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix)))
+
+    for r, contact in zip(ranges(grasp.contacts, 3), grasp.contacts, strict=True):
+        for M in contact.cones(3):
+            full = np.zeros((len(M), n))
+            full[:, r] = M
+            add(full, np.zeros(len(M)))
+    for M in bound.cones(grasp.contacts, 3):
+        add(M[:, :n], M[:, n])
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
+    A = sparse.csc_matrix(np.concatenate(rows))
+    found = clarabel.DefaultSolver(sparse.csc_matrix((n, n)), -z, A, np.concatenate(rhs), cones, settings).solve()
+    assert "Solved" in str(found.status)
+    return -found.obj_val
+
+
+@pytest.mark.parametrize(("name", "budget"), list(cases()))
+def test_support_is_exact_and_attained(name, budget, rng):
+    grasp, _, bound = made(name, budget, rng)
+    z = rng.standard_normal((25, grasp.G.shape[1]))
+    phi, x = bound.support(z, grasp.contacts, 3)
+    np.testing.assert_allclose(np.sum(z * x, axis=1), phi, atol=1e-9)
+    assert np.max(bound.used(x, grasp.contacts, 3)) <= 1.0 + 1e-9
+    for contact, r in zip(grasp.contacts, ranges(grasp.contacts, 3), strict=True):
+        np.testing.assert_allclose(contact.project(x[:, r]), x[:, r], atol=1e-7)
+    expected = [largest_work(grasp, bound, row) for row in z]
+    np.testing.assert_allclose(phi, expected, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize(("name", "budget"), list(cases()))
+def test_used_is_what_the_cones_say(name, budget, rng):
+    grasp, _, bound = made(name, budget, rng)
+    n = grasp.G.shape[1]
+    x = np.concatenate([c.project(rng.standard_normal((50, c.components(3)))) for c in grasp.contacts], axis=1)
+    used = bound.used(x, grasp.contacts, 3)
+    for factor in (0.999, 1.001):
+        y = np.concatenate([x, factor * used[:, None]], axis=1)
+        inside = np.ones(len(x), dtype=bool)
+        for M in bound.cones(grasp.contacts, 3):
+            value = y @ M.T
+            inside &= value[:, 0] >= (np.linalg.norm(value[:, 1:], axis=1) if len(M) > 1 else 0.0)
+        assert inside[used > 0].all() == (factor > 1.0)
+        assert inside[used > 0].any() == (factor > 1.0)
+    assert M.shape[1] == n + 1
+
+
+@pytest.mark.parametrize(("name", "budget"), list(cases()))
+def test_the_programs_rows_say_the_same(name, budget, rng):
+    """A force that uses 0.999 of the budget keeps every row, one that uses 1.001 breaks one."""
+    grasp, given, bound = made(name, budget, rng)
+    for _ in range(10):
+        x = np.concatenate([c.project(rng.standard_normal((1, c.components(3))))[0] for c in grasp.contacts])
+        used = bound.used(x[None], grasp.contacts, 3)[0]
+        if used <= 0.0:
+            continue
+        for factor in (0.999, 1.001):
+            forces = [
+                ca.DM(program_variables(c, factor * x[r] / used, n))
+                for c, r, n in zip(grasp.contacts, ranges(grasp.contacts, 3), grasp.normals, strict=True)
+            ]
+            rows = given.rows(grasp.contacts, forces, [ca.DM(n) for n in grasp.normals])
+            kept = all(lower <= float(value) <= upper for _, value, lower, upper in rows)
+            assert kept == (factor < 1.0)
+
+
+@pytest.mark.parametrize("budget", [*NAMED, "joint_torques"])
+def test_json_round_trip(budget, rng):
+    _, given, _ = made("friction", budget, rng)
+    again = budget_from_dict(given.to_dict())
+    assert again.to_dict() == given.to_dict()
+    assert again == given
+
+
+def test_planar_torque_limits(rng):
+    """A planar finger of two joints: the support is that of the polygon cut from the friction cone."""
+    grasp = ng.Grasp([[0.0, 1.0]], [[0.0, -1.0]], ng.FrictionContact(0.5))
+    budget = ng.JointTorqueLimits([[[1.0, 0.2], [0.3, 1.0]]], 0.7).at(grasp.frames, grasp.contacts)
+    z = rng.standard_normal((50, 2))
+    phi, _ = budget.support(z, grasp.contacts, 2)
+    grid = np.stack(np.meshgrid(np.linspace(0, 5, 2001), np.linspace(-2.5, 2.5, 2001)), axis=-1).reshape(-1, 2)
+    allowed = grid[(np.abs(grid[:, 1]) <= 0.5 * grid[:, 0]) & (budget.used(grid, grasp.contacts, 2) <= 1.0)]
+    brute = np.max(z @ allowed.T, axis=1)
+    assert np.all(phi >= brute - 1e-9)
+    np.testing.assert_allclose(phi, brute, atol=2e-2)
+
+
+def test_more_budget_never_hurts(rng):
+    """shared <= l2-free bounds: per-finger force contains the shared one, and sizes contain nothing more than l2 k."""
+    grasp = closed_ellipsoid_grasp(rng)
+    y = rng.standard_normal((200, 6))
+    phi = {b: WrenchSet.of(grasp, b).support(y)[0] for b in NAMED}
+    assert np.all(phi["shared"] <= phi["per_finger"] + 1e-12)
+    assert np.all(phi["l2"] <= phi["per_finger_size"] + 1e-12)
+    assert np.all(phi["per_finger_size"] <= phi["per_finger"] + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda g: WrenchSet.of(g, "l1"), "one of l2, per_finger, shared, per_finger_size"),
+        (lambda g: WrenchSet.of(g, 3), "one of l2"),
+        (lambda g: ng.JointTorqueLimits([], 1.0), "one Jacobian a contact"),
+        (lambda g: ng.JointTorqueLimits(3, 1.0), "one Jacobian a contact"),
+        (lambda g: ng.JointTorqueLimits([np.eye(3)], -1.0), "greater than 0"),
+        (lambda g: ng.JointTorqueLimits([np.eye(3)], [1.0, 2.0]), "1, one a contact"),
+        (lambda g: ng.JointTorqueLimits([[[np.nan] * 3] * 3], 1.0), "no NaN"),
+        (lambda g: WrenchSet.of(g, ng.JointTorqueLimits([np.eye(3)] * 3, 1.0)), "expected 4"),
+        (lambda g: WrenchSet.of(g, ng.JointTorqueLimits([np.eye(4)] * 4, 1.0)), "3 or 6 rows"),
+        (lambda g: WrenchSet.of(g, ng.JointTorqueLimits([g.tangents[0, :1].T] * 4, 1.0)), "without any torque"),
+    ],
+)
+def test_budgets_that_do_not_fit_are_refused(make, message, rng):
+    with pytest.raises(ng.InputError, match=message):
+        make(closed_ellipsoid_grasp(rng))
+
+
+@pytest.mark.parametrize("budget", ["per_finger", "shared"])
+def test_normal_force_does_not_bound_bilateral_contacts(budget, rng):
+    grasp = closed_ellipsoid_grasp(rng)
+    grasp = ng.Grasp(grasp.points, grasp.normals, CONTACTS["bilateral"])
+    with pytest.raises(ng.InputError, match='"l2" with bilateral contacts'):
+        ng.delta(grasp, force_budget=budget)
+
+
+def test_two_round_cones_under_torque_limits_are_refused(rng):
+    grasp = ng.Grasp([[0, 0, 0]], [[0, 0, 1.0]], CONTACTS["rough disc"])
+    with pytest.raises(ng.InputError, match="2 round cones"):
+        ng.delta(grasp, force_budget=ng.JointTorqueLimits([np.eye(6)], 1.0))

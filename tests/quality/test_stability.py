@@ -1,0 +1,131 @@
+"""Stability with its proof, allowed twists, and the theorems of Section 2."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import nlpgrasp as ng
+from nlpgrasp.quality import WrenchSet
+from tests.samples import CONTACTS, closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation
+
+
+def test_a_stable_grasp_comes_with_a_ball(rng):
+    grasp = closed_ellipsoid_grasp(rng)
+    found = ng.is_stable(grasp)
+    assert found
+    assert found.separating_direction is None
+    assert 0.0 < found.radius.lower <= ng.delta(grasp).upper
+    inside = found.radius.lower * rng.standard_normal((200, 6))
+    inside /= np.maximum(np.linalg.norm(inside, axis=1, keepdims=True) / found.radius.lower, 1e-300)
+    assert np.max(ng.finger_forces(grasp, inside).used) <= 1.0
+
+
+def test_two_hard_contacts_are_never_stable(rng):
+    """Torque about their line is out of reach, whatever the friction; several tools say otherwise."""
+    for friction in (0.1, 1.0, 10.0, 1e6):
+        for _ in range(5):
+            points = rng.standard_normal((2, 3))
+            line = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
+            found = ng.is_stable(ng.Grasp(points, [line, -line], ng.FrictionContact(friction)))
+            assert not found
+            y = found.separating_direction
+            assert WrenchSet.of(ng.Grasp(points, [line, -line], ng.FrictionContact(friction))).support(
+                np.stack([y, -y])
+            )[0] == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("points", "normals", "contact"),
+    [
+        ([[0, 0, 1.0]], [[0, 0, -1.0]], ng.SoftContact(1.0, 1.0)),
+        ([[0, 0, 1.0]], [[0, 0, -1.0]], ng.PointContact()),
+        ([[0, 1.0]], [[0, -1.0]], ng.FrictionContact(1.0)),
+        ([[0, 1.0], [0, -1.0]], [[0, -1.0], [0, 1.0]], ng.PointContact()),
+        (np.eye(3), -np.eye(3), ng.PointContact()),
+    ],
+)
+def test_too_few_contacts_are_not_stable_and_no_error(points, normals, contact):
+    found = ng.is_stable(ng.Grasp(points, normals, contact))
+    assert not found
+    y = found.separating_direction
+    assert np.linalg.norm(y) == pytest.approx(1.0)
+    assert WrenchSet.of(ng.Grasp(points, normals, contact)).support(y[None])[0][0] <= 1e-8
+
+
+def test_bilateral_contacts_are_stable_exactly_with_full_rank(rng):
+    """Proposition 2-7; and delta is then the smallest singular value, (3.1-1a)."""
+    one = ng.BilateralContact(ng.FrictionContact(0.5))
+    points = rng.standard_normal((3, 3))
+    normals = np.eye(3)
+    three = ng.Grasp(points, normals, one)
+    assert ng.is_stable(three)
+    bounds = ng.delta(three, rtol=0.005)
+    sigma = ng.smallest_singular_value(three)
+    assert bounds.lower <= sigma <= bounds.upper * (1 + 1e-9)
+    assert bounds.upper == pytest.approx(sigma, rel=1e-4)
+    assert not ng.is_stable(ng.Grasp(points[:2], normals[:2], one))
+
+
+def test_example_2_11():
+    """Correction 4: the grasp of Figure 3 is not stable with friction 1, and is with K = R^8."""
+    contacts = [ng.PointContact(), ng.FrictionContact(1.0), ng.SoftContact(1.0, 1.0)]
+    points, normals = [[0, 0, -1], [-1, 0, 0], [0, -1, 0]], np.eye(3)[[2, 0, 1]]
+    found = ng.is_stable(ng.Grasp(points, normals, contacts))
+    assert not found
+    np.testing.assert_allclose(found.separating_direction, np.array([-1, -1, 0, 0, 0, 0]) / np.sqrt(2.0), atol=1e-4)
+    assert ng.is_stable(ng.Grasp(points, normals, [ng.BilateralContact(c) for c in contacts]))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6))
+def test_stability_is_invariant(seed):
+    """Theorem 2-10: under body frames and torque origins, on grasps of either kind."""
+    rng = np.random.default_rng(seed)
+    grasp = ellipsoid_grasp(rng, k=4, friction=0.6)
+    A, b = random_rotation(rng), rng.standard_normal(3)
+    moved = ng.Grasp(grasp.points @ A.T, grasp.normals @ A.T, grasp.contacts, torque_origin=A @ b)
+    one, other = ng.is_stable(grasp), ng.is_stable(moved)
+    assert one.stable == other.stable
+    if not one.stable:
+        assert WrenchSet.of(moved).support(other.separating_direction[None])[0][0] <= 1e-7
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from(sorted(CONTACTS)))
+def test_force_domains_are_convex_cones(seed, name):
+    """Proposition 2-5 and Corollary 2-6: sums and multiples stay inside."""
+    rng = np.random.default_rng(seed)
+    contact = CONTACTS[name]
+    x, y = contact.project(rng.standard_normal((2, 200, contact.components(3))))
+    for z in (x + y, 3.7 * x):
+        np.testing.assert_allclose(contact.project(z), z, atol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from(["l2", "per_finger", "shared"]))
+def test_support_functions_are_those_of_the_image(seed, budget):
+    """(3.4-5): phi(y | G(B n K)) = phi(G^T y | B n K), convex and homogeneous."""
+    rng = np.random.default_rng(seed)
+    grasp = ellipsoid_grasp(rng)
+    wrenches = WrenchSet.of(grasp, budget)
+    y, z = rng.standard_normal((2, 50, 6))
+    phi = wrenches.support(y)[0]
+    np.testing.assert_allclose(phi, wrenches.budget.support(y @ grasp.G, grasp.contacts, 3)[0])
+    np.testing.assert_allclose(wrenches.support(2.5 * y)[0], 2.5 * phi)
+    assert np.all(wrenches.support(y + z)[0] <= phi + wrenches.support(z)[0] + 1e-12)
+
+
+def test_allowed_twists_do_no_work(rng):
+    """Theorem 2-1: a hinge of two hard contacts turns about their line and nothing else."""
+    grasp = ng.Grasp([[1, 0, 0], [-1, 0, 0]], [[-1, 0, 0], [1, 0, 0]], ng.FrictionContact(0.5))
+    twists = ng.allowed_twists(grasp)
+    np.testing.assert_allclose(np.abs(twists), [[0, 0, 0, 1, 0, 0]], atol=1e-12)
+    wrenches = rng.standard_normal((3, 6)) * np.array([1, 1, 1, 1e-3, 1e-3, 1e-3])
+    twists = ng.allowed_twists(wrenches)
+    assert twists.shape == (3, 6)
+    np.testing.assert_allclose(twists @ wrenches.T, 0.0, atol=1e-12)
+    np.testing.assert_allclose(twists @ twists.T, np.eye(3), atol=1e-12)
+    assert ng.allowed_twists(np.eye(3)).shape == (0, 3)
+    with pytest.raises(ng.InputError, match="rows of length 3"):
+        ng.allowed_twists(np.eye(4))

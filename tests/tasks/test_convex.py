@@ -1,0 +1,110 @@
+"""Tasks known by their support functions, mu_1 and the constants of (3.3-8)."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from tests.samples import closed_ellipsoid_grasp, random_rotation
+
+
+def ellipsoid_support(task):
+    return lambda y: task.support(y)[0]
+
+
+def box_support(half):
+    return lambda y: (np.abs(y) @ half, np.sign(y) * half)
+
+
+@pytest.mark.parametrize("with_maximisers", [True, False])
+def test_an_ellipsoid_by_its_support_function(with_maximisers, rng):
+    grasp = closed_ellipsoid_grasp(rng)
+    task = ng.TaskEllipsoid(
+        [1, 2, 1, 0.5, 1, 1], center=0.2 * rng.standard_normal(6), directions=random_rotation(rng, 6)
+    )
+    same = ng.TaskSet(task.support if with_maximisers else ellipsoid_support(task))
+    one, other = ng.mu(grasp, task), ng.mu(grasp, same)
+    assert one.lower <= other.upper
+    assert other.lower <= one.upper
+    assert other.gap <= 0.0101
+
+
+def test_a_box_of_wrenches_by_its_corners(rng):
+    """Each corner, times the lower bound, needs force at most 1; times the upper bound some corner needs more."""
+    grasp, half = closed_ellipsoid_grasp(rng), rng.uniform(0.2, 1.0, 6)
+    bounds = ng.mu(grasp, ng.TaskSet(box_support(half)))
+    corners = half * np.array(np.meshgrid(*[[1, -1]] * 6)).reshape(6, -1).T
+    used = np.max(ng.finger_forces(grasp, corners).used)
+    assert bounds.lower <= 1.0 / used <= bounds.upper * (1 + 1e-9)
+    assert bounds.gap <= 0.0101
+
+
+def test_mu_1_rescales_about_a_point(rng):
+    """(3.3-9): b + lambda (C - b), for a ball C about c, is a ball about b + lambda (c - b) of lambda times its size."""
+    grasp = closed_ellipsoid_grasp(rng)
+    c, b = 0.1 * rng.standard_normal((2, 6))
+    ball = ng.TaskEllipsoid([1.0] * 6, center=c)
+    expected = ng.mu(grasp, ng.TaskEllipsoid([0.7] * 6, center=b + 0.7 * (c - b)))
+    found = ng.mu_1(grasp, ball, b, scale=0.7)
+    assert found.lower <= expected.upper
+    assert expected.lower <= found.upper
+    assert found.gap <= 0.0101
+
+
+def test_mu_1_of_a_box(rng):
+    grasp, half = closed_ellipsoid_grasp(rng), rng.uniform(0.5, 1.0, 6)
+    one = ng.mu_1(grasp, ng.TaskSet(box_support(half)), np.zeros(6), scale=2.0)
+    other = ng.mu(grasp, ng.TaskSet(box_support(2.0 * half)))
+    assert one.lower <= other.upper
+    assert other.lower <= one.upper
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_constants_of_3_3_8(seed):
+    """K_1 mu_tilde <= mu <= K_2 mu_tilde, for grasps and off-centre tasks at random."""
+    rng = np.random.default_rng(seed)
+    axes, R = rng.uniform(0.3, 1.5, 6), random_rotation(rng, 6)
+    c = rng.standard_normal(6)
+    task = ng.TaskEllipsoid(axes, center=0.6 * rng.random() * c / np.linalg.norm(c / axes[0]), directions=R)
+    K1, K2 = ng.equivalence_constants(task)
+    centred = ng.TaskEllipsoid(axes, directions=R)
+    assert ng.equivalence_constants(centred) == (1.0, 1.0)
+    assert 0.0 <= K1 < 1.0 < K2
+    for _ in range(3):
+        grasp = closed_ellipsoid_grasp(rng)
+        mu, tilde = ng.mu(grasp, centred), ng.mu_tilde(grasp, task)
+        assert K1 * tilde.lower <= mu.upper
+        assert mu.lower <= K2 * tilde.upper
+
+
+def test_constants_where_the_origin_is_outside():
+    assert ng.equivalence_constants(ng.TaskEllipsoid([1.0] * 6, center=[0, 0, 3.0, 0, 0, 0])) == (
+        0.0,
+        pytest.approx(4.0),
+    )
+    flat = ng.TaskEllipsoid([1, 1, 1, 0, 0, 0], center=[0, 0, 0, 1.0, 0, 0])
+    assert ng.equivalence_constants(flat) == (0.0, float("inf"))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ng.TaskSet(3), "a function of directions"),
+        (lambda: ng.TaskSet(lambda y: y), "a value a direction"),
+        (lambda: ng.TaskSet(lambda y: (y[:, 0], y[:, :2])), "shapes"),
+        (lambda: ng.TaskSet(lambda y: np.sum(y**2, axis=1)), "positively homogeneous"),
+        (lambda: ng.TaskSet(lambda y: np.full(len(y), np.nan)), "not finite"),
+        (lambda: ng.TaskSet(box_support(np.ones(6)), dimension=7), "dimension"),
+        (lambda: ng.TaskSet(box_support(np.ones(6))).to_dict(), "JSON form"),
+        (
+            lambda: ng.mu_1(ng.Grasp([[0, 0]], [[0, 1.0]], ng.PointContact()), ng.TaskEllipsoid([1.0] * 6), [0] * 3),
+            "task",
+        ),
+        (
+            lambda: ng.mu_1(ng.Grasp([[0, 0]], [[0, 1.0]], ng.PointContact()), ng.TaskEllipsoid([1.0] * 3), [0] * 2),
+            "center",
+        ),
+    ],
+)
+def test_bad_input(make, message):
+    with pytest.raises(ng.InputError, match=message):
+        make()
