@@ -17,8 +17,8 @@ ROUNDING = 1e-9
 def bilateral_ellipsoid(problem: Containment) -> Bounds | None:
     """Return the least ``|G^T y| / |L^T y|`` where that is all there is to it, or None where it is not.
 
-    It is ``1 / sqrt(lambda)`` with the largest lambda of ``L L^T y = lambda G G^T y``; for a ball of wrenches the smallest
-    singular value of G.
+    It is ``1 / sqrt(lambda)`` with the largest lambda of ``L L^T y = lambda G G^T y``; for a ball of wrenches the
+    smallest singular value of G.
     """
     wrenches, task = problem.wrenches, problem.task
     bilateral = all(isinstance(c, BilateralContact) for c in wrenches.contacts)

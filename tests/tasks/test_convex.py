@@ -39,7 +39,7 @@ def test_a_box_of_wrenches_by_its_corners(rng):
 
 
 def test_mu_1_rescales_about_a_point(rng):
-    """(3.3-9): b + lambda (C - b), for a ball C about c, is a ball about b + lambda (c - b) of lambda times its size."""
+    """(3.3-9): b + lambda (C - b), C a ball about c, is a ball about b + lambda (c - b) of lambda times its size."""
     grasp = closed_ellipsoid_grasp(rng)
     c, b = 0.1 * rng.standard_normal((2, 6))
     ball = ng.TaskEllipsoid([1.0] * 6, center=c)
