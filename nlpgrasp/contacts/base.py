@@ -64,11 +64,19 @@ class ContactModel(ABC):
         """Return the Euclidean projection of force components ``z`` (..., n_i) onto K_i."""
 
     @abstractmethod
+    def derivative_entries(self, z: FloatArray) -> FloatArray:
+        """Return the upper triangle of :meth:`derivative`, entries first and row by row, (n_i (n_i + 1) / 2, ...)."""
+
     def derivative(self, z: FloatArray) -> FloatArray:
         """Return the Jacobian of the projection at ``z`` (..., n_i): symmetric (..., n_i, n_i).
 
         At the kinks of the projection, one of its generalised Jacobians.
         """
+        n = z.shape[-1]
+        result = np.empty((*z.shape, n))
+        for (a, b), entry in zip(upper_triangle(n), self.derivative_entries(z), strict=True):
+            result[..., a, b] = result[..., b, a] = entry
+        return result
 
     @abstractmethod
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -129,3 +137,8 @@ class ContactModel(ABC):
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return the model as JSON data: ``model`` and its coefficients."""
+
+
+def upper_triangle(n: int) -> list[tuple[int, int]]:
+    """Return the places of a symmetric matrix's upper triangle, row by row."""
+    return [(a, b) for a in range(n) for b in range(a, n)]

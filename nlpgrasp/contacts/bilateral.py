@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.contacts.base import ContactModel, upper_triangle
 from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray
 
@@ -48,9 +48,9 @@ class BilateralContact(ContactModel):
         """Return ``z``."""
         return z.copy()
 
-    def derivative(self, z: FloatArray) -> FloatArray:
-        """Return the identity."""
-        return np.broadcast_to(np.eye(z.shape[-1]), (*z.shape, z.shape[-1])).copy()
+    def derivative_entries(self, z: FloatArray) -> FloatArray:
+        """Return those of the identity."""
+        return np.stack([np.full(z.shape[:-1], float(a == b)) for a, b in upper_triangle(z.shape[-1])])
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Refuse: limits on normal force leave the other components of a bilateral contact unbounded."""

@@ -7,7 +7,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.contacts.base import ContactModel, upper_triangle
 from nlpgrasp.validation import FloatArray
 
 Blocks = tuple[tuple[slice, float], ...]
@@ -41,8 +41,8 @@ class RangeContact(ContactModel):
                 result[..., where] = z[..., where] * scale[..., None]
         return result
 
-    def derivative(self, z: FloatArray) -> FloatArray:
-        """Return the Jacobian: ``v v^T / |v|^2`` plus what the blocks do by themselves.
+    def derivative_entries(self, z: FloatArray) -> FloatArray:
+        """Return the Jacobian's upper triangle: ``v v^T / |v|^2`` plus what the blocks do by themselves.
 
         ``v = (1, c_j t_j)`` over the blocks at their limit, with unit vectors ``t_j = z_j / |z_j|``. A block within
         its range adds the identity, one at its limit ``(c_j n / |z_j|) (I - t_j t_j^T)``. Zero where n is 0.
@@ -51,27 +51,29 @@ class RangeContact(ContactModel):
         blocks = self.blocks(n)
         sizes = [_size(z, where) for where, _ in blocks]
         pressing = _pressing(z[..., 0], sizes, [c for _, c in blocks])
-        on = pressing > 0.0
-        v = np.zeros((n, *pressing.shape))  # components first: each is one contiguous array
-        result = np.zeros((n, n, *pressing.shape))
-        v[0] = 1.0
-        weight = np.ones_like(pressing)
-        for (where, c), size in zip(blocks, sizes, strict=True):
-            at_limit = size > c * pressing
-            weight = weight + np.where(at_limit, c**2, 0.0)
-            safe = np.where(size > 0.0, size, 1.0)
-            shrink = np.where(at_limit, c * pressing / safe, 1.0)  # of the part across t_j
-            unit = np.moveaxis(z[..., where], -1, 0) / safe
-            v[where] = np.where(at_limit, c, 0.0) * unit
+        on = (pressing > 0.0).astype(float)
+        limit = [on * (size > c * pressing) for (_, c), size in zip(blocks, sizes, strict=True)]
+        weight = on / (1.0 + sum(c**2 * at for (_, c), at in zip(blocks, limit, strict=True)))
+        row = {pair: i for i, pair in enumerate(upper_triangle(n))}
+        result = np.empty((len(row), *pressing.shape))
+        v: list[FloatArray] = [np.ones(1)] * n
+        for (where, c), size, at in zip(blocks, sizes, limit, strict=True):
+            inverse = 1.0 / np.where(size > 0.0, size, 1.0)
             for a in range(where.start, where.stop):
-                result[a, a] = shrink
-                for b in range(where.start, where.stop):
-                    across = unit[a - where.start] * unit[b - where.start]
-                    result[a, b] -= np.where(at_limit, shrink, 0.0) * across
-        for a in range(n):
-            for b in range(n):
-                result[a, b] = np.where(on, result[a, b] + v[a] * v[b] / weight, 0.0)
-        return np.moveaxis(result, (0, 1), (-2, -1))
+                v[a] = (c * at) * inverse * z[..., a]
+        result[0] = weight
+        for (a, b), i in row.items():
+            if i:
+                np.multiply(weight * v[a], v[b], out=result[i])
+        for (where, c), size, at in zip(blocks, sizes, limit, strict=True):
+            inverse = 1.0 / np.where(size > 0.0, size, 1.0)
+            shrink = at * (c * pressing * inverse)  # of the part across t_j
+            across = shrink * inverse**2
+            for a in range(where.start, where.stop):
+                result[row[a, a]] += on - at + shrink
+                for b in range(a, where.stop):
+                    result[row[a, b]] -= across * z[..., a] * z[..., b]
+        return result
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ``max(0, z_n + sum_j c_j |z_j|)`` and the unit normal force with every block at its limit."""

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nlpgrasp.contacts import elliptic_cone
+from nlpgrasp.contacts.base import upper_triangle
 from nlpgrasp.contacts.range_cone import Blocks, RangeContact
 from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray, number
@@ -60,11 +61,12 @@ class SoftContact(RangeContact):
             return super().project(z)
         return elliptic_cone.project(z, self.friction, self.torsional_friction)
 
-    def derivative(self, z: FloatArray) -> FloatArray:
-        """Return the Jacobian of the projection onto the box or the elliptic cone."""
+    def derivative_entries(self, z: FloatArray) -> FloatArray:
+        """Return the Jacobian's upper triangle for the box or the elliptic cone."""
         if self.model == "box":
-            return super().derivative(z)
-        return elliptic_cone.derivative(z, self.friction, self.torsional_friction)
+            return super().derivative_entries(z)
+        matrix = elliptic_cone.derivative(z, self.friction, self.torsional_friction)
+        return np.stack([matrix[..., a, b] for a, b in upper_triangle(4)])
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest work of unit normal force, and the force."""

@@ -5,22 +5,29 @@ whatever the number of contacts; the primal is ``x = P_K(G^T y)``. The dual is c
 generalised Hessian ``-G P_K'(G^T y) G^T``.
 
 Arrays are components first: each row holds one component for all wrenches and is contiguous, so that every operation
-runs over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product.
+runs over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product. Some
+wrenches are solved first, and the others start from the best of their solutions.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
+
 import numpy as np
 
 from nlpgrasp.budgets.base import ranges
+from nlpgrasp.contacts.base import upper_triangle
+from nlpgrasp.quality.cholesky import solve_columns
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.validation import FloatArray
 
-CHUNK = 2048  # wrenches at once: what the processor's cache holds
-TOLERANCE = 1e-12
+CHUNK = 8192  # wrenches at once
+FIRST = 128  # solved first, for the others to start from
+TOLERANCE = 1e-10
 STEPS = 100
-HALVINGS = 25
+SHORTER = 4  # tries of a shorter step before the Hessian is damped
 FLOOR = 1e-14  # of the Hessian's trace, added to its diagonal
+LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e6  # of |G|^2; beyond, the arithmetic allows no better
 
 
 def dual_newton(
@@ -29,15 +36,53 @@ def dual_newton(
     """Return dual solutions y and forces x for unit wrenches: (m, d) to (m, d) and (m, n).
 
     Wrenches that need a force of more than ``limit`` are given up as soon as the dual's value shows it.
-
     A wrench that the contacts cannot produce leaves a residual ``w - G x``, and y grows along a direction that
     separates it from what they can.
     """
     solver = _Solver(wrench_set, tolerance, 0.5 * limit**2)
-    parts = [solver.solve(wrenches[a : a + CHUNK].T) for a in range(0, len(wrenches), CHUNK)]
-    if not parts:
-        return np.zeros((0, len(wrench_set.G))), np.zeros((0, wrench_set.G.shape[1]))
+    w = np.ascontiguousarray(wrenches.T)
+    y, x = solver.solve(w[:, :FIRST], solver.unconstrained(w[:, :FIRST]))
+    known = y, np.linalg.norm(x, axis=0)
+    parts = [(y, x)]
+    for a in range(FIRST, w.shape[1], CHUNK):
+        some = np.ascontiguousarray(w[:, a : a + CHUNK])
+        parts.append(solver.solve(some, _best_start(some, *known, solver.unconstrained(some))))
     return np.concatenate([y.T for y, _ in parts]), np.concatenate([x.T for _, x in parts])
+
+
+def _best_start(w: FloatArray, y: FloatArray, size: FloatArray, otherwise: FloatArray) -> FloatArray:
+    """Return for each wrench the multiple ``s y_j`` of a known solution with the largest dual value.
+
+    With ``x_j = P_K(G^T y_j)`` that is ``s = <w, y_j> / |x_j|^2``, where ``<w, y_j> / |x_j|`` is largest; the other start
+    given where none is positive.
+    """
+    y, size = y[:, size > 0.0], size[size > 0.0]
+    if not size.size:
+        return otherwise
+    score = w.T @ (y / size)
+    best = np.argmax(score, axis=1)
+    most = score[np.arange(len(best)), best]
+    return np.where(most > 0.0, y[:, best] * (most / size[best]), otherwise)
+
+
+@dataclass
+class _State:
+    """The wrenches still being solved, a column each."""
+
+    index: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+    w: FloatArray
+    y: FloatArray
+    z: FloatArray  # G^T y
+    x: FloatArray  # its projection
+    value: FloatArray
+    gradient: FloatArray
+    residual: FloatArray
+    damping: FloatArray
+
+    def keep(self, columns: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> None:
+        """Drop the other columns."""
+        for name in (f.name for f in fields(self)):
+            setattr(self, name, getattr(self, name)[..., columns])
 
 
 class _Solver:
@@ -47,132 +92,99 @@ class _Solver:
         self.contacts = wrench_set.contacts
         self.where = ranges(wrench_set.contacts, wrench_set.space)
         self.same = all(c == self.contacts[0] for c in self.contacts)
+        self.size = float(np.sum(self.G**2))
         d = len(self.G)
-        self.upper = [(a, b) for a in range(d) for b in range(a, d)]
-        # entry (a, b) of G_i P_i' G_i^T per entry of P_i'
-        columns = []
+        self.upper = upper_triangle(d)
+        columns = []  # entry (a, b) of G_i P_i' G_i^T per entry (p, q) of P_i'
         for r in self.where:
-            Gi = self.G[:, r]
-            product = np.einsum("ap,bq->abpq", Gi, Gi)
-            columns.append(np.stack([product[a, b].ravel() for a, b in self.upper]))
-        self.assemble = np.concatenate(columns, axis=1)
+            for p, q in upper_triangle(r.stop - r.start):
+                both = np.outer(self.G[:, r.start + p], self.G[:, r.start + q])
+                both = both if p == q else both + both.T
+                columns.append(np.array([both[place] for place in self.upper]))
+        self.assemble = np.stack(columns, axis=1)
 
-    def solve(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def unconstrained(self, w: FloatArray) -> FloatArray:
+        """Return the solutions for ``K = R^n``, to start from."""
+        return np.asarray(np.linalg.lstsq(self.G @ self.G.T, w, rcond=None)[0], dtype=np.float64)
+
+    def solve(self, w: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return y (d, m) and x (n, m)."""
-        w = np.ascontiguousarray(w)
         m = w.shape[1]
-        y_out, x_out = np.zeros_like(w), np.zeros((self.G.shape[1], m))
-        best = np.full(m, np.inf)
-        live = np.arange(m)
-        y: FloatArray = np.asarray(np.linalg.lstsq(self.G @ self.G.T, w, rcond=None)[0], dtype=np.float64)
-        x = self._project(y)
-        value, damping = _dual(w, y, x), np.zeros(m)
+        y_out, x_out, best = np.zeros_like(w), np.zeros((self.G.shape[1], m)), np.full(m, np.inf)
+        state = self._state(np.arange(m), w, start, np.zeros(m))
         for _ in range(STEPS):
-            gradient = w - self.G @ x
-            residual = np.sqrt(np.sum(gradient**2, axis=0))
-            improved = residual < best[live]
-            keep = live[improved]
-            best[keep] = residual[improved]
-            y_out[:, keep], x_out[:, keep] = y[:, improved], x[:, improved]
-            going = (residual > self.tolerance) & (value <= self.limit)
+            improved = state.residual < best[state.index]
+            kept = state.index[improved]
+            best[kept] = state.residual[improved]
+            y_out[:, kept], x_out[:, kept] = state.y[:, improved], state.x[:, improved]
+            # a wrench that needs more than the limit, or where rounding stops every step, is done too
+            going = (state.residual > self.tolerance) & (state.value <= self.limit) & (state.damping <= MOST_DAMPING)
             if not going.any():
                 break
             if not going.all():
-                live, y, x, w = live[going], y[:, going], x[:, going], w[:, going]
-                value, gradient, residual, damping = value[going], gradient[:, going], residual[going], damping[going]
-            step = self._newton_step(y, gradient, residual, damping)
-            moved = self._search(w, y, x, value, gradient, step)
-            damping = np.where(moved, 0.01 * damping, np.maximum(1e-6, 100.0 * damping))
-            hopeless = damping > 1e6  # at the floor of the arithmetic
-            if hopeless.any():
-                left = ~hopeless
-                live, y, x, w = live[left], y[:, left], x[:, left], w[:, left]
-                value, damping = value[left], damping[left]
+                state.keep(going)
+            state = self._search(state, self._newton_step(state))
         return y_out, x_out
 
-    def _newton_step(
-        self, y: FloatArray, gradient: FloatArray, residual: FloatArray, damping: FloatArray
-    ) -> FloatArray:
-        """Return the solution of ``(H + regular I) s = gradient``, by Cholesky over all wrenches at once."""
-        entries = self.assemble @ self._derivatives(y)
-        d = len(y)
-        H: list[list[FloatArray]] = [[np.zeros(0)] * d for _ in range(d)]
-        for (a, b), row in zip(self.upper, entries, strict=True):
-            H[b][a] = row
-        trace = H[0][0].copy()
-        for a in range(1, d):
-            trace += H[a][a]
-        regular = (FLOOR + damping) * trace + 1e-3 * np.minimum(residual, 1.0) ** 2 * np.minimum(residual, 0.1) + 1e-300
-        s = [g.copy() for g in gradient]
-        for j in range(d):
-            pivot = H[j][j] + regular
-            for k in range(j):
-                pivot = pivot - H[j][k] ** 2
-            root = np.sqrt(np.maximum(pivot, regular))
-            H[j][j] = root
-            for i in range(j + 1, d):
-                entry = H[i][j]
-                for k in range(j):
-                    entry = entry - H[i][k] * H[j][k]
-                H[i][j] = entry / root
-            for k in range(j):
-                s[j] -= H[j][k] * s[k]
-            s[j] /= root
-        for j in reversed(range(d)):
-            for i in range(j + 1, d):
-                s[j] -= H[i][j] * s[i]
-            s[j] /= H[j][j]
-        return np.array(s)
+    def _state(
+        self, index: np.ndarray[tuple[int, ...], np.dtype[np.intp]], w: FloatArray, y: FloatArray, damping: FloatArray
+    ) -> _State:
+        """Return everything that belongs to y."""
+        z = self.G.T @ y
+        x = self._project(z)
+        gradient = w - self.G @ x
+        value = np.einsum("dm,dm->m", w, y) - 0.5 * np.einsum("nm,nm->m", x, x)
+        return _State(index, w, y, z, x, value, gradient, np.sqrt(np.einsum("dm,dm->m", gradient, gradient)), damping)
 
-    def _search(
-        self, w: FloatArray, y: FloatArray, x: FloatArray, value: FloatArray, gradient: FloatArray, step: FloatArray
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Move y, x and value in place by a step that increases the dual enough; return where one was found."""
-        slope = np.sum(gradient * step, axis=0)
-        rounding = 1e-14 * np.abs(value)
-        trial = y + step
-        trial_x = self._project(trial)
-        trial_value = _dual(w, trial, trial_x)
-        short = np.flatnonzero(trial_value < value + 1e-4 * slope)
-        if short.size:  # close to the solution the value no longer tells, the gradient does
-            left = np.sum((w[:, short] - self.G @ trial_x[:, short]) ** 2, axis=0)
-            nearer = left < 0.5 * np.sum(gradient[:, short] ** 2, axis=0)
-            short = short[~(nearer & (trial_value[short] >= value[short] - rounding[short]))]
+    def _newton_step(self, state: _State) -> FloatArray:
+        """Return the solution of ``(H + regular I) s = gradient`` (d, m)."""
+        entries = dict(zip(self.upper, self.assemble @ self._derivatives(state.z), strict=True))
+        d = len(state.y)
+        trace = np.sum([entries[a, a] for a in range(d)], axis=0)
+        small = np.minimum(state.residual, 0.1)
+        regular = FLOOR * trace + state.damping * self.size + 1e-3 * small**3 + 1e-300
+        return solve_columns(entries, regular, state.gradient)
+
+    def _search(self, state: _State, step: FloatArray) -> _State:
+        """Return the state after a step that increases the dual enough; damped where there is none."""
+        slope = np.einsum("dm,dm->m", state.gradient, step)
+        trial = self._state(state.index, state.w, state.y + step, 0.01 * state.damping)
+        enough = trial.value >= state.value + 1e-4 * slope
+        # close to the solution the value no longer tells, the gradient does
+        nearer = (trial.residual < 0.7 * state.residual) & (trial.value >= state.value - 1e-14 * np.abs(state.value))
+        short = np.flatnonzero(~(enough | nearer))
         length = 1.0
-        for _ in range(HALVINGS):
+        for _ in range(SHORTER):
             if not short.size:
                 break
-            length *= 0.5
-            trial[:, short] = y[:, short] + length * step[:, short]
-            trial_x[:, short] = self._project(np.ascontiguousarray(trial[:, short]))
-            trial_value[short] = _dual(w[:, short], trial[:, short], trial_x[:, short])
-            short = short[trial_value[short] < value[short] + 1e-4 * length * slope[short]]
-        moved = np.ones(len(value), dtype=bool)
-        moved[short] = False
-        np.copyto(y, trial, where=moved)
-        np.copyto(x, trial_x, where=moved)
-        np.copyto(value, trial_value, where=moved)
-        return moved
+            length *= 0.25
+            y = state.y[:, short] + length * step[:, short]
+            part = self._state(state.index[short], state.w[:, short], y, trial.damping[short])
+            self._put(trial, short, part)
+            short = short[part.value < state.value[short] + 1e-4 * length * slope[short]]
+        if short.size:
+            old = self._state(state.index[short], state.w[:, short], state.y[:, short], state.damping[short])
+            old.damping = np.maximum(LEAST_DAMPING, 100.0 * old.damping)
+            self._put(trial, short, old)
+        return trial
 
-    def _project(self, y: FloatArray) -> FloatArray:
-        """Return ``P_K(G^T y)``, (d, m) to (n, m)."""
-        z = self.G.T @ y
+    @staticmethod
+    def _put(state: _State, columns: np.ndarray[tuple[int, ...], np.dtype[np.intp]], part: _State) -> None:
+        for name in (f.name for f in fields(state)):
+            if name not in ("index", "w"):
+                getattr(state, name)[..., columns] = getattr(part, name)
+
+    def _project(self, z: FloatArray) -> FloatArray:
+        """Return ``P_K(z)``, (n, m)."""
         if self.same:
-            block = z.reshape(len(self.contacts), -1, z.shape[1]).transpose(0, 2, 1)
+            block = z.reshape(len(self.contacts), self.where[0].stop, z.shape[1]).transpose(0, 2, 1)
             return np.ascontiguousarray(self.contacts[0].project(block).transpose(0, 2, 1)).reshape(z.shape)
-        parts = [c.project(z[r].T).T for c, r in zip(self.contacts, self.where, strict=True)]
-        return np.concatenate(parts)
+        return np.concatenate([c.project(z[r].T).T for c, r in zip(self.contacts, self.where, strict=True)])
 
-    def _derivatives(self, y: FloatArray) -> FloatArray:
-        """Return the entries of every contact's ``P_Ki'`` as rows, (sum n_i^2, m)."""
-        z = self.G.T @ y
+    def _derivatives(self, z: FloatArray) -> FloatArray:
+        """Return the upper triangles of every contact's ``P_Ki'`` as rows, (sum n_i (n_i + 1) / 2, m)."""
         m = z.shape[1]
         if self.same:
-            block = z.reshape(len(self.contacts), -1, m).transpose(0, 2, 1)
-            return np.moveaxis(self.contacts[0].derivative(block), 1, 3).reshape(-1, m)
-        parts = [c.derivative(z[r].T) for c, r in zip(self.contacts, self.where, strict=True)]
-        return np.concatenate([np.moveaxis(p, 0, 2).reshape(-1, m) for p in parts])
-
-
-def _dual(w: FloatArray, y: FloatArray, x: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("dm,dm->m", w, y) - 0.5 * np.einsum("nm,nm->m", x, x))
+            block = z.reshape(len(self.contacts), self.where[0].stop, m).transpose(0, 2, 1)
+            return np.moveaxis(self.contacts[0].derivative_entries(block), 0, 1).reshape(self.assemble.shape[1], m)
+        return np.concatenate([c.derivative_entries(z[r].T) for c, r in zip(self.contacts, self.where, strict=True)])

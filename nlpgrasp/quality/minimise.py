@@ -47,12 +47,16 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
 
 def separated(u: FloatArray, order: NDArray[np.intp], cosine: float, most: int) -> list[int]:
     """Return indices of at most ``most`` directions, best first, no two closer than ``cosine``."""
+    ordered = u[order]
+    near = ordered @ ordered.T >= cosine
     chosen: list[int] = []
-    for i in order:
+    taken = np.zeros(len(ordered), dtype=bool)
+    for i in range(len(ordered)):
         if len(chosen) >= most:
             break
-        if not chosen or float(np.max(u[chosen] @ u[i])) < cosine:
-            chosen.append(int(i))
+        if not taken[i]:
+            chosen.append(int(order[i]))
+            taken |= near[i]
     return chosen
 
 

@@ -22,6 +22,7 @@ from nlpgrasp.validation import FloatArray
 
 SHRINK = 1e-4  # relative, at most a hundredth of the tolerance: no point set is degenerate, and all stay inside W
 ROUNDING = 1e-9  # relative guard for the arithmetic of planes and supports
+SEEDS, DESCENT = 60, 20  # directions followed downhill before there is a hull, and for how many steps
 BATCH = 12  # new points between two looks at the worst cells
 SPREAD = 0.3  # squared distance of their normals, relative to the gap
 MOST_POINTS = 6000  # some million cells: floating point and memory allow no more
@@ -47,8 +48,8 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
         where floating point allows no better.
     """
     rng = np.random.default_rng(seed)
-    seeds = np.concatenate([random_directions(100, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
-    found, values = descend(problem, seeds)
+    seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
+    found, values = descend(problem, seeds, DESCENT)
     separating = separating_direction(problem.wrenches)
     best = int(np.argmin(values))
     upper, worst = float(values[best]), found[best]

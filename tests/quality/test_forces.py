@@ -94,7 +94,7 @@ def test_ten_thousand_wrenches_to_1e_9(seed):
     wrenches = rng.standard_normal((10_000, 6))
     found = ng.finger_forces(grasp, wrenches)
     assert found.feasible.all()
-    assert np.max(np.linalg.norm(found.forces @ grasp.G.T - wrenches, axis=1)) <= 1e-9 * np.linalg.norm(wrenches)
+    assert np.max(np.linalg.norm(found.forces @ grasp.G.T - wrenches, axis=1)) <= 1e-9
     assert np.max(found.residual) <= 1e-9
 
 
