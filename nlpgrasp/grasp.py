@@ -14,6 +14,7 @@ from nlpgrasp.spatial import wrench_dimension, wrench_transform
 from nlpgrasp.validation import FloatArray, array, read_only
 
 UNIT_TOLERANCE = 1e-6
+ROUNDING = 1e-15
 
 
 class Grasp:
@@ -144,4 +145,5 @@ def unit_normals(field: str, normals: FloatArray) -> FloatArray:
             f"length {length[where]:.9g} at {place} (off by {length[where] - 1.0:+.3g})",
             "unit vectors (to 1e-6)",
         )
-    return np.asarray(normals / length[..., None])
+    # normalising twice could change a last digit, and files must round-trip: leave what is unit to rounding
+    return np.asarray(normals / np.where(off <= ROUNDING, 1.0, length)[..., None])

@@ -68,3 +68,12 @@ def test_normals_that_are_not_unit_are_refused_with_their_length():
 def test_bad_grasps_are_refused(points, normals, contacts, message):
     with pytest.raises(ng.InputError, match=message):
         ng.Grasp(points, normals, contacts)
+
+
+def test_normalising_again_changes_nothing(rng):
+    """Files hold the normals: reading them must give the same digits."""
+    normals = rng.standard_normal((500, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    once = ng.Grasp(normals, normals * (1 + 1e-7), ng.PointContact()).normals
+    np.testing.assert_array_equal(ng.Grasp(normals, once, ng.PointContact()).normals, once)
+    assert np.max(np.abs(np.linalg.norm(once, axis=1) - 1.0)) < 1e-15

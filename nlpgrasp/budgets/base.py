@@ -22,7 +22,6 @@ class ForceBudget(ABC):
     """
 
     kind: ClassVar[str]
-    has_closed_form: ClassVar[bool] = False
     depends_on_frames: ClassVar[bool] = False
     power: ClassVar[float] = 2.0  # p, where the support is near the p-norm of the contacts' own supports
 
@@ -33,6 +32,26 @@ class ForceBudget(ABC):
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceBudget:
         """Return the budget for contacts with these frames, (k, space, space), axes as columns, normal first."""
         return self
+
+    def closed_form(
+        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
+    ) -> tuple[Any, int] | None:
+        """Return a smooth closed form of the support function (symbolic), or ``None`` where there is none.
+
+        Parameters
+        ----------
+        contacts : sequence of k ContactModel
+        work : sequence of k triples
+            ``z_n``, ``|z_t|`` and ``|z_torsion|`` of each contact.
+        ops : module
+            ``numpy`` or ``casadi``.
+
+        Returns
+        -------
+        expression, degree
+            ``phi`` itself, degree 1, or its square, degree 2.
+        """
+        return None
 
     def force_scale(self) -> float:
         """Return the size of force the budget allows, newtons: the program's unit of force."""
@@ -57,6 +76,9 @@ class ForceBudget(ABC):
     def to_dict(self) -> str | dict[str, Any]:
         """Return the budget as JSON data: its name alone where it has no parameters."""
         return self.kind
+
+
+SMOOTH = 1e-8  # under the root that rounds the kinks of a closed form
 
 
 def ranges(contacts: Sequence[ContactModel], space: int) -> list[slice]:

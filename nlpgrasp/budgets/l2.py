@@ -16,7 +16,6 @@ class L2Budget(ForceBudget):
     """``|x| <= 1`` over all force components together. Torsion counts as force through the unit of length."""
 
     kind: ClassVar[str] = "l2"
-    has_closed_form: ClassVar[bool] = True
 
     def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
         """Return ``|P_K(z)|``, attained at ``P_K(z)`` over its norm (Moreau)."""
@@ -32,6 +31,13 @@ class L2Budget(ForceBudget):
         """Return ``|x| <= f``."""
         n = sum(c.components(space) for c in contacts)
         return [np.roll(np.eye(n + 1), 1, axis=0)]
+
+    def closed_form(
+        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
+    ) -> tuple[Any, int] | None:
+        """Return ``phi^2``, the sum of the contacts' ``|P_Ki(z_i)|^2``."""
+        squares = [c.squared_support(*w, ops) for c, w in zip(contacts, work, strict=True)]
+        return None if any(s is None for s in squares) else (sum(squares), 2)
 
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return ``|x|^2 <= 1``."""

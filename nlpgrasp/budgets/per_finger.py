@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.budgets.base import ForceBudget, Row, extremes, ranges
+from nlpgrasp.budgets.base import SMOOTH, ForceBudget, Row, extremes, ranges
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.validation import FloatArray
 
@@ -36,6 +36,13 @@ class PerFingerBudget(ForceBudget):
         where = ranges(contacts, space)
         unit = np.eye(where[-1].stop + 1)
         return [unit[-1:] - unit[r.start : r.start + 1] for r in where]
+
+    def closed_form(
+        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
+    ) -> tuple[Any, int] | None:
+        """Return the sum of the contacts' ``max(0, z_n + mu |z_t|)``, rounded where one is 0."""
+        parts: list[Any] = [c.linear_support(*w, ops) for c, w in zip(contacts, work, strict=True)]
+        return None if any(p is None for p in parts) else (sum(0.5 * (p + ops.sqrt(p**2 + SMOOTH)) for p in parts), 1)
 
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return ``f_n <= 1`` for every contact."""

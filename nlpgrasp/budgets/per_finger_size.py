@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.budgets.base import ForceBudget, Row, project, ranges
+from nlpgrasp.budgets.base import SMOOTH, ForceBudget, Row, project, ranges
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.validation import FloatArray
 
@@ -37,6 +37,13 @@ class PerFingerSizeBudget(ForceBudget):
         where = ranges(contacts, space)
         unit = np.eye(where[-1].stop + 1)
         return [np.concatenate([unit[-1:], unit[r]]) for r in where]
+
+    def closed_form(
+        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
+    ) -> tuple[Any, int] | None:
+        """Return the sum of the contacts' ``|P_Ki(z_i)|``, rounded where one is 0."""
+        squares: list[Any] = [c.squared_support(*w, ops) for c, w in zip(contacts, work, strict=True)]
+        return None if any(s is None for s in squares) else (sum(ops.sqrt(s + SMOOTH) for s in squares), 1)
 
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return ``|x_i|^2 <= 1`` for every contact."""

@@ -121,6 +121,13 @@ class ContactModel(ABC):
             ``numpy`` or ``casadi``: supplies ``fmax`` and ``fmin``.
         """
 
+    def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+        """Return the work of unit normal force at its best, ``z_n + mu |z_t|`` and so on (symbolic).
+
+        Arguments as in :meth:`squared_support`. Negative where no pressing pays; ``None`` when there is no closed form.
+        """
+        return None
+
     @abstractmethod
     def variables(self, space: int) -> int:
         """Return how many NLP variables carry this contact's force."""

@@ -59,6 +59,10 @@ class FrictionContact(RangeContact):
         inside = ops.fmax(self.friction * normal - tangential, 0.0)
         return c2 * (along**2 + inside**2)
 
+    def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+        """Return ``z_n + mu |z_t|``."""
+        return normal + self.friction * tangential
+
     def to_dict(self) -> dict[str, Any]:
         """Return the model's name and coefficient."""
         return {"model": self.kind, "friction": self.friction}

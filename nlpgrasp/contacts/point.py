@@ -49,6 +49,10 @@ class PointContact(RangeContact):
         """Return ``max(z_n, 0)^2``."""
         return ops.fmax(normal, 0.0) ** 2
 
+    def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+        """Return ``z_n``."""
+        return normal
+
     def to_dict(self) -> dict[str, Any]:
         """Return ``{"model": "point"}``."""
         return {"model": self.kind}

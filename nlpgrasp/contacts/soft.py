@@ -118,6 +118,11 @@ class SoftContact(RangeContact):
             pressing = ops.fmax(pressing, numerator / (1.0 + weight))
         return pressing**2 + ops.fmin(tangential, mu * pressing) ** 2 + ops.fmin(torsion, mu_t * pressing) ** 2
 
+    def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+        """Return ``z_n + mu |z_t| + mu_t |z_tau|``, or with the last two as legs of a right angle."""
+        sliding, turning = self.friction * tangential, self.torsional_friction * torsion
+        return normal + (sliding + turning if self.model == "box" else ops.sqrt(sliding**2 + turning**2))
+
     def to_dict(self) -> dict[str, Any]:
         """Return the model's name and coefficients."""
         return {

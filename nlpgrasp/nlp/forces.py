@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.budgets import L2Budget
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.nlp.placement import ContactSymbols, Scaling
 from nlpgrasp.nlp.program import Program
@@ -21,7 +22,7 @@ LARGEST, LARGEST_OTHERWISE = 1.1, 50.0  # solver units: the L2 ball's own bound,
 def add_forces(program: Program, problem: GraspProblem, scaling: Scaling, direction: int) -> list[Any]:
     """Add one copy of all finger forces, in solver units; return each contact's in newtons, as columns."""
     sizes = [m.variables(problem.body.space) for m in problem.models]
-    most = LARGEST if problem.budget.has_closed_form else LARGEST_OTHERWISE
+    most = LARGEST if isinstance(problem.budget, L2Budget) else LARGEST_OTHERWISE
     block = program.variable(f"forces {direction}", sum(sizes), -most, most, scaling.force)
     return list(ca.vertsplit(scaling.force * block, [0, *accumulate(sizes)]))
 

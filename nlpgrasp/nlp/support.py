@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
-from nlpgrasp.nlp.placement import ContactSymbols, Scaling, add_constraints, add_faces, add_placement
+from nlpgrasp.nlp.placement import Scaling, add_constraints, add_faces, add_placement
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem import GraspProblem
 
@@ -46,11 +46,12 @@ def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eli
     d = problem.dimension
     directions = ca.reshape(program.parameter("directions", d * count), d, count)
     reach = program.parameter("reach", count)
-    squared = squared_support(problem, contacts, scaling) if eliminate else None
+    closed = support_function(problem, scaling) if eliminate else None
     for j in range(count):
-        if squared is not None:
-            value = squared(directions[:, j], *contacts.positions, *contacts.normals)
-            program.constrain(f"support, direction {j}", value - (beta * reach[j]) ** 2, 0.0, np.inf)
+        if closed is not None:
+            function, degree = closed
+            value = function(directions[:, j], *contacts.positions, *contacts.normals)
+            program.constrain(f"support, direction {j}", value - (beta * reach[j]) ** degree, 0.0, np.inf)
             continue
         forces = add_forces(program, problem, scaling, j)
         produced = symbolic_wrench(problem.models, contacts, forces, scaling.length) / scaling.force
@@ -64,13 +65,13 @@ def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eli
 
 
 def has_closed_form(problem: GraspProblem) -> bool:
-    """Return whether the grasp's support function has a smooth closed form: the L2 budget's mostly does."""
-    closed = all(m.squared_support(0.0, 0.0, 0.0, np) is not None for m in problem.models)
-    return closed and problem.budget.has_closed_form
+    """Return whether the grasp's support function has a smooth closed form."""
+    nothing = [(0.0, 0.0, 0.0)] * len(problem.models)
+    return problem.budget.closed_form(problem.models, nothing, np) is not None
 
 
-def squared_support(problem: GraspProblem, contacts: ContactSymbols, scaling: Scaling) -> ca.Function | None:
-    """Return ``(y, positions, normals) -> phi(y)^2 = sum_i ||P_Ki(G_i^T y)||^2``, or None without a closed form.
+def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
+    """Return ``(y, positions, normals) -> phi(y)`` to the power of a degree, and the degree; None without closed form.
 
     ``G_i^T y`` is the velocity of the contact point under the twist y: its part along the normal, the size of
     the rest, and the spin about the normal.
@@ -81,8 +82,8 @@ def squared_support(problem: GraspProblem, contacts: ContactSymbols, scaling: Sc
     y = ca.SX.sym("y", problem.dimension)
     positions = [ca.SX.sym("p", space) for _ in problem.models]
     normals = [ca.SX.sym("n", space) for _ in problem.models]
-    total: Any = 0.0
-    for model, p, n in zip(problem.models, positions, normals, strict=True):
+    work: list[tuple[Any, Any, Any]] = []
+    for p, n in zip(positions, normals, strict=True):
         if space == 2:
             velocity = ca.vertcat(y[0] - y[2] * p[1], y[1] + y[2] * p[0])
             spin: Any = 0.0
@@ -90,6 +91,6 @@ def squared_support(problem: GraspProblem, contacts: ContactSymbols, scaling: Sc
             velocity = y[:3] + ca.cross(y[3:], p)
             spin = ca.sqrt((ca.dot(y[3:], n) / scaling.length) ** 2 + SMOOTHING)
         along = ca.dot(velocity, n)
-        sliding = ca.sqrt(ca.fmax(ca.sumsqr(velocity) - along**2, 0.0) + SMOOTHING)
-        total = total + model.squared_support(along, sliding, spin, ca)
-    return ca.Function("squared_support", [y, *positions, *normals], [total])
+        work.append((along, ca.sqrt(ca.fmax(ca.sumsqr(velocity) - along**2, 0.0) + SMOOTHING), spin))
+    found = problem.budget.closed_form(problem.models, work, ca)
+    return None if found is None else (ca.Function("support", [y, *positions, *normals], [found[0]]), found[1])

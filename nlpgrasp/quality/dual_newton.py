@@ -53,8 +53,8 @@ def dual_newton(
 def _best_start(w: FloatArray, y: FloatArray, size: FloatArray, otherwise: FloatArray) -> FloatArray:
     """Return for each wrench the multiple ``s y_j`` of a known solution with the largest dual value.
 
-    With ``x_j = P_K(G^T y_j)`` that is ``s = <w, y_j> / |x_j|^2``, where ``<w, y_j> / |x_j|`` is largest; the other start
-    given where none is positive.
+    With ``x_j = P_K(G^T y_j)`` that is ``s = <w, y_j> / |x_j|^2``, where ``<w, y_j> / |x_j|`` is largest; the other
+    start given where none is positive.
     """
     y, size = y[:, size > 0.0], size[size > 0.0]
     if not size.size:

@@ -9,6 +9,7 @@ direction y is an **upper** bound, and its maximiser is a new point of P.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import QhullError
@@ -26,6 +27,25 @@ SEEDS, DESCENT = 60, 20  # directions followed downhill before there is a hull, 
 BATCH = 12  # new points between two looks at the worst cells
 SPREAD = 0.3  # squared distance of their normals, relative to the gap
 MOST_POINTS = 6000  # some million cells: floating point and memory allow no more
+
+
+@dataclass
+class Sandwich:
+    """Where a sandwich stands.
+
+    Parameters
+    ----------
+    upper : float
+        Least ratio found.
+    worst : (r,) array
+        The direction that has it.
+    hull : Hull or None
+        Support points inside the wrench set; None where there is nothing to certify or no hull could be built.
+    """
+
+    upper: float
+    worst: FloatArray
+    hull: Hull | None = None
 
 
 def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Bounds:
@@ -47,43 +67,51 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
         ``worst_direction`` is in the problem's own coordinates. Wider than asked only past the deadline or
         where floating point allows no better.
     """
+    found = narrowed(problem, rtol, seed, deadline)
+    if found.upper == 0.0:
+        return Bounds(0.0, 0.0, found.worst)
+    if problem.rank == 1:
+        return Bounds(found.upper * (1.0 - ROUNDING), found.upper * (1.0 + ROUNDING), found.worst)
+    lower = 0.0 if found.hull is None else _lower(problem, found.hull) * (1.0 - ROUNDING)
+    return Bounds(min(lower, found.upper), found.upper * (1.0 + ROUNDING), found.worst)
+
+
+def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Sandwich:
+    """Return the sandwich of :func:`sandwich`, narrowed to the tolerance, before its bounds are certified."""
     rng = np.random.default_rng(seed)
     seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
     found, values = descend(problem, seeds, DESCENT)
     separating = separating_direction(problem.wrenches)
     best = int(np.argmin(values))
-    upper, worst = float(values[best]), found[best]
-    if separating is not None and problem.ratio(separating[None, :])[0][0] <= upper:
-        upper, worst = float(problem.ratio(separating[None, :])[0][0]), separating
+    state = Sandwich(float(values[best]), found[best])
+    if separating is not None and problem.ratio(separating[None, :])[0][0] <= state.upper:
+        state = Sandwich(float(problem.ratio(separating[None, :])[0][0]), separating)
     scale = float(np.linalg.norm(problem.wrenches.G, 2))
-    if _no_support(problem, worst, scale):
-        return Bounds(0.0, 0.0, worst)
+    if _no_support(problem, state.worst, scale):
+        return Sandwich(0.0, state.worst)
     if problem.rank == 1:
-        return Bounds(upper * (1.0 - ROUNDING), upper * (1.0 + ROUNDING), worst)
-
+        return state
     shrink = min(SHRINK, 0.01 * rtol)
     start = found[separated(found, np.argsort(values), 0.95, 14)]
-    hull = _first_hull(problem, start, shrink, separating is not None, rng)
-    if hull is None:
-        return Bounds(0.0, upper * (1.0 + ROUNDING), worst)
-    while len(hull) < MOST_POINTS and (deadline is None or time.monotonic() < deadline):
-        target = upper / (1.0 + 0.8 * rtol)
+    hull = state.hull = _first_hull(problem, start, shrink, separating is not None, rng)
+    while hull is not None and len(hull) < MOST_POINTS and (deadline is None or time.monotonic() < deadline):
+        target = state.upper / (1.0 + 0.8 * rtol)
         cells = hull.worst(target, 8 * BATCH)
         if not cells.size:
             break
         normals = hull.planes[cells] / np.linalg.norm(hull.planes[cells], axis=1, keepdims=True)
         exact = problem.ratio(normals)[0]
         best = int(np.argmin(exact))
-        if exact[best] < upper:
-            upper, worst = float(exact[best]), normals[best]
-            if _no_support(problem, worst, scale):
-                return Bounds(0.0, 0.0, worst)
+        if exact[best] < state.upper:
+            state.upper, state.worst = float(exact[best]), normals[best]
+            if _no_support(problem, state.worst, scale):
+                return Sandwich(0.0, state.worst)
         gap = max(1.0 - hull.values[cells[0]] / target, rtol)
         chosen = separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
         added = [hull.insert(p) for p in _inner_points(problem, normals[chosen], shrink, rng)]
         if not any(added):
             break
-    return Bounds(min(_lower(problem, hull) * (1.0 - ROUNDING), upper), upper * (1.0 + ROUNDING), worst)
+    return state
 
 
 def _no_support(problem: Containment, u: FloatArray, scale: float) -> bool:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.grasp import Grasp
-from nlpgrasp.quality.containment import conditioned
+from nlpgrasp.quality.containment import Containment, conditioned
 from nlpgrasp.quality.minimise import descend, random_directions, separated
+from nlpgrasp.quality.sandwich import narrowed
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 from nlpgrasp.validation import FloatArray
@@ -17,6 +18,7 @@ from nlpgrasp.validation import FloatArray
 SLACK = 1.25  # keep local minima up to this factor above the least
 KEEP = 64
 SEPARATION = 0.97
+HULL_GAP, HULL_CELLS = 2e-3, 600
 
 
 @dataclass(frozen=True)
@@ -63,16 +65,30 @@ def weakest_directions(
     if problem is None:
         y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
         return Weakest(0.0, y)
-    start = random_directions(fresh, problem.rank, rng)
-    if len(known):
-        old = np.linalg.lstsq(problem.matrix.T, known.T, rcond=None)[0].T
-        old = old[np.linalg.norm(old, axis=1) > 0.0]
-        start = np.concatenate([old, start])
-    found, values = descend(problem, start, iterations)
+    if isinstance(budget, L2Budget):
+        start = random_directions(fresh, problem.rank, rng)
+        if len(known):
+            old = np.linalg.lstsq(problem.matrix.T, known.T, rcond=None)[0].T
+            old = old[np.linalg.norm(old, axis=1) > 0.0]
+            start = np.concatenate([old, start])
+        found, values = descend(problem, start, iterations)
+    else:
+        found, values = _from_hull(problem)
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
     chosen = separated(found, order, SEPARATION, KEEP)
     return Weakest(float(values[chosen[0]]), _unit_reach(task, found[chosen] @ problem.matrix))
+
+
+def _from_hull(problem: Containment) -> tuple[FloatArray, FloatArray]:
+    """Return directions and ratios from the certificate's polytope: descents stop at the kinks of other budgets."""
+    state = narrowed(problem, HULL_GAP)
+    found = state.worst[None, :]
+    if state.hull is not None and problem.rank > 1:
+        cells = state.hull.worst(SLACK * state.upper, HULL_CELLS)
+        normals = state.hull.planes[cells] / np.linalg.norm(state.hull.planes[cells], axis=1, keepdims=True)
+        found = np.concatenate([found, normals])
+    return found, problem.ratio(found)[0]
 
 
 def _unit_reach(task: Task, y: FloatArray) -> FloatArray:

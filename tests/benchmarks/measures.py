@@ -56,9 +56,8 @@ def screening():
     points, normals = (np.stack([getattr(g, n) for g in grasps]) for n in ("points", "normals"))
     stack = ng.GraspStack(points, normals, ng.FrictionContact(0.5))
     for budget in ("l2", "shared", "per_finger"):
-        print(
-            f"screening 10,000 grasps, {budget}: {timed(lambda b=budget: ng.screen(stack, BALL, force_budget=b))[1]:.2f} s"
-        )
+        seconds = timed(lambda b=budget: ng.screen(stack, BALL, force_budget=b))[1]
+        print(f"screening 10,000 grasps, {budget}: {seconds:.2f} s")
 
 
 def conic_force(grasp, wrench, settings):
