@@ -33,13 +33,13 @@ def test_pyramids_are_inside_the_cones_and_close_in(budget, seed):
     rng = np.random.default_rng(seed)
     grasp = closed_ellipsoid_grasp(rng, k=3, friction=0.8)
     exact = ng.delta(grasp, rtol=1e-3, force_budget=budget)
-    edges = (4, 8, 12) if budget == "per_finger" else (4, 8, 16, 32, 64)
+    edges = (3, 5, 7) if budget == "per_finger" else (4, 8, 16, 32, 64)
     values = [ng.ferrari_canny(grasp, m, force_budget=budget) for m in edges]
     assert max(values) <= exact.upper
     if budget == "shared":
         assert values[-1] >= 0.97 * exact.lower
-    volumes = [ng.pyramid_volume(grasp, m, force_budget=budget) for m in edges[:3]]
-    assert volumes == sorted(volumes)
+        volumes = [ng.pyramid_volume(grasp, m) for m in edges]
+        assert volumes == sorted(volumes)
 
 
 def test_unit_edges_make_epsilon_smaller():
@@ -117,8 +117,8 @@ def test_normals_along_and_against_the_axes_are_alike():
         for sign in (1.0, -1.0):
             A = np.roll(np.eye(3), axis, axis=0) * sign
             points = tetrahedral().points @ A.T
-            values.append(ng.delta(ng.Grasp(points, -points, ng.FrictionContact(0.5)), rtol=1e-3).upper)
-    np.testing.assert_allclose(values, values[0], rtol=1e-3)
+            values.append(ng.delta(ng.Grasp(points, -points, ng.FrictionContact(0.5)), rtol=3e-3).upper)
+    np.testing.assert_allclose(values, values[0], rtol=3e-3)
 
 
 def test_a_failed_hull_is_an_error_not_a_score(monkeypatch):
