@@ -42,11 +42,16 @@ class TorquePolytope:
 
     def __init__(self, contact: ContactModel, torques: FloatArray, space: int, name: str) -> None:
         n = contact.components(space)
-        cones = contact.cones(space)
+        # components in units of what one unit of normal force allows: cones of very different widths are round
+        self._units = np.array(
+            [1.0] + [float(contact.extreme(e[None, :])[1][0, j + 1]) for j, e in enumerate(np.eye(n)[1:])]
+        )
+        torques = torques * self._units
+        cones = [M * self._units for M in contact.cones(space)]
         round_cones = [M for M in cones if len(M) > 1]
         if len(round_cones) > 1:
             raise InputError(name, f"a {contact.kind} contact with {len(round_cones)} round cones", "at most one")
-        _check_bounded(contact, torques, n, name)
+        _check_bounded(contact, torques / self._units, n, name)
         flat = [-M for M in cones if len(M) == 1]
         self._linear = np.concatenate([torques, -torques, *flat])
         self._limits = np.concatenate([np.ones(2 * len(torques)), np.zeros(len(flat))])
@@ -63,6 +68,7 @@ class TorquePolytope:
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest work and a force that does it: (m, n) to (m,) and (m, n)."""
+        z = z * self._units
         work = z @ self._points.T
         best = np.argmax(work, axis=1)
         value, force = work[np.arange(len(z)), best], self._points[best]
@@ -79,7 +85,7 @@ class TorquePolytope:
                 better = (reach > value) & self._inside(x)
                 value = np.where(better, reach, value)
                 force = np.where(better[:, None], x, force)
-        return value, force
+        return value, force * self._units
 
     def _collect(self, rows: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
         """Add the extreme points, or the conic section, where these linear conditions hold with equality."""

@@ -1,31 +1,36 @@
-"""Bilateral contacts: the wrench set is an ellipsoid, and a centred one inside it an eigenvalue problem (3.1-1a)."""
+"""Bilateral contacts: the wrench set is an ellipsoid, and a centred task in it a matter of singular values (3.1-1a)."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import eigh
 
 from nlpgrasp.budgets import L2Budget
 from nlpgrasp.contacts import BilateralContact
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.containment import Containment
-from nlpgrasp.tasks import TaskEllipsoid
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.tasks import Task, TaskEllipsoid
 
 ROUNDING = 1e-9
+RANK_TOLERANCE = 1e-10
 
 
-def bilateral_ellipsoid(problem: Containment) -> Bounds | None:
+def bilateral_ellipsoid(wrenches: WrenchSet, task: Task) -> Bounds | None:
     """Return the least ``|G^T y| / |L^T y|`` where that is all there is to it, or None where it is not.
 
-    It is ``1 / sqrt(lambda)`` with the largest lambda of ``L L^T y = lambda G G^T y``; for a ball of wrenches the
-    smallest singular value of G.
+    With ``G = U S V^T`` and ``y = U S^-1 v`` it is one over the largest singular value of ``L^T U S^-1``; for a ball of
+    wrenches the smallest singular value of G.
     """
-    wrenches, task = problem.wrenches, problem.task
     bilateral = all(isinstance(c, BilateralContact) for c in wrenches.contacts)
-    if not (
-        bilateral and isinstance(wrenches.budget, L2Budget) and isinstance(task, TaskEllipsoid) and task.is_centred
-    ):
+    if not (bilateral and isinstance(wrenches.budget, L2Budget) and isinstance(task, TaskEllipsoid)):
         return None
-    values, vectors = eigh(task.axes.T @ task.axes, wrenches.G @ wrenches.G.T)
-    ratio = float(1.0 / np.sqrt(values[-1]))
-    return Bounds(ratio * (1.0 - ROUNDING), ratio * (1.0 + ROUNDING), vectors[:, -1])
+    rows = np.linalg.norm(wrenches.G, axis=1)
+    if not task.is_centred or np.any(rows == 0.0):
+        return None
+    U, S, _ = np.linalg.svd(wrenches.G / rows[:, None])
+    if len(S) < len(U) or S[-1] <= RANK_TOLERANCE * S[0]:
+        return None
+    _, values, right = np.linalg.svd((task.axes / rows) @ U / S)
+    worst = (U @ (right[0] / S)) / rows
+    guard = ROUNDING + 1e-14 * S[0] / S[-1]
+    ratio = float(1.0 / values[0])
+    return Bounds(float(ratio * (1.0 - guard)), float(ratio * (1.0 + guard)), worst / np.linalg.norm(worst))

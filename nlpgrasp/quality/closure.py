@@ -9,7 +9,18 @@ from nlpgrasp.budgets.base import ranges
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.validation import FloatArray
 
-ZERO_SUPPORT = 1e-9
+ZERO_SUPPORT = 1e-10  # |P_K(z)| over |z| up to which z counts as in the polar of K
+EXACT = 1e-13  # where the search for such a direction stops
+
+
+def no_support(wrenches: WrenchSet, y: FloatArray) -> bool:
+    """Return whether no force in the cones does positive work along y, to rounding.
+
+    ``z = G^T y`` is then in the polar of K. Comparing ``P_K(z)`` with z itself depends neither on units nor on the
+    torque origin.
+    """
+    z = (y @ wrenches.G)[None, :]
+    return bool(np.linalg.norm(wrenches.project(z)) <= ZERO_SUPPORT * np.linalg.norm(z))
 
 
 def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray | None:
@@ -29,14 +40,20 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
     Returns
     -------
     (d,) array or None
-        The caller checks ``phi(y)`` itself: this function is a search, not the proof.
+        The caller checks :func:`no_support` itself: this function is a search, not the proof.
     """
+    U, S, _ = np.linalg.svd(wrenches.G, full_matrices=False)
+    white = wrenches.transformed((U / S).T)  # rows of G orthonormal: as well-conditioned as the question allows
     pressing = np.zeros(wrenches.G.shape[1])
     pressing[[r.start for r in ranges(wrenches.contacts, wrenches.space)]] = 1.0
-    target = -wrenches.G @ pressing
-    if np.linalg.norm(target) <= ZERO_SUPPORT * np.linalg.norm(wrenches.G, 2):
+    target = -white.G @ pressing
+    if np.linalg.norm(target) <= ZERO_SUPPORT:
         return None
-    return unreachable(wrenches, target, rounds)
+    y = unreachable(white, target, rounds)
+    if y is None:
+        return None
+    y = (U / S) @ y
+    return np.asarray(y / np.linalg.norm(y))
 
 
 def unreachable(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> FloatArray | None:
@@ -48,18 +65,24 @@ def unreachable(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> F
     scale, size = float(np.linalg.norm(wrenches.G, 2)), float(np.linalg.norm(target))
     where = ranges(wrenches.contacts, wrenches.space)
     rays = [wrenches.G[:, r.start : r.start + 1] for r in where]
-    y = target / size
+    best, least = target / size, np.inf
     for _ in range(rounds):
         columns = np.concatenate(rays, axis=1)
         weights, distance = nnls(columns, target, maxiter=50 * columns.shape[1])
-        if distance <= ZERO_SUPPORT * size:
+        if distance <= EXACT * size:
             return None
         y = (target - columns @ weights) / distance
-        force = wrenches.project((y @ wrenches.G)[None, :])[0]
-        if np.linalg.norm(force) <= ZERO_SUPPORT * scale:
-            return np.asarray(y)
+        z = (y @ wrenches.G)[None, :]
+        force = wrenches.project(z)[0]
+        share = float(np.linalg.norm(force) / max(float(np.linalg.norm(z)), 1e-300))
+        if share < least:
+            best, least = y, share
+        if share <= EXACT:
+            break
         keep = weights > 0.0
         new = [wrenches.G[:, r] @ force[r] for r in where]
-        grown = [w[:, None] / np.linalg.norm(w) for w in new if np.linalg.norm(w) > 1e-12 * scale]
+        grown = [w[:, None] / np.linalg.norm(w) for w in new if np.linalg.norm(w) > 1e-15 * scale]
+        if not grown:
+            break
         rays = [columns[:, keep], *grown]
-    return np.asarray(y)
+    return np.asarray(best)

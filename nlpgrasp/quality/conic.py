@@ -13,8 +13,7 @@ from scipy import sparse
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.validation import FloatArray
 
-TOLERANCE = 1e-11
-SOLVED = ("Solved", "AlmostSolved")
+TOLERANCES = (1e-11, 1e-9, 3e-8)  # one after another until the solver reaches it
 
 
 def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -39,19 +38,28 @@ def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArra
     A = sparse.csc_matrix(np.concatenate(rows))
     cost = np.zeros(n + 1)
     cost[n] = 1.0
-    options = clarabel.DefaultSettings()
-    options.verbose = False
-    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = TOLERANCE
+    settings = [_settings(tolerance) for tolerance in TOLERANCES]
     forces, directions = np.full((len(wrenches), n), np.nan), np.full((len(wrenches), d), np.nan)
     nothing = sparse.csc_matrix((n + 1, n + 1))
     for i, w in enumerate(wrenches):
         b = np.zeros(A.shape[0])
         b[:d] = w
-        found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
-        if str(found.status) in SOLVED:
-            forces[i] = np.array(found.x)[:n]
-            directions[i] = -np.array(found.z)[:d]
+        for options in settings:
+            found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
+            if str(found.status) == "Solved":
+                forces[i] = np.array(found.x)[:n]
+                directions[i] = -np.array(found.z)[:d]
+                break
+            if "Infeasible" in str(found.status):
+                break
     return forces, directions
+
+
+def _settings(tolerance: float) -> clarabel.DefaultSettings:
+    options = clarabel.DefaultSettings()
+    options.verbose = False
+    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = tolerance
+    return options
 
 
 def _add(rows: list[FloatArray], cones: list[object], matrix: FloatArray) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nlpgrasp.budgets import ForceBudget, L2Budget
+from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.quality import conic
@@ -19,7 +20,8 @@ from nlpgrasp.validation import FloatArray, array
 
 RANK_TOLERANCE = 1e-10
 PRODUCED = 1e-8  # relative residual up to which a wrench counts as produced
-PROVEN = 1e-7  # support of a separating direction, relative to G
+PROVEN = 1e-9  # |P_K(z)| over |z| of a separating direction
+CLEAR = 1e-6  # least <w, y> of unit vectors
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class FingerForces:
     feasible : (m,) bool array
         Whether the contacts can produce the wrench, with whatever force.
     residual : (m,) array
-        ``||G x - w||`` relative to ``||w||``, each coordinate over the length of its row of G.
+        ``||G x - w||`` relative to ``||w||``, torques over the longest arm.
     used : (m,) array
         Least amount of the force budget: the L2 norm of all forces, the largest normal force, ...; infinite
         where a wrench cannot be produced.
@@ -91,8 +93,7 @@ def finger_forces(
     if isinstance(grasp, GraspStack):
         return tuple(finger_forces(g, wrenches, force_budget=force_budget) for g in grasp)
     w = array("wrenches", np.atleast_2d(np.asarray(wrenches)), (None, grasp.dimension))
-    scale = np.linalg.norm(grasp.G, axis=1)
-    scale = np.where(scale > 0.0, scale, 1.0)
+    scale = _units(grasp)
     scaled = WrenchSet.of(grasp, force_budget).transformed(np.diag(1.0 / scale))
     target = w / scale
     size = np.linalg.norm(target, axis=1)
@@ -103,6 +104,14 @@ def finger_forces(
     why /= np.where(feasible, np.nan, np.linalg.norm(why, axis=1))[:, None]
     used = np.where(feasible, scaled.budget.used(x, grasp.contacts, grasp.space) * size, np.inf)
     return FingerForces(x * size[:, None], feasible, residual, used, why)
+
+
+def _units(grasp: Grasp) -> FloatArray:
+    """Return what forces and torques are measured in: 1, and the longest arm of any force or torsion (d,)."""
+    torques = grasp.G[grasp.space :]
+    arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
+    arm = max(float(np.max(np.linalg.norm(torques, axis=0))), float(np.max(arms)))
+    return np.array([1.0] * grasp.space + [arm or 1.0] * len(torques))
 
 
 def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -116,17 +125,32 @@ def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray
     why = w - local @ basis.T
     off = np.linalg.norm(why, axis=1) > PRODUCED
     residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
-    for i in np.flatnonzero(~off & (residual > PRODUCED)):
-        direction = y[i] / max(float(np.linalg.norm(y[i])), 1e-300)
-        support = np.linalg.norm(inside.project((direction @ inside.G)[None, :]))
-        if support > PROVEN * values[0] or direction @ local[i] <= 0.0:
+    open_ = np.flatnonzero(~off & (residual > PRODUCED))
+    proven = _separates(inside, y[open_], local[open_])
+    why[open_[proven]] = y[open_[proven]] @ basis.T
+    open_ = open_[~proven]
+    if open_.size:  # narrow cones are hard for Newton's method: ask a conic solver
+        again = conic.least_forces(replace(inside, budget=L2Budget()), local[open_])[0]
+        left = np.linalg.norm(again @ inside.G.T - local[open_], axis=1)
+        good = left <= PRODUCED  # false for NaN
+        x[open_[good]], residual[open_[good]] = again[good], left[good]
+        for i in open_[~good]:
             found = unreachable(inside, local[i])
-            direction = direction if found is None else found
-        why[i] = basis @ direction
+            why[i] = basis @ (y[i] if found is None else found)
     if not isinstance(wrench_set.budget, L2Budget):
         able = np.flatnonzero(residual <= PRODUCED)
-        found_forces = conic.least_forces(inside, local[able])[0]
-        good = np.all(np.isfinite(found_forces), axis=1)
-        x[able[good]] = found_forces[good]
+        least = conic.least_forces(inside, local[able])[0]
+        failed = able[~np.all(np.isfinite(least), axis=1) & np.any(local[able] != 0.0, axis=1)]
+        if failed.size:
+            raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
+        x[able] = np.where(np.isfinite(least), least, 0.0)
         residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
     return x, residual, why
+
+
+def _separates(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
+    """Return where y separates w from what the contacts can produce: no support along y, and <w, y> clearly above 0."""
+    z = y @ wrench_set.G
+    share = np.linalg.norm(wrench_set.project(z), axis=1) / np.maximum(np.linalg.norm(z, axis=1), 1e-300)
+    size = np.maximum(np.linalg.norm(y, axis=1), 1e-300)
+    return np.asarray((share <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))

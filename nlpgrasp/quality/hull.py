@@ -137,15 +137,6 @@ class Hull:
                 planes[close[good]] = solved[good]
         return planes
 
-    def folds(self) -> float:
-        """Return how far any cell's neighbour sticks out of its plane, relative: 0 for a convex surface."""
-        live = np.flatnonzero(np.any(self.planes[: self._size] != 0.0, axis=1))
-        near = self._near[live]
-        back = np.argmax(self._near[near] == live[:, None, None], axis=2)
-        opposite = np.take_along_axis(self._cells[near], back[:, :, None], axis=2)[:, :, 0]
-        height = np.einsum("fsd,fd->fs", self._points[opposite], self.planes[live])
-        return float(np.max(height)) - 1.0
-
     def _pairs(self, cells: Indices, inner: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices] | None:
         """Match the ridges the new cells share: rows, slots and the row on the other side; None when some is alone."""
         names = self._names[cells]

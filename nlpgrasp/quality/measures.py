@@ -92,10 +92,14 @@ def mu(
     rtol = number("rtol", rtol, above=0.0)
     if task.dimension != grasp.dimension:
         raise InputError("task", f"dimension {task.dimension}", f"the grasp's wrench dimension {grasp.dimension}")
-    problem, proof = conditioned(WrenchSet.of(grasp, force_budget), task)
+    wrenches = WrenchSet.of(grasp, force_budget)
+    exact = bilateral_ellipsoid(wrenches, task)
+    if exact is not None:
+        return exact
+    problem, proof = conditioned(wrenches, task)
     if problem is None:
         return Bounds(0.0, 0.0, proof)
-    bounds = bilateral_ellipsoid(problem) or sandwich(problem, rtol, seed, deadline)
+    bounds = sandwich(problem, rtol, seed, deadline)
     worst = bounds.worst_direction
     direction = None if worst is None else problem.original(worst)
     return Bounds(bounds.lower, bounds.upper, direction)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import QhullError
 
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.closure import ZERO_SUPPORT, separating_direction
+from nlpgrasp.quality.closure import no_support, separating_direction
 from nlpgrasp.quality.containment import Containment
 from nlpgrasp.quality.hull import Hull
 from nlpgrasp.quality.minimise import descend, random_directions, separated
@@ -26,6 +26,7 @@ ROUNDING = 1e-9  # relative guard for the arithmetic of planes and supports
 SEEDS, DESCENT = 60, 20  # directions followed downhill before there is a hull, and for how many steps
 BATCH = 12  # new points between two looks at the worst cells
 SPREAD = 0.3  # squared distance of their normals, relative to the gap
+ENOUGH, HOPELESS = 600, 0.3  # points after which a lower bound still below that share of the upper will not rise
 MOST_POINTS = 6000  # some million cells: floating point and memory allow no more
 
 
@@ -84,10 +85,13 @@ def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float |
     separating = separating_direction(problem.wrenches)
     best = int(np.argmin(values))
     state = Sandwich(float(values[best]), found[best])
-    if separating is not None and problem.ratio(separating[None, :])[0][0] <= state.upper:
-        state = Sandwich(float(problem.ratio(separating[None, :])[0][0]), separating)
-    scale = float(np.linalg.norm(problem.wrenches.G, 2))
-    if _no_support(problem, state.worst, scale):
+    if separating is not None:
+        ratio = float(problem.ratio(separating[None, :])[0][0])
+        if ratio <= state.upper or (no_support(problem.wrenches, separating) and np.isfinite(ratio)):
+            state = Sandwich(ratio, separating)
+        elif np.isfinite(ratio):
+            separating = None
+    if no_support(problem.wrenches, state.worst):
         return Sandwich(0.0, state.worst)
     if problem.rank == 1:
         return state
@@ -97,14 +101,14 @@ def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float |
     while hull is not None and len(hull) < MOST_POINTS and (deadline is None or time.monotonic() < deadline):
         target = state.upper / (1.0 + 0.8 * rtol)
         cells = hull.worst(target, 8 * BATCH)
-        if not cells.size:
+        if not cells.size or (len(hull) > ENOUGH and hull.values[cells[0]] < HOPELESS * target):
             break
         normals = hull.planes[cells] / np.linalg.norm(hull.planes[cells], axis=1, keepdims=True)
         exact = problem.ratio(normals)[0]
         best = int(np.argmin(exact))
         if exact[best] < state.upper:
             state.upper, state.worst = float(exact[best]), normals[best]
-            if _no_support(problem, state.worst, scale):
+            if no_support(problem.wrenches, state.worst):
                 return Sandwich(0.0, state.worst)
         gap = max(1.0 - hull.values[cells[0]] / target, rtol)
         chosen = separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
@@ -112,11 +116,6 @@ def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float |
         if not any(added):
             break
     return state
-
-
-def _no_support(problem: Containment, u: FloatArray, scale: float) -> bool:
-    """Return whether no contact force works along u (to rounding): the task cannot be resisted there."""
-    return bool(problem.wrenches.support(u[None, :])[0][0] <= ZERO_SUPPORT * scale)
 
 
 def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator) -> FloatArray:

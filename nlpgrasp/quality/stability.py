@@ -26,11 +26,13 @@ class Stability:
     Parameters
     ----------
     stable : bool
+        Proven: the ball's certified radius is above zero.
     radius : Bounds
         Of the largest ball about the origin inside ``G(B_1^n n K)`` (Proposition 2-9): delta, certified.
     separating_direction : (d,) array or None
         Unless stable: a unit direction y along which no force of the contacts does positive work,
-        ``phi(y | G(B_1^n n K)) = 0`` to rounding.
+        ``|P_K(G^T y)| <= 1e-10 |G^T y|``. ``None`` also where rounding leaves the question open: the radius is then
+        below its upper bound, some 1e-9 of the grasp's size.
     """
 
     stable: bool
@@ -71,8 +73,8 @@ def is_stable(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> Stability
     if isinstance(grasp, GraspStack):
         return tuple(is_stable(g, torque_scale) for g in grasp)
     radius = mu(grasp, ball(grasp.dimension, torque_scale), COARSE)
-    stable = radius.lower > 0.0
-    return Stability(stable, radius, None if stable else radius.worst_direction)
+    stable = bool(radius.lower > 0.0)
+    return Stability(stable, radius, None if radius.upper > 0.0 else radius.worst_direction)
 
 
 def allowed_twists(wrenches: Grasp | ArrayLike) -> FloatArray:

@@ -16,7 +16,7 @@ from math import factorial, gamma, pi
 from typing import overload
 
 import numpy as np
-from scipy.spatial import QhullError
+from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.contacts import BilateralContact
@@ -24,7 +24,6 @@ from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.hull import Hull
 from nlpgrasp.quality.minimise import random_directions
 from nlpgrasp.quality.radial import estimate
 from nlpgrasp.quality.wrench_set import WrenchSet
@@ -33,8 +32,8 @@ from nlpgrasp.validation import FloatArray, number
 RANK_TOLERANCE = 1e-10
 ROUNDING = 1e-9
 POINTS = {2: 2000, 3: 2000, 4: 800, 5: 500, 6: 300}  # most vertices of P
-SHRINK = (1e-4, 1e-3, 1e-2)  # of support points towards the origin, one after another until no cells fold over
-FOLDS = 1e-7
+SHRINK = 1e-5  # of support points towards the origin
+MARGIN = 1e-6  # relative, for the rounding of volumes
 
 
 @dataclass(frozen=True)
@@ -130,56 +129,53 @@ def nu(
 def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:
     """Return certified bounds, estimate and error bar for a set in good coordinates."""
     d = len(white.G)
-    for shrink in SHRINK:
-        try:
-            hull = _first_hull(white, shrink, rng)
-        except QhullError:
-            continue
-        lower, upper, cells, sizes, reach = _bounds(white, hull)
-        while len(hull) < POINTS[d] and upper > lower * (1.0 + rtol):
-            new = white.support(hull.planes[hull.worst(np.inf, max(len(hull) // 4, 4 * d))])[1]
-            added = [hull.insert(p) for p in _inside(new, shrink, rng)]
-            if not any(added):
-                break
-            if d <= 3:
-                lower, upper, cells, sizes, reach = _bounds(white, hull)
-        lower, upper, cells, sizes, reach = _bounds(white, hull)
-        if hull.folds() <= FOLDS:
-            break
-    else:
-        raise NlpgraspError("nu: the hull of support points cannot be built for this grasp")
-    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    if upper <= lower * (1.0 + rtol):
-        return lower, upper, middle, half
-    value, error = estimate(white, hull.centre, cells, sizes, reach, rtol, rng)
-    return lower, upper, min(max(value, lower), upper), min(error, half)
-
-
-def _first_hull(white: WrenchSet, shrink: float, rng: np.random.Generator) -> Hull:
-    """Return the hull of the origin and of support points in random directions."""
-    d = len(white.G)
     phi, points = white.support(random_directions(40 * d, d, rng))
     points = points[phi > 1e-6 * np.max(phi)][: 8 * d]
-    points = np.concatenate([np.zeros((1, d)), _inside(points, shrink, rng)])
-    return Hull(points, lambda planes, centre: 1.0 / (white.support(planes)[0] - planes @ centre))
+    points = np.concatenate([np.zeros((1, d)), _inside(points, rng)])
+    inner = _Inner(white, points)
+    while len(points) < POINTS[d] and inner.upper > inner.lower * (1.0 + rtol):
+        room = min(max(len(points) // 2, 4 * d), POINTS[d] - len(points))
+        worst = np.argsort(-inner.missing)[:room]
+        points = np.concatenate([points, _inside(white.support(inner.planes[worst])[1], rng)])
+        inner = _Inner(white, points)
+    middle, half = 0.5 * (inner.lower + inner.upper), 0.5 * (inner.upper - inner.lower)
+    if inner.upper <= inner.lower * (1.0 + rtol):
+        return inner.lower, inner.upper, middle, half
+    value, error = estimate(white, inner.centre, inner.cells, inner.sizes, inner.reach, rtol, rng)
+    return inner.lower, inner.upper, min(max(value, inner.lower), inner.upper), min(error, half)
 
 
-def _inside(points: FloatArray, shrink: float, rng: np.random.Generator) -> FloatArray:
+def _inside(points: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return points moved towards the origin by small factors: still in the set, but in general position."""
-    return np.asarray(points * (1.0 - shrink * rng.random((len(points), 1))))
+    return np.asarray(points * (1.0 - SHRINK * rng.random((len(points), 1))))
 
 
-def _bounds(white: WrenchSet, hull: Hull) -> tuple[float, float, FloatArray, FloatArray, FloatArray]:
-    """Return inner and outer volume, the cells' corners about the centre, their volumes, and how far W reaches."""
-    d = len(white.G)
-    cells, planes, heights = hull.corners()
-    sizes = np.abs(np.linalg.det(cells)) / factorial(d)
-    # a point sum l_i v_i of the cell's cone has <a, x> >= height sum l_i, and <a, x> at most the support
-    reach = np.maximum((white.support(planes)[0] - planes @ hull.centre) / np.maximum(heights, 1e-300), 1.0)
-    return (
-        float(np.sum(sizes)) * (1.0 - ROUNDING),
-        float(np.sum(reach**d * sizes)) * (1.0 + 1e3 * ROUNDING),
-        cells,
-        sizes,
-        reach,
-    )
+class _Inner:
+    """The polytope of points of W, built from scratch by Qhull, and the bounds it gives.
+
+    The growing hull of :mod:`nlpgrasp.quality.hull` covers all directions, which is what a bound on mu needs, but its
+    cells may overlap where points are coplanar; volumes need cells that do not.
+    """
+
+    def __init__(self, white: WrenchSet, points: FloatArray) -> None:
+        d = points.shape[1]
+        self.centre: FloatArray = np.mean(points, axis=0)
+        try:
+            hull = ConvexHull(points - self.centre)
+        except QhullError:
+            hull = ConvexHull(points - self.centre, qhull_options="QJ")  # joggled: the planes below are checked
+        cells = (points - self.centre)[hull.simplices]
+        sizes = np.abs(np.linalg.det(cells)) / factorial(d)
+        normals = hull.equations[:, :-1]
+        heights = np.min(np.einsum("fvd,fd->fv", cells, normals), axis=1)
+        # a point sum l_i v_i of the cell's cone has <n, x> >= height sum l_i, and <n, x> at most the support
+        support = white.support(normals)[0] - normals @ self.centre
+        use = (heights > ROUNDING * np.max(heights)) & (sizes > 0.0)
+        self.cells, self.sizes, self.planes = cells[use], sizes[use], normals[use]
+        self.reach = np.maximum(support[use] / heights[use], 1.0)
+        self.missing = (self.reach**d - 1.0) * self.sizes
+        if not np.isclose(np.sum(sizes), hull.volume, rtol=1e-6):
+            raise NlpgraspError("nu: the simplices of the hull do not fill it")
+        # cells left out are flat or have the centre on their planes: their cones are thinner than rounding
+        self.lower = min(float(np.sum(self.sizes)), float(hull.volume)) * (1.0 - MARGIN)
+        self.upper = float(np.sum(self.reach**d * self.sizes)) * (1.0 + MARGIN)
