@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,9 +56,7 @@ class Grasp:
             raise InputError("Grasp.points", f"shape {p.shape}", "shape (k, 2) or (k, 3) with at least one contact")
         n = array("Grasp.normals", normals, (k, space))
         n = unit_normals("Grasp.normals", n)
-        models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
-        if len(models) != k or not all(isinstance(m, ContactModel) for m in models):
-            raise InputError("Grasp.contacts", f"{len(models)} entries", f"one contact model, or {k} of them")
+        models = contact_models("Grasp.contacts", contacts, k, space)
         origin = np.zeros(space) if torque_origin is None else array("Grasp.torque_origin", torque_origin, (space,))
         if tangents is None:
             t = np.concatenate([m.tangents(n[i : i + 1]) for i, m in enumerate(models)])
@@ -109,7 +108,7 @@ class Grasp:
     @cached_property
     def G(self) -> FloatArray:
         """Grasp map (2.2-3), (d, n): contact-frame force components to body wrenches."""
-        return self.T_f @ self.B
+        return read_only(self.T_f @ self.B)
 
     def contact_wrenches(self, x: FloatArray) -> FloatArray:
         """Return force and moment of each finger in the body frame, moments about the contact point.
@@ -129,8 +128,25 @@ class Grasp:
         rotate[:, self.space :, self.space :] = self.frames if self.space == 3 else 1.0
         return np.asarray(np.einsum("kij,kj->ki", rotate, local))
 
+    def __repr__(self) -> str:
+        kinds = ", ".join(c.kind for c in self.contacts)
+        return f"Grasp({len(self)} contacts: {kinds}; torque_origin={self.torque_origin.tolist()})"
+
     def __len__(self) -> int:
         return int(self.points.shape[0])
+
+
+def contact_models(field: str, contacts: Any, k: int, space: int) -> tuple[ContactModel, ...]:
+    """Return k contact models that exist in this space, from one or k of them."""
+    try:
+        models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
+    except TypeError:
+        raise InputError(field, contacts, f"one contact model, or {k} of them") from None
+    if len(models) != k or not all(isinstance(m, ContactModel) for m in models):
+        raise InputError(field, f"{len(models)} entries", f"one contact model, or {k} of them")
+    for model in models:
+        model.components(space)
+    return models
 
 
 def unit_normals(field: str, normals: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp, unit_normals
+from nlpgrasp.grasp import Grasp, contact_models, unit_normals
 from nlpgrasp.spatial import cross_matrix, wrench_dimension
 from nlpgrasp.validation import FloatArray, array, read_only
 
@@ -47,9 +47,7 @@ class GraspStack:
         if space not in (2, 3) or k < 1:
             raise InputError("GraspStack.points", f"shape {p.shape}", "shape (b, k, 2) or (b, k, 3), k at least 1")
         n = array("GraspStack.normals", normals, (b, k, space))
-        models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
-        if len(models) != k or not all(isinstance(m, ContactModel) for m in models):
-            raise InputError("GraspStack.contacts", f"{len(models)} entries", f"one contact model, or {k} of them")
+        models = contact_models("GraspStack.contacts", contacts, k, space)
         origin = (
             np.zeros(space) if torque_origin is None else array("GraspStack.torque_origin", torque_origin, (space,))
         )
@@ -57,6 +55,8 @@ class GraspStack:
         self.normals = read_only(unit_normals("GraspStack.normals", n))
         self.contacts: tuple[ContactModel, ...] = models
         self.torque_origin = read_only(origin)
+        tangents = [m.tangents(self.normals[:, i]) for i, m in enumerate(models)]
+        self.tangents = read_only(np.stack(tangents, axis=1))  # (b, k, space - 1, space), unit rows
 
     @property
     def space(self) -> int:
@@ -67,11 +67,6 @@ class GraspStack:
     def dimension(self) -> int:
         """Dimension d of wrench space: 3 or 6."""
         return wrench_dimension(self.space)
-
-    @cached_property
-    def tangents(self) -> FloatArray:
-        """Unit tangents as rows, (b, k, space - 1, space)."""
-        return np.stack([m.tangents(self.normals[:, i]) for i, m in enumerate(self.contacts)], axis=1)
 
     @cached_property
     def G(self) -> FloatArray:
@@ -88,7 +83,11 @@ class GraspStack:
         else:
             full[:, :, 3:, :3] = cross_matrix(arm) @ frame
             full[:, :, 3:, 3:] = frame
-        return np.concatenate([full[:, i] @ model.basis(space) for i, model in enumerate(self.contacts)], axis=2)
+        return read_only(np.concatenate([full[:, i] @ m.basis(space) for i, m in enumerate(self.contacts)], axis=2))
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(c.kind for c in self.contacts)
+        return f"GraspStack({len(self)} grasps of {len(self.contacts)} contacts: {kinds})"
 
     def __len__(self) -> int:
         return len(self.points)

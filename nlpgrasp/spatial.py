@@ -3,7 +3,7 @@
 A wrench is ``(f, m)``: force first, then torque about the torque origin ``o``, with
 ``m = (p - o) x f``. The paper writes ``f x (p - o)``; every quality measure is unchanged by that
 sign. A planar wrench is ``(f_x, f_y, m_z)``. See Section 2 of Li and Sastry, "Task oriented optimal
-grasping by multifingered robot hands", 1986 (doi:10.1109/56.769).
+grasping by multifingered robot hands", 1988 (doi:10.1109/56.769).
 """
 
 from __future__ import annotations
@@ -106,8 +106,10 @@ def rotate_body_frame(rotation: FloatArray) -> FloatArray:
     InputError
         When the matrix is not a rotation.
     """
-    size = 2 if np.shape(rotation) == (2, 2) else 3
-    A = array("rotation", rotation, (size, size))
+    A = array("rotation", rotation, (None, None))
+    size = len(A)
+    if A.shape not in ((2, 2), (3, 3)):
+        raise InputError("rotation", f"shape {A.shape}", "shape (2, 2) or (3, 3)")
     if not np.allclose(A @ A.T, np.eye(size), atol=1e-9) or np.linalg.det(A) < 0:
         raise InputError("rotation", rotation, "a rotation matrix (orthonormal, determinant +1)")
     d = wrench_dimension(size)
@@ -130,8 +132,10 @@ def move_torque_origin(shift: FloatArray) -> FloatArray:
     (3, 3) or (6, 6) array
         ``m_new = m_old - shift x f``.
     """
-    size = np.shape(shift)[0]
-    b = array("shift", shift, (2,) if size == 2 else (3,))
+    b = array("shift", shift, (None,))
+    size = len(b)
+    if size not in (2, 3):
+        raise InputError("shift", f"shape {b.shape}", "shape (2,) or (3,)")
     result = np.eye(wrench_dimension(size))
     if size == 2:
         result[2, :2] = [b[1], -b[0]]

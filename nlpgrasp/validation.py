@@ -63,9 +63,12 @@ def array(field: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatA
     """
     wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
-        result = np.array(value, dtype=np.float64)
+        given = np.asarray(value)
+        if isinstance(value, np.ma.MaskedArray) or (given.size and given.dtype.kind not in "iuf"):
+            raise TypeError
+        result = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(field, value, f"numbers of shape {wanted}") from None
+        raise InputError(field, value, f"real numbers of shape {wanted}") from None
     if result.ndim != len(shape) or any(s is not None and s != n for s, n in zip(shape, result.shape, strict=True)):
         raise InputError(field, f"shape {result.shape}", f"shape {wanted}")
     if not np.all(np.abs(result) <= LARGEST):  # false for NaN
@@ -83,7 +86,10 @@ def names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | No
     """Return a tuple of names from one name, several, or ``None`` (meaning all)."""
     if value is None:
         return None
-    result = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, Iterable) else ()
+    try:
+        result = (value,) if isinstance(value, str) else tuple(value)
+    except TypeError:
+        result = ()
     if not result or not all(isinstance(item, str) for item in result):
         raise InputError(field, value, "a face name or several, or None for all faces")
     return result

@@ -12,9 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
+from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.measures import mu
+from nlpgrasp.quality.measures import delta, mu
+from nlpgrasp.quality.volume import nu
 from nlpgrasp.solution import GraspSolution
 from nlpgrasp.tasks import TaskEllipsoid
 from nlpgrasp.validation import FloatArray
@@ -98,9 +100,11 @@ def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verifica
     checks = [
         _grasp_map(grasp),
         _interval(solution.mu),
-        _overlap(solution.mu, found),
+        _overlap("certified quality", solution.mu, found),
         *_direction(solution, grasp, task, budget),
         *_forces(solution, grasp, budget),
+        *_other_measures(solution, grasp, budget, rtol),
+        *_models(solution, grasp),
         *_constraints(solution),
     ]
     return Verification(tuple(checks), found)
@@ -123,14 +127,39 @@ def _grasp_map(grasp: Grasp) -> Check:
     return Check("grasp map", error < 1e-9, f"rebuilt column by column, relative difference {error:.1e}")
 
 
+def _other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
+    """Compute delta and nu anew, at the stated torque scale."""
+    checks = []
+    if solution.delta is not None:
+        found = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
+        checks.append(_overlap("delta", solution.delta, found))
+    if solution.nu is not None:
+        volume = nu(grasp, solution.nu.torque_scale or 1.0, 0.05, force_budget=budget, seed=OTHER_SEED)
+        near = abs(volume.value - solution.nu.value) <= 2.0 * (volume.error + solution.nu.error)
+        overlap = _overlap("nu", solution.nu, volume)
+        checks.append(Check("nu", overlap.passed and near, f"stated {solution.nu}, recomputed {volume}"))
+    return checks
+
+
+def _models(solution: GraspSolution, grasp: Grasp) -> list[Check]:
+    """Compare the grasp's contact models and the kind of measure with the problem's."""
+    asked = [contact_from_dict(c) for c in solution.problem["contacts"]]
+    same = [c.to_dict() for c in asked] == [c.to_dict() for c in grasp.contacts]
+    kind = "mu" if TaskEllipsoid.from_dict(solution.problem["task"]).is_centred else "mu_tilde"
+    return [
+        Check("contact models", same, f"{len(grasp)} contacts, {'as' if same else 'not as'} the problem asks"),
+        Check("kind of measure", solution.kind == kind, f"stated {solution.kind}, by the task {kind}"),
+    ]
+
+
 def _interval(stated: Bounds) -> Check:
     good = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
     return Check("interval", good, f"stated {stated}")
 
 
-def _overlap(stated: Bounds, found: Bounds) -> Check:
+def _overlap(name: str, stated: Bounds, found: Bounds) -> Check:
     good = stated.lower <= found.upper and found.lower <= stated.upper
-    return Check("certified quality", good, f"stated {stated}, recomputed {found}")
+    return Check(name, good, f"stated {stated}, recomputed {found}")
 
 
 def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid, budget: ForceBudget) -> list[Check]:

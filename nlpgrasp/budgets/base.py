@@ -73,6 +73,15 @@ class ForceBudget(ABC):
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return the budget's rows on the program's force variables (symbolic): name, expression, lower, upper."""
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ForceBudget) and self.to_dict() == other.to_dict()
+
+    def __hash__(self) -> int:
+        return hash(str(self.to_dict()))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}()"
+
     def to_dict(self) -> str | dict[str, Any]:
         """Return the budget as JSON data: its name alone where it has no parameters."""
         return self.kind

@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.budgets.base import ForceBudget, Row, ranges
+from nlpgrasp.budgets.torque_cone import TorqueCone
 from nlpgrasp.budgets.torque_polytope import TorquePolytope
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import BilateralContact, ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray, array, number, read_only
+
+MOST_LISTED = 4  # components of a contact whose extreme points are listed
 
 
 class JointTorqueLimits(ForceBudget):
@@ -46,7 +49,12 @@ class JointTorqueLimits(ForceBudget):
         self.jacobians = tuple(
             read_only(array(f"JointTorqueLimits.jacobians[{i}]", J, (None, None))) for i, J in enumerate(given)
         )
-        several: list[Any] = list(limits) if isinstance(limits, list | tuple | np.ndarray) else [limits] * len(given)
+        for i, J in enumerate(self.jacobians):
+            if not J.size:
+                raise InputError(f"JointTorqueLimits.jacobians[{i}]", f"shape {J.shape}", "at least one joint")
+        several: list[Any] = [limits] * len(given)
+        if isinstance(limits, list | tuple) or (isinstance(limits, np.ndarray) and limits.ndim > 0):
+            several = list(limits)
         if len(several) != len(given):
             raise InputError("JointTorqueLimits.limits", f"{len(several)} entries", f"{len(given)}, one a contact")
         self.limits = tuple(
@@ -54,7 +62,9 @@ class JointTorqueLimits(ForceBudget):
         )
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Refuse a number of contacts, or a dimension, other than the Jacobians'."""
+        """Refuse bilateral contacts, and a number of contacts or a dimension other than the Jacobians'."""
+        if any(isinstance(c, BilateralContact) for c in contacts):
+            raise InputError("force_budget", "joint-torque limits", '"l2" with bilateral contacts')
         if len(contacts) != len(self.jacobians):
             raise InputError("JointTorqueLimits.jacobians", f"{len(self.jacobians)} of them", f"{len(contacts)}")
         d = 3 if space == 2 else 6
@@ -107,12 +117,6 @@ class JointTorqueLimits(ForceBudget):
             "limits": [tau.tolist() for tau in self.limits],
         }
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, JointTorqueLimits) and self.to_dict() == other.to_dict()
-
-    def __hash__(self) -> int:
-        return hash(tuple(J.tobytes() for J in (*self.jacobians, *self.limits)))
-
 
 class _TorquesAtContacts(JointTorqueLimits):
     """Joint-torque limits with the matrices from force components to torques over their limits."""
@@ -126,10 +130,11 @@ class _TorquesAtContacts(JointTorqueLimits):
             full[:space, :space] = frame
             full[space:, space:] = frame if space == 3 else 1.0
             self.torques.append((J.T / tau[:, None]) @ (full @ contact.basis(space))[: len(J)])
-        self._sets = [
-            TorquePolytope(c, T, space, f"JointTorqueLimits, contact {i}")
-            for i, (c, T) in enumerate(zip(contacts, self.torques, strict=True))
-        ]
+        self._sets: list[TorquePolytope | TorqueCone] = []
+        for i, (c, T) in enumerate(zip(contacts, self.torques, strict=True)):
+            listed = T.shape[1] <= MOST_LISTED and sum(len(M) > 1 for M in c.cones(space)) <= 1
+            kind = TorquePolytope if listed else TorqueCone
+            self._sets.append(kind(c, T, space, f"JointTorqueLimits, contact {i}"))
 
     def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
         """Return the sum of the contacts' largest works within their limits."""
@@ -162,7 +167,9 @@ class _TorquesAtContacts(JointTorqueLimits):
 def _limits(i: int, value: Any, joints: int) -> FloatArray:
     """Return the limits of one contact's joints."""
     name = f"JointTorqueLimits.limits[{i}]"
-    if np.ndim(value) == 0:
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    if not isinstance(value, list | tuple | np.ndarray):
         return read_only(np.full(joints, number(name, value, above=0.0)))
     values = array(name, value, (joints,))
     return read_only(np.array([number(name, v, above=0.0) for v in values.tolist()]))

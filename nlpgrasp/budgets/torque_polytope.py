@@ -51,7 +51,7 @@ class TorquePolytope:
         round_cones = [M for M in cones if len(M) > 1]
         if len(round_cones) > 1:
             raise InputError(name, f"a {contact.kind} contact with {len(round_cones)} round cones", "at most one")
-        _check_bounded(contact, torques / self._units, n, name)
+        check_bounded(contact, torques / self._units, n, name)
         flat = [-M for M in cones if len(M) == 1]
         self._linear = np.concatenate([torques, -torques, *flat])
         self._limits = np.concatenate([np.ones(2 * len(torques)), np.zeros(len(flat))])
@@ -138,7 +138,7 @@ def _roots(a: float, b: float, c: float) -> list[float]:
     return [] if inner < 0.0 else [(-b + inner**0.5) / a, (-b - inner**0.5) / a]
 
 
-def _check_bounded(contact: ContactModel, torques: FloatArray, n: int, name: str) -> None:
+def check_bounded(contact: ContactModel, torques: FloatArray, n: int, name: str) -> None:
     """Refuse joints that leave some force of the cone without any torque."""
     rng = np.random.default_rng(0)
     rays = contact.extreme(np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3]))[1]

@@ -55,7 +55,7 @@ class PlaneContact(RangeContact):
         if self.radius is not None:
             object.__setattr__(self, "radius", number("PlaneContact.radius", self.radius, above=0.0))
         else:
-            sides = array("PlaneContact.extents", self.extents or (), (2,))
+            sides = array("PlaneContact.extents", self.extents if self.extents is not None else (), (2,))
             object.__setattr__(
                 self, "extents", tuple(number("PlaneContact.extents", s, above=0.0) for s in sides.tolist())
             )

@@ -42,7 +42,7 @@ class SoftContact(RangeContact):
         super().__post_init__()
         for name in ("friction", "torsional_friction"):
             object.__setattr__(self, name, number(f"SoftContact.{name}", getattr(self, name), above=0.0))
-        if self.model not in MODELS:
+        if not isinstance(self.model, str) or self.model not in MODELS:
             raise InputError("SoftContact.model", self.model, " or ".join(repr(m) for m in MODELS))
 
     def axes(self, space: int) -> tuple[int, ...]:

@@ -17,10 +17,12 @@ from nlpgrasp.contacts import BilateralContact, ContactModel, SoftContact
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.validation import FloatArray, integer, number
 
 RANK_TOLERANCE = 1e-10
-MOST_WRENCHES = 20_000  # of a pyramid's hull: Qhull's memory
+MOST_WRENCHES = 20_000  # sums of a pyramid's hull, most of them inside: Qhull's memory
+MOST_HULL = 600  # wrenches that are nearly all vertices: some ten seconds
 
 
 @overload
@@ -71,7 +73,11 @@ def pyramid_wrenches(
     -------
     list of k (m_i, d) arrays
     """
+    require_grasp(grasp)
     edges = integer("edges", edges, at_least=3, at_most=1000)
+    first_edge = number("first_edge", first_edge)
+    if not isinstance(unit_edges, bool):
+        raise InputError("unit_edges", unit_edges, "True or False")
     scale = _units(grasp, torque_scale)
     result, start = [], 0
     for contact in grasp.contacts:
@@ -188,9 +194,13 @@ def _pyramid_hull(
 ) -> ConvexHull | None:
     """Return the hull of the pyramids' wrenches with the origin; None when they do not span wrench space."""
     each = pyramid_wrenches(grasp, edges, torque_scale, unit_edges=unit_edges, first_edge=first_edge)
+    if not isinstance(force_budget, str):
+        raise InputError("force_budget", force_budget, '"shared" or "per_finger" for friction pyramids')
     none = np.zeros((1, grasp.dimension))
     if force_budget == "shared":
         wrenches = np.concatenate([*each, none])
+        if len(wrenches) > MOST_HULL:
+            raise InputError("edges", f"{edges}: {len(wrenches)} wrenches", f"at most {MOST_HULL} of them")
     elif force_budget == "per_finger":
         count = np.prod([float(len(w) + 1) for w in each])
         if count > MOST_WRENCHES:
@@ -210,6 +220,7 @@ def _pyramid_hull(
 
 def _singular_values(grasp: Grasp | GraspStack, torque_scale: float) -> FloatArray:
     """Return all d singular values of G with torques over ``torque_scale``, largest first (..., d)."""
+    require_grasp(grasp, stack=True)
     G = grasp.G * _units(grasp, torque_scale)[:, None]
     values = np.linalg.svd(G, compute_uv=False)
     missing = G.shape[-2] - values.shape[-1]
@@ -222,5 +233,6 @@ def _units(grasp: Grasp | GraspStack, torque_scale: float) -> FloatArray:
 
 
 def _rank(rows: FloatArray) -> int:
-    values = np.linalg.svd(rows, compute_uv=False)
+    size = np.linalg.norm(rows, axis=0)
+    values = np.linalg.svd(rows / np.where(size > 0.0, size, 1.0), compute_uv=False)
     return int(np.sum(values > RANK_TOLERANCE * max(float(values[0]), 1e-300)))

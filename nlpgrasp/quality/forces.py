@@ -13,6 +13,7 @@ from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.quality import conic
+from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.closure import unreachable
 from nlpgrasp.quality.dual_newton import dual_newton
 from nlpgrasp.quality.wrench_set import WrenchSet
@@ -31,8 +32,8 @@ class FingerForces:
     Parameters
     ----------
     forces : (m, n) array
-        Force components in the contact frames, contact by contact, normal force first; the nearest attempt where a
-        wrench cannot be produced.
+        Force components in the contact frames, contact by contact, normal force first; the solver's last attempt
+        where a wrench cannot be produced.
     feasible : (m,) bool array
         Whether the contacts can produce the wrench, with whatever force.
     residual : (m,) array
@@ -90,9 +91,10 @@ def finger_forces(
     InputError
         On wrenches of another dimension, NaN, or a budget that does not bound the contacts' forces.
     """
+    require_grasp(grasp, stack=True)
     if isinstance(grasp, GraspStack):
         return tuple(finger_forces(g, wrenches, force_budget=force_budget) for g in grasp)
-    w = array("wrenches", np.atleast_2d(np.asarray(wrenches)), (None, grasp.dimension))
+    w = _rows(wrenches, grasp.dimension)
     scale = _units(grasp)
     scaled = WrenchSet.of(grasp, force_budget).transformed(np.diag(1.0 / scale))
     target = w / scale
@@ -104,6 +106,15 @@ def finger_forces(
     why /= np.where(feasible, np.nan, np.linalg.norm(why, axis=1))[:, None]
     used = np.where(feasible, scaled.budget.used(x, grasp.contacts, grasp.space) * size, np.inf)
     return FingerForces(x * size[:, None], feasible, residual, used, why)
+
+
+def _rows(wrenches: ArrayLike, d: int) -> FloatArray:
+    """Return wrenches as rows; a single one may be given by itself."""
+    try:
+        single = np.ndim(wrenches) == 1 and np.shape(wrenches) == (d,)
+    except ValueError:  # rows of different lengths
+        single = False
+    return array("wrenches", wrenches, (d,))[None, :] if single else array("wrenches", wrenches, (None, d))
 
 
 def _units(grasp: Grasp) -> FloatArray:

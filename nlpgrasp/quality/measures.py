@@ -12,13 +12,14 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality.arguments import require_grasp, require_task
 from nlpgrasp.quality.bilateral import bilateral_ellipsoid
 from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.containment import conditioned
 from nlpgrasp.quality.sandwich import sandwich
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskSet
-from nlpgrasp.validation import FloatArray, array, number
+from nlpgrasp.validation import FloatArray, array, integer, number
 
 
 @overload
@@ -85,13 +86,15 @@ def mu(
     InputError
         When the task's dimension is not the grasp's, rtol is not positive, or the budget does not fit.
     """
+    require_grasp(grasp, stack=True)
+    require_task(task, grasp.dimension)
+    seed = integer("seed", seed, at_least=0, at_most=2**63 - 1)
+    deadline = None if deadline is None else number("deadline", deadline)
     if isinstance(grasp, GraspStack):
         return StackBounds.of(
             [mu(g, task, rtol, force_budget=force_budget, seed=seed, deadline=deadline) for g in grasp]
         )
     rtol = number("rtol", rtol, above=0.0)
-    if task.dimension != grasp.dimension:
-        raise InputError("task", f"dimension {task.dimension}", f"the grasp's wrench dimension {grasp.dimension}")
     wrenches = WrenchSet.of(grasp, force_budget)
     exact = bilateral_ellipsoid(wrenches, task)
     if exact is not None:
@@ -144,6 +147,7 @@ def delta(
     Bounds
         Certified, in newtons per unit of finger force. For a stack, arrays of them.
     """
+    require_grasp(grasp, stack=True)
     found = mu(grasp, ball(grasp.dimension, torque_scale), rtol, force_budget=force_budget)
     return replace(found, torque_scale=float(torque_scale))
 
@@ -168,6 +172,7 @@ def mu_tilde(grasp: Grasp, task: Task, rtol: float = 0.01, *, force_budget: str 
     rtol : float
     force_budget : str or ForceBudget
     """
+    require_grasp(grasp)
     return mu(grasp, task, rtol, force_budget=force_budget)
 
 
@@ -195,6 +200,8 @@ def mu_1(
     rtol : float
     force_budget : str or ForceBudget
     """
+    require_grasp(grasp)
+    require_task(task, grasp.dimension)
     b = array("center", center, (grasp.dimension,))
     factor = number("scale", scale, above=0.0)
 
@@ -203,8 +210,6 @@ def mu_1(
         shift = y @ b
         return shift + factor * (values - shift), b + factor * (maximisers - b)
 
-    if task.dimension != grasp.dimension:
-        raise InputError("task", f"dimension {task.dimension}", f"the grasp's wrench dimension {grasp.dimension}")
     return mu(grasp, TaskSet(support, grasp.dimension), rtol, force_budget=force_budget)
 
 
@@ -224,6 +229,8 @@ def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:
     -------
     K_1, K_2 : float
     """
+    if not isinstance(task, TaskEllipsoid):
+        raise InputError("task", task, "a TaskEllipsoid")
     local, *_ = np.linalg.lstsq(task.axes.T, task.center, rcond=None)
     if np.linalg.norm(task.axes.T @ local - task.center) > 1e-9 * max(float(np.linalg.norm(task.center)), 1e-300):
         return 0.0, float("inf")

@@ -26,7 +26,7 @@ ROUNDING = 1e-9  # relative guard for the arithmetic of planes and supports
 SEEDS, DESCENT = 60, 20  # directions followed downhill before there is a hull, and for how many steps
 BATCH = 12  # new points between two looks at the worst cells
 SPREAD = 0.3  # squared distance of their normals, relative to the gap
-ENOUGH, HOPELESS = 600, 0.3  # points after which a lower bound still below that share of the upper will not rise
+HOPELESS = ((250, 1e-6), (600, 0.3))  # points after which a lower bound below that share of the upper will not rise
 MOST_POINTS = 6000  # some million cells: floating point and memory allow no more
 
 
@@ -101,7 +101,7 @@ def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float |
     while hull is not None and len(hull) < MOST_POINTS and (deadline is None or time.monotonic() < deadline):
         target = state.upper / (1.0 + 0.8 * rtol)
         cells = hull.worst(target, 8 * BATCH)
-        if not cells.size or (len(hull) > ENOUGH and hull.values[cells[0]] < HOPELESS * target):
+        if not cells.size or _hopeless(len(hull), hull.values[cells[0]] / target):
             break
         normals = hull.planes[cells] / np.linalg.norm(hull.planes[cells], axis=1, keepdims=True)
         exact = problem.ratio(normals)[0]
@@ -116,6 +116,11 @@ def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float |
         if not any(added):
             break
     return state
+
+
+def _hopeless(points: int, share: float) -> bool:
+    """Return whether the arithmetic, not the number of points, keeps the lower bound down."""
+    return any(points > most and share < least for most, least in HOPELESS)
 
 
 def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator) -> FloatArray:

@@ -9,6 +9,7 @@ from nlpgrasp.budgets.base import project, ranges
 from nlpgrasp.directions import directions
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality.arguments import require_task
 from nlpgrasp.tasks import Task
 from nlpgrasp.validation import FloatArray
 
@@ -19,10 +20,12 @@ LEAST_WEIGHT = 1e-2  # of a contact in the quadratic model, relative to the larg
 
 
 def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "l2") -> FloatArray:
-    """Return an upper bound on each grasp's mu, good enough to rank them by.
+    """Return an upper bound on each grasp's mu, to rank thousands of them by.
 
-    The ratio ``phi_G / phi_A`` is evaluated in well-spread directions, and followed downhill from the weakest ones. A
-    value of 0 proves that a grasp cannot resist the task; any other value is no proof that it can.
+    With the L2 budget it is mostly mu itself; with the other budgets some 5 % above on average, and far above for some
+    grasps that barely resist the task. The ratio ``phi_G / phi_A`` is evaluated in well-spread directions, and followed
+    downhill from the weakest ones. A value of 0 proves that a grasp cannot resist the task; any other value is no proof
+    that it can.
 
     Parameters
     ----------
@@ -34,9 +37,10 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     -------
     (b,) array
     """
+    if not isinstance(stack, GraspStack):
+        raise InputError("stack", stack, "a GraspStack")
+    require_task(task, stack.dimension)
     budget = _budget(stack, force_budget)
-    if task.dimension != stack.dimension:
-        raise InputError("task", f"dimension {task.dimension}", f"the grasps' wrench dimension {stack.dimension}")
     moment = task.second_moment() + 1e-12 * np.trace(task.second_moment()) * np.eye(stack.dimension)
     spread = np.linalg.inv(np.linalg.cholesky(moment))  # directions that are round for the task
     y = directions(stack.dimension, 2) @ spread

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import ball, mu
 from nlpgrasp.validation import FloatArray, array
@@ -70,6 +71,7 @@ def is_stable(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> Stability
     Stability
         For a stack, one for each grasp.
     """
+    require_grasp(grasp, stack=True)
     if isinstance(grasp, GraspStack):
         return tuple(is_stable(g, torque_scale) for g in grasp)
     radius = mu(grasp, ball(grasp.dimension, torque_scale), COARSE)

@@ -23,11 +23,12 @@ from nlpgrasp.contacts import BilateralContact
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.minimise import random_directions
 from nlpgrasp.quality.radial import estimate
 from nlpgrasp.quality.wrench_set import WrenchSet
-from nlpgrasp.validation import FloatArray, number
+from nlpgrasp.validation import FloatArray, integer, number
 
 RANK_TOLERANCE = 1e-10
 ROUNDING = 1e-9
@@ -106,15 +107,17 @@ def nu(
     Volume
         For a stack, one for each grasp.
     """
+    require_grasp(grasp, stack=True)
+    seed = integer("seed", seed, at_least=0, at_most=2**63 - 1)
     if isinstance(grasp, GraspStack):
         return tuple(nu(g, torque_scale, rtol, force_budget=force_budget, seed=seed) for g in grasp)
     scale = number("torque_scale", torque_scale, above=0.0)
     rtol = number("rtol", rtol, above=0.0)
     d, forces = grasp.dimension, grasp.space
     wrench_set = WrenchSet.of(grasp, force_budget).transformed(np.diag([1.0] * forces + [1.0 / scale] * (d - forces)))
-    vectors, values, _ = np.linalg.svd(wrench_set.G)
-    if len(values) < d or values[-1] <= RANK_TOLERANCE * values[0]:
+    if _rank(wrench_set.G) < d:
         return Volume(0.0, 0.0, torque_scale=scale)
+    vectors, values, _ = np.linalg.svd(wrench_set.G)
     if isinstance(wrench_set.budget, L2Budget) and all(isinstance(c, BilateralContact) for c in grasp.contacts):
         exact = pi ** (d / 2) / gamma(d / 2 + 1) * float(np.prod(values))
         return Volume(
@@ -124,6 +127,13 @@ def nu(
     lower, upper, value, error = _volume(white, rtol, np.random.default_rng(seed))
     factor = float(np.prod(values))
     return Volume(lower * factor, upper * factor, torque_scale=scale, value=value * factor, error=error * factor)
+
+
+def _rank(G: FloatArray) -> int:
+    """Return the rank of G, whatever the units of its rows."""
+    size = np.linalg.norm(G, axis=1, keepdims=True)
+    values = np.linalg.svd(G / np.where(size > 0.0, size, 1.0), compute_uv=False)
+    return int(np.sum(values > RANK_TOLERANCE * max(float(values[0]), 1e-300)))
 
 
 def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:

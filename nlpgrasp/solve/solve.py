@@ -17,10 +17,10 @@ import scipy
 import trimesh
 from threadpoolctl import threadpool_limits
 
-from nlpgrasp.errors import InputError, NoGraspError
+from nlpgrasp.errors import InputError, NlpgraspError, NoGraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.problem import GraspProblem
-from nlpgrasp.quality import Bounds, delta, finger_forces, mu, nu
+from nlpgrasp.quality import Bounds, Volume, delta, finger_forces, mu, nu
 from nlpgrasp.solution import GraspSolution, StartRecord, Status
 from nlpgrasp.solve.interrupt import Interrupt
 from nlpgrasp.solve.options import SolveOptions
@@ -156,7 +156,7 @@ def _solution(
         mu=bounds,
         kind=kind,
         delta=delta(best.grasp, scale, OTHER_RTOL, force_budget=problem.budget) if measured else None,
-        nu=nu(best.grasp, scale, OTHER_RTOL, force_budget=problem.budget) if measured else None,
+        nu=_volume(best.grasp, scale, problem) if measured else None,
         forces=forces,
         moments=moments,
         constraints=best.constraints,
@@ -164,6 +164,14 @@ def _solution(
         surface=best.surface,
         starts=records,
     )
+
+
+def _volume(grasp: Grasp, scale: float, problem: GraspProblem) -> Volume | None:
+    """Return nu; None rather than lose a solution over it."""
+    try:
+        return nu(grasp, scale, OTHER_RTOL, force_budget=problem.budget)
+    except NlpgraspError:
+        return None
 
 
 def _forces(

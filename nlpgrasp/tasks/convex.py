@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
-from nlpgrasp.validation import FloatArray, integer
+from nlpgrasp.validation import FloatArray
 
 Support = Callable[[FloatArray], tuple[FloatArray, FloatArray] | FloatArray]
 DIFFERENCE = 1e-6
@@ -33,10 +33,14 @@ class TaskSet(Task):
     """
 
     def __init__(self, support: Support, dimension: int = 6) -> None:
-        self._dimension = integer("TaskSet.dimension", dimension, at_least=1, at_most=6)
+        if dimension not in (3, 6) or isinstance(dimension, bool):
+            raise InputError("TaskSet.dimension", dimension, "3 (planar) or 6")
+        self._set(support, dimension)
+
+    def _set(self, support: Support, dimension: int) -> None:
         if not callable(support):
             raise InputError("TaskSet.support", support, "a function of directions (m, d)")
-        self._support = support
+        self._support, self._dimension = support, dimension
         probes = np.random.default_rng(0).standard_normal((PROBES, self._dimension))
         probes /= np.linalg.norm(probes, axis=1, keepdims=True)
         values, maximisers = self.support(probes)
@@ -46,8 +50,18 @@ class TaskSet(Task):
             raise InputError(
                 "TaskSet.support", f"phi(2 y) off 2 phi(y) by {off:.3g}", "a positively homogeneous function"
             )
+        if not np.any(maximisers):
+            raise InputError("TaskSet.support", "a function that is zero everywhere", "a set of more than the origin")
+        half = PROBES // 2
+        sums = self.support(probes[:half] + probes[half:])[0] - values[:half] - values[half:]
+        if float(np.max(sums)) > 1e-6 * float(np.max(np.abs(values))):
+            raise InputError(
+                "TaskSet.support", f"phi(y + z) above phi(y) + phi(z) by {np.max(sums):.3g}", "a convex function"
+            )
         self._moment = maximisers.T @ maximisers * (self._dimension / PROBES)
         opposite = self.support(-probes)[0]
+        if float(np.min(values + opposite)) < -1e-6 * float(np.max(np.abs(values))):
+            raise InputError("TaskSet.support", "phi(y) + phi(-y) below 0", "the support function of a set")
         self._centred = bool(np.max(np.abs(values - opposite)) <= 1e-9 * np.max(np.abs(values)))
 
     @property
@@ -62,11 +76,18 @@ class TaskSet(Task):
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the function's values and maximisers."""
-        found = self._support(y)
-        if isinstance(found, tuple):
-            values, maximisers = (np.asarray(a, dtype=np.float64) for a in found)
+        try:
+            found = self._support(y)
+        except InputError:
+            raise
+        except Exception as error:
+            raise InputError(
+                "TaskSet.support", f"{type(error).__name__}: {error}", "a function of directions (m, d)"
+            ) from error
+        if isinstance(found, tuple) and len(found) == 2:
+            values, maximisers = _numbers(found[0]), _numbers(found[1])
         else:
-            values = np.asarray(found, dtype=np.float64)
+            values = _numbers(found)
             if values.shape != (len(y),):
                 raise InputError("TaskSet.support", f"shape {values.shape}", f"({len(y)},), a value a direction")
             size = DIFFERENCE * np.maximum(np.linalg.norm(y, axis=1), 1e-300)
@@ -90,7 +111,9 @@ class TaskSet(Task):
             values, maximisers = self.support(y @ matrix)
             return values, maximisers @ matrix.T
 
-        return TaskSet(support, len(matrix))
+        result = TaskSet.__new__(TaskSet)
+        result._set(support, len(matrix))
+        return result
 
     def second_moment(self) -> FloatArray:
         """Return the second moment of boundary wrenches in random directions."""
@@ -99,3 +122,10 @@ class TaskSet(Task):
     def to_dict(self) -> dict[str, Any]:
         """Refuse: a function has no JSON form."""
         raise InputError("task", "a TaskSet", "a task with a JSON form, such as a TaskEllipsoid")
+
+
+def _numbers(value: Any) -> FloatArray:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("TaskSet.support", value, "arrays of numbers") from None

@@ -1,0 +1,24 @@
+"""What the public functions of this layer accept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.tasks import Task
+
+
+def require_grasp(value: Any, *, stack: bool = False) -> None:
+    """Refuse what is not a grasp (or, where allowed, a stack of them)."""
+    if not isinstance(value, (Grasp, GraspStack) if stack else Grasp):
+        raise InputError("grasp", value, "a Grasp or a GraspStack" if stack else "a Grasp")
+
+
+def require_task(value: Any, dimension: int) -> None:
+    """Refuse what is not a task of this wrench dimension."""
+    if not isinstance(value, Task):
+        raise InputError("task", value, "a task such as ng.TaskEllipsoid")
+    if value.dimension != dimension:
+        raise InputError("task", f"dimension {value.dimension}", f"the grasp's wrench dimension {dimension}")

@@ -1,0 +1,142 @@
+"""Cases that once gave wrong answers: narrow cones, far origins, tiny scales, overlapping cells."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from tests.samples import CONTACTS, ellipsoid_grasp
+
+TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
+
+
+@pytest.mark.parametrize("space", [2, 3])
+@pytest.mark.parametrize("friction", [0.001, 0.01, 0.05])
+def test_forces_from_inside_narrow_cones_are_found_again(space, friction):
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        u = rng.standard_normal((space + 1, space))
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        grasp = ng.Grasp(u, -u, ng.FrictionContact(friction))
+        x = rng.standard_normal((20, space + 1, space))
+        x[..., 0] = np.abs(x[..., 0]) + 0.1
+        tangential = x[..., 1:]
+        size = np.linalg.norm(tangential, axis=-1, keepdims=True)
+        x[..., 1:] = 0.9 * friction * x[..., :1] * tangential / size
+        x = x.reshape(20, -1)
+        found = ng.finger_forces(grasp, x @ grasp.G.T)
+        assert found.feasible.all()
+        assert np.all(found.used <= np.linalg.norm(x, axis=1) * (1 + 1e-7))
+
+
+@pytest.mark.parametrize("name", CONTACTS)
+def test_small_bodies_in_si_units(name):
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        grasp = ellipsoid_grasp(rng)
+        contact = CONTACTS[name]
+        grasp = ng.Grasp(0.003 * grasp.points, grasp.normals, contact)
+        n = contact.components(3)
+        x = contact.project(rng.standard_normal((10, 4, n)) + np.eye(n)[0]).reshape(10, -1)
+        assert ng.finger_forces(grasp, x @ grasp.G.T).feasible.all()
+
+
+def test_answers_do_not_depend_on_the_batch():
+    n = np.array([[1, 0, 0], [-0.5, 3**0.5 / 2, 0], [-0.5, -(3**0.5) / 2, 0]])
+    grasp = ng.Grasp(0.05 * n, -n, ng.SoftContact(0.5, 0.01))
+    wrenches = np.random.default_rng(0).standard_normal((3000, 6)) * np.array([1, 1, 1, 0.05, 0.05, 0.05])
+    together = ng.finger_forces(grasp, wrenches)
+    assert together.feasible.all()
+    alone = [ng.finger_forces(grasp, w).used[0] for w in wrenches[:50]]
+    np.testing.assert_allclose(together.used[:50], alone, rtol=1e-7)
+
+
+def test_torque_rows_that_are_only_rounding():
+    angles = 2.0 * np.pi * np.arange(3) / 3.0
+    u = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    for radius in (0.07, 0.3, 1.0):
+        found = ng.finger_forces(ng.Grasp(radius * u, -u, ng.PointContact()), [[1, 1, 0], [1, -1, 0]])
+        np.testing.assert_allclose(found.used, 1.632993, rtol=1e-5)
+
+
+def test_a_far_torque_origin_does_not_undo_stability():
+    grasp = ng.Grasp(1e-3 * TETRAHEDRON, -TETRAHEDRON, ng.FrictionContact(0.5), torque_origin=[1000, 300, -200])
+    assert ng.is_stable(grasp)
+    assert ng.delta(grasp).upper == pytest.approx(6.45e-7, rel=0.01)
+    assert ng.is_stable(ng.Grasp(1e-9 * TETRAHEDRON, -TETRAHEDRON, ng.FrictionContact(0.5)))
+
+
+def test_small_numbers_are_not_zero():
+    grasp = ng.Grasp(TETRAHEDRON, -TETRAHEDRON, ng.FrictionContact(0.5))
+    weak, strong = (ng.delta(grasp, force_budget=ng.JointTorqueLimits([np.eye(3)] * 4, t)) for t in (1e-9, 1.0))
+    assert weak.upper == pytest.approx(1e-9 * strong.upper, rel=0.02)
+    assert ng.mu(grasp, ng.TaskEllipsoid([1e9, 1, 1, 1, 1, 1])).lower > 0.0
+    assert ng.delta(ng.Grasp(TETRAHEDRON, -TETRAHEDRON, ng.FrictionContact(1e-9))).lower > 0.0
+    planar = ng.Grasp([[1, 0], [-0.5, 0.8], [-0.5, -0.8]], [[-1, 0], [0.6, -0.8], [0.6, 0.8]], ng.FrictionContact(0.5))
+    assert ng.nu(planar, 1e-10).value == pytest.approx(ng.nu(planar, 1.0).value * 1e10, rel=0.02)
+
+
+def test_a_question_that_rounding_leaves_open_is_said_to_be_open():
+    """Closed by a margin of 5e-9: neither a ball nor a direction is claimed."""
+    points, normals = [[-1, 0, 0], [1, 1 - 1e-8, 0]], [[1, 0, 0], [-1, 0, 0]]
+    found = ng.is_stable(ng.Grasp(points, normals, ng.SoftContact(0.5, 0.1)))
+    assert not found
+    assert found.radius.upper > 0.0
+    assert found.separating_direction is None
+
+
+@pytest.mark.parametrize("origin", [1.0, 100.0, 1000.0])
+def test_bilateral_bounds_hold_far_from_the_origin(origin):
+    """Against the smallest singular value by inverse iteration in extended precision."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        n = rng.standard_normal((3, 3))
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        contact = ng.BilateralContact(ng.FrictionContact(0.5))
+        grasp = ng.Grasp(0.05 * rng.standard_normal((3, 3)), n, contact, torque_origin=[origin, 0, 0])
+        bounds = ng.delta(grasp)
+        G = grasp.G.astype(np.longdouble)
+        sigma = smallest_by_inverse_iteration(G @ G.T)
+        assert bounds.lower * (1 - 1e-8) <= sigma <= bounds.upper * (1 + 1e-8)
+
+
+def smallest_by_inverse_iteration(gram):
+    """Return the square root of the smallest eigenvalue of a symmetric positive matrix, without LAPACK."""
+    d = len(gram)
+    L = np.zeros_like(gram)
+    for i in range(d):
+        for j in range(i + 1):
+            rest = gram[i, j] - np.dot(L[i, :j], L[j, :j])
+            L[i, j] = np.sqrt(rest) if i == j else rest / L[j, j]
+    x = np.ones(d, dtype=np.longdouble)
+    for _ in range(200):
+        y = x.copy()
+        for i in range(d):
+            y[i] = (y[i] - np.dot(L[i, :i], y[:i])) / L[i, i]
+        for i in reversed(range(d)):
+            y[i] = (y[i] - np.dot(L[i + 1 :, i], y[i + 1 :])) / L[i, i]
+        x = y / np.sqrt(np.dot(y, y))
+    return float(np.sqrt(np.dot(x, gram @ x)))
+
+
+@pytest.mark.parametrize("budget", ["shared", "per_finger"])
+def test_planar_volumes_of_polytopes(budget):
+    """W is a polytope: its hull is exact. Overlapping cells once counted some of it three times."""
+    for seed in [*range(150), 219, 7438, 7439, 7855, 9689, 10729, 10929, 11426, 11574, 11987, 13192, 13534]:
+        rng = np.random.default_rng(seed)
+        k, friction, radius = int(rng.integers(2, 5)), float(10 ** rng.uniform(-1.5, 0.5)), 10 ** rng.uniform(-2, 1)
+        rng.random()
+        u = rng.standard_normal((k, 2))
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        grasp = ng.Grasp(radius * u, -u, ng.FrictionContact(friction))
+        found = ng.nu(grasp, radius, 0.02, force_budget=budget, seed=seed)
+        exact = ng.pyramid_volume(grasp, torque_scale=radius, force_budget=budget)
+        assert found.lower <= exact * (1 + 1e-6)
+        assert exact <= found.upper * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_two_soft_fingers_have_a_volume(seed):
+    u = np.random.default_rng(seed).standard_normal((2, 3))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    found = ng.nu(ng.Grasp(u, -u, ng.SoftContact(0.07, 0.1)), rtol=0.5)
+    assert 0.0 < found.lower <= found.value <= found.upper
