@@ -1,17 +1,13 @@
 """Quality of given grasps, with certified bounds; no CasADi."""
 
 from nlpgrasp.quality.bounds import Bounds, StackBounds
-from nlpgrasp.quality.comparison import (
-    ferrari_canny,
-    isotropy,
-    min_weight,
-    pyramid_volume,
-    pyramid_wrenches,
-    smallest_singular_value,
-)
+from nlpgrasp.quality.convex_tasks import equivalence_constants, mu_1, mu_tilde
 from nlpgrasp.quality.forces import FingerForces, finger_forces
-from nlpgrasp.quality.measures import delta, equivalence_constants, mu, mu_1, mu_tilde
+from nlpgrasp.quality.measures import delta, mu
+from nlpgrasp.quality.min_weight import min_weight
+from nlpgrasp.quality.pyramids import ferrari_canny, pyramid_volume, pyramid_wrenches
 from nlpgrasp.quality.screening import screen
+from nlpgrasp.quality.singular_values import isotropy, smallest_singular_value
 from nlpgrasp.quality.stability import Stability, allowed_twists, is_stable
 from nlpgrasp.quality.volume import Volume, nu
 from nlpgrasp.quality.wrench_set import WrenchSet

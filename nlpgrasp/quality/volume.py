@@ -27,6 +27,7 @@ from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.minimise import random_directions
 from nlpgrasp.quality.radial import estimate
+from nlpgrasp.quality.units import over_length
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.validation import FloatArray, integer, number
 
@@ -111,10 +112,11 @@ def nu(
     seed = integer("seed", seed, at_least=0, at_most=2**63 - 1)
     if isinstance(grasp, GraspStack):
         return tuple(nu(g, torque_scale, rtol, force_budget=force_budget, seed=seed) for g in grasp)
-    scale = number("torque_scale", torque_scale, above=0.0)
+    units = over_length(grasp, torque_scale)
+    scale = float(torque_scale)
     rtol = number("rtol", rtol, above=0.0)
-    d, forces = grasp.dimension, grasp.space
-    wrench_set = WrenchSet.of(grasp, force_budget).transformed(np.diag([1.0] * forces + [1.0 / scale] * (d - forces)))
+    d = grasp.dimension
+    wrench_set = WrenchSet.of(grasp, force_budget).transformed(np.diag(units))
     if _rank(wrench_set.G) < d:
         return Volume(0.0, 0.0, torque_scale=scale)
     vectors, values, _ = np.linalg.svd(wrench_set.G)

@@ -6,7 +6,7 @@ from scipy.spatial import QhullError
 
 import nlpgrasp as ng
 from nlpgrasp.errors import NlpgraspError
-from nlpgrasp.quality import comparison
+from nlpgrasp.quality import pyramids
 from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation
 
 
@@ -125,7 +125,7 @@ def test_a_failed_hull_is_an_error_not_a_score(monkeypatch):
     def fail(points):
         raise QhullError("QH6154 initial simplex is flat")
 
-    monkeypatch.setattr(comparison, "ConvexHull", fail)
+    monkeypatch.setattr(pyramids, "ConvexHull", fail)
     with pytest.raises(NlpgraspError, match="cannot be built"):
         ng.ferrari_canny(tetrahedral())
     with pytest.raises(NlpgraspError, match="cannot be built"):

@@ -36,7 +36,12 @@ def test_planar_grasp_maps(rng):
 
 def test_measures_of_a_stack_are_those_of_its_grasps(rng):
     stack = stacked(3, rng)
-    for measure in (lambda g: ng.mu(g, BALL, 0.05), lambda g: ng.delta(g, 0.5, 0.05, force_budget="shared")):
+    measures = [
+        lambda g: ng.mu(g, BALL, 0.05),
+        lambda g: ng.mu_1(g, BALL, np.zeros(6), 0.5, 0.05),
+        lambda g: ng.delta(g, 0.5, 0.05, force_budget="shared"),
+    ]
+    for measure in measures:
         together = measure(stack)
         assert len(together) == 3
         for i, grasp in enumerate(stack):
@@ -47,6 +52,8 @@ def test_measures_of_a_stack_are_those_of_its_grasps(rng):
     np.testing.assert_allclose(
         ng.smallest_singular_value(stack, 0.3), [ng.smallest_singular_value(g, 0.3) for g in stack]
     )
+    for measure in (ng.ferrari_canny, ng.pyramid_volume, ng.min_weight):
+        np.testing.assert_allclose(measure(stack), [measure(g) for g in stack])
     volumes = ng.nu(stack, rtol=0.05)
     assert [v.value for v in volumes] == [ng.nu(g, rtol=0.05).value for g in stack]
     assert [bool(s) for s in ng.is_stable(stack)] == [bool(ng.is_stable(g)) for g in stack]
