@@ -5,8 +5,8 @@ whatever the number of contacts; the primal is ``x = P_K(G^T y)``. The dual is c
 generalised Hessian ``-G P_K'(G^T y) G^T``.
 
 Arrays are components first: each row holds one component for all wrenches and is contiguous, so that every operation
-runs over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product. Some
-wrenches are solved first, and the others start from the best of their solutions.
+runs over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product. Of many
+wrenches some are solved roughly first, and all start from the best of their solutions.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from nlpgrasp.quality.cholesky import solve_columns
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.validation import FloatArray
 
-CHUNK = 8192  # wrenches at once
-FIRST = 128  # solved first, for the others to start from
+CHUNK = 16384  # wrenches at once
+MANY, FIRST, ROUGHLY = 500, 128, 6  # of more than so many, the first ones get so many steps: starts for all of them
+WORTH = 0.8  # share of unsolved wrenches below which the others are dropped
 TOLERANCE = 1e-10
 STEPS = 100
 SHORTER = 4  # tries of a shorter step before the Hessian is damped
@@ -41,12 +42,14 @@ def dual_newton(
     """
     solver = _Solver(wrench_set, tolerance, 0.5 * limit**2)
     w = np.ascontiguousarray(wrenches.T)
-    y, x = solver.solve(w[:, :FIRST], solver.unconstrained(w[:, :FIRST]))
-    known = y, np.linalg.norm(x, axis=0)
-    parts = [(y, x)]
-    for a in range(FIRST, w.shape[1], CHUNK):
-        some = np.ascontiguousarray(w[:, a : a + CHUNK])
-        parts.append(solver.solve(some, _best_start(some, *known, solver.unconstrained(some))))
+    start = solver.unconstrained(w)
+    if w.shape[1] > MANY:
+        y, x = solver.solve(w[:, :FIRST], start[:, :FIRST], ROUGHLY)
+        start = _best_start(w, y, np.linalg.norm(x, axis=0), start)
+    parts = [
+        solver.solve(np.ascontiguousarray(w[:, a : a + CHUNK]), np.ascontiguousarray(start[:, a : a + CHUNK]), STEPS)
+        for a in range(0, max(w.shape[1], 1), CHUNK)
+    ]
     return np.concatenate([y.T for y, _ in parts]), np.concatenate([x.T for _, x in parts])
 
 
@@ -105,14 +108,14 @@ class _Solver:
 
     def unconstrained(self, w: FloatArray) -> FloatArray:
         """Return the solutions for ``K = R^n``, to start from."""
-        return np.asarray(np.linalg.lstsq(self.G @ self.G.T, w, rcond=None)[0], dtype=np.float64)
+        return np.linalg.pinv(self.G @ self.G.T, hermitian=True) @ w
 
-    def solve(self, w: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def solve(self, w: FloatArray, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
         """Return y (d, m) and x (n, m)."""
         m = w.shape[1]
         y_out, x_out, best = np.zeros_like(w), np.zeros((self.G.shape[1], m)), np.full(m, np.inf)
         state = self._state(np.arange(m), w, start, np.zeros(m))
-        for _ in range(STEPS):
+        for _ in range(steps):
             improved = state.residual < best[state.index]
             kept = state.index[improved]
             best[kept] = state.residual[improved]
@@ -121,7 +124,7 @@ class _Solver:
             going = (state.residual > self.tolerance) & (state.value <= self.limit) & (state.damping <= MOST_DAMPING)
             if not going.any():
                 break
-            if not going.all():
+            if going.mean() < WORTH or len(going) < MANY:
                 state.keep(going)
             state = self._search(state, self._newton_step(state))
         return y_out, x_out
