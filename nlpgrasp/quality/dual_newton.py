@@ -5,8 +5,8 @@ whatever the number of contacts; the primal is ``x = P_K(G^T y)``. The dual is c
 generalised Hessian ``-G P_K'(G^T y) G^T``.
 
 Arrays are components first: each row holds one component for all wrenches and is contiguous, so that every operation
-runs over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product. Of many
-wrenches some are solved roughly first, and all start from the best of their solutions.
+runs over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product. Of
+many wrenches some are solved roughly first, and all start from the best of their solutions.
 """
 
 from __future__ import annotations
