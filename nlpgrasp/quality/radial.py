@@ -113,7 +113,7 @@ def _gauge(white: WrenchSet) -> Gauge:
             y, x = dual_newton(white, unit, GAUGE_TOLERANCE, FAR / float(np.min(size)))
             force = np.linalg.norm(x, axis=1)
             produced = np.linalg.norm(unit - x @ white.G.T, axis=1) <= 1e3 * GAUGE_TOLERANCE
-            return np.where(produced, force * size, np.inf), y / np.maximum(force, 1e-300)[:, None]
+            return np.where(produced, force * size, np.inf), y / np.where(produced & (force > 0.0), force, 1.0)[:, None]
         x, y = conic.least_forces(white, unit)
         used = white.budget.used(x, white.contacts, white.space) * size
         return np.where(np.isfinite(used), used, np.inf), y

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import eigh
 
 from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.budgets.base import project, ranges
@@ -16,6 +17,7 @@ from nlpgrasp.validation import FloatArray
 CHUNK = 256  # grasps at once: what the processor's cache holds
 DESCENTS, STEPS = 4, 16
 REGULAR = 1e-6
+FLAT = 1e-6
 LEAST_WEIGHT = 1e-2  # of a contact in the quadratic model, relative to the largest
 
 
@@ -41,13 +43,25 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
         raise InputError("stack", stack, "a GraspStack")
     require_task(task, stack.dimension)
     budget = _budget(stack, force_budget)
-    moment = task.second_moment() + 1e-12 * np.trace(task.second_moment()) * np.eye(stack.dimension)
-    spread = np.linalg.inv(np.linalg.cholesky(moment))  # directions that are round for the task
-    y = directions(stack.dimension, 2) @ spread
+    if not len(stack):
+        return np.zeros(0)
+    y = directions(stack.dimension, 2) @ np.linalg.inv(np.linalg.cholesky(_shape(stack, task)))
     reach = task.support(y)[0]
     y = y[reach > 1e-9 * np.max(reach)]
     parts = [_descend(_View(stack, slice(a, a + CHUNK), budget), task, y) for a in range(0, len(stack), CHUNK)]
-    return np.concatenate(parts) if parts else np.zeros(0)
+    return np.concatenate(parts)
+
+
+def _shape(stack: GraspStack, task: Task) -> FloatArray:
+    """Return the task's second moment, filled up with the grasps' own where the task is flat (d, d)."""
+    G = stack.G[:CHUNK]
+    own = np.mean(G @ G.transpose(0, 2, 1), axis=0)
+    own += 1e-9 * np.diag(np.diag(own)) + 1e-12 * np.trace(own) * np.eye(len(own))
+    moment = task.second_moment()
+    relative = eigh(moment, own, eigvals_only=True)
+    if relative[0] <= FLAT * relative[-1]:
+        moment = moment + 0.1 * float(np.mean(relative)) * own
+    return np.asarray(moment)
 
 
 def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBudget) -> FloatArray:
@@ -131,7 +145,8 @@ def _descend(view: _View, task: Task, y: FloatArray) -> FloatArray:
     step = np.ones(value.shape)
     for _ in range(STEPS):
         target = np.linalg.solve(H, wrench[:, :, :, None])[:, :, :, 0]
-        target /= np.maximum(np.sum(target * wrench, axis=2), 1e-300)[:, :, None]
+        work = np.sum(target * wrench, axis=2)
+        target /= np.where(work > 0.0, work, 1.0)[:, :, None]
         scale = np.sum(u * wrench, axis=2)[:, :, None]
         trial = u + step[:, :, None] * (scale * target - u)
         found, found_wrench, found_H = view.quadratic(trial, task)

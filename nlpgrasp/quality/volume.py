@@ -35,7 +35,7 @@ RANK_TOLERANCE = 1e-10
 ROUNDING = 1e-9
 POINTS = {2: 2000, 3: 2000, 4: 800, 5: 500, 6: 300}  # most vertices of P
 SHRINK = 1e-5  # of support points towards the origin
-MARGIN = 1e-6  # relative, for the rounding of volumes
+MARGIN = 1e-5  # relative, for the rounding of volumes
 
 
 @dataclass(frozen=True)
@@ -172,12 +172,7 @@ class _Inner:
     def __init__(self, white: WrenchSet, points: FloatArray) -> None:
         d = points.shape[1]
         self.centre: FloatArray = np.mean(points, axis=0)
-        try:
-            hull = ConvexHull(points - self.centre)
-        except QhullError:
-            hull = ConvexHull(points - self.centre, qhull_options="QJ")  # joggled: the planes below are checked
-        cells = (points - self.centre)[hull.simplices]
-        sizes = np.abs(np.linalg.det(cells)) / factorial(d)
+        hull, cells, sizes = _filled_hull(points - self.centre)
         normals = hull.equations[:, :-1]
         heights = np.min(np.einsum("fvd,fd->fv", cells, normals), axis=1)
         # a point sum l_i v_i of the cell's cone has <n, x> >= height sum l_i, and <n, x> at most the support
@@ -186,8 +181,24 @@ class _Inner:
         self.cells, self.sizes, self.planes = cells[use], sizes[use], normals[use]
         self.reach = np.maximum(support[use] / heights[use], 1.0)
         self.missing = (self.reach**d - 1.0) * self.sizes
-        if not np.isclose(np.sum(sizes), hull.volume, rtol=1e-6):
-            raise NlpgraspError("nu: the simplices of the hull do not fill it")
         # cells left out are flat or have the centre on their planes: their cones are thinner than rounding
         self.lower = min(float(np.sum(self.sizes)), float(hull.volume)) * (1.0 - MARGIN)
         self.upper = float(np.sum(self.reach**d * self.sizes)) * (1.0 + MARGIN)
+
+
+def _filled_hull(points: FloatArray) -> tuple[ConvexHull, FloatArray, FloatArray]:
+    """Return the hull of points about the origin, its simplices' corners and their volumes, which fill it.
+
+    Where Qhull's triangulation of merged facets does not, joggled input has no merged facets.
+    """
+    d = points.shape[1]
+    for options in (None, "QJ", "QJ1e-9", "QJ1e-7", "QJ1e-5"):
+        try:
+            hull = ConvexHull(points, qhull_options=options)
+        except QhullError:
+            continue
+        cells = points[hull.simplices]
+        sizes = np.abs(np.linalg.det(cells)) / factorial(d)
+        if abs(float(np.sum(sizes)) - hull.volume) <= MARGIN * hull.volume:
+            return hull, cells, sizes
+    raise NlpgraspError("nu: no hull of this grasp's support points is filled by its simplices")
