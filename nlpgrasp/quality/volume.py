@@ -141,10 +141,7 @@ def _rank(G: FloatArray) -> int:
 def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:
     """Return certified bounds, estimate and error bar for a set in good coordinates."""
     d = len(white.G)
-    phi, points = white.support(random_directions(40 * d, d, rng))
-    points = points[phi > 1e-6 * np.max(phi)][: 8 * d]
-    points = np.concatenate([np.zeros((1, d)), _inside(points, rng)])
-    inner = _Inner(white, points)
+    inner, points = _first_hull(white, rng)
     while len(points) < POINTS[d] and inner.upper > inner.lower * (1.0 + rtol):
         room = min(max(len(points) // 2, 4 * d), POINTS[d] - len(points))
         worst = np.argsort(-inner.missing)[:room]
@@ -155,6 +152,26 @@ def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[fl
         return inner.lower, inner.upper, middle, half
     value, error = estimate(white, inner.centre, inner.cells, inner.sizes, inner.reach, rtol, rng)
     return inner.lower, inner.upper, min(max(value, inner.lower), inner.upper), min(error, half)
+
+
+def _first_hull(white: WrenchSet, rng: np.random.Generator) -> tuple[_Inner, FloatArray]:
+    """Return a polytope of the origin and support points in random directions, and its points.
+
+    A set with few vertices shows only some of them to few directions: more directions where the points stay flat.
+    """
+    d = len(white.G)
+    for count in (8 * d, 80 * d, 2000 * d):
+        phi, points = white.support(random_directions(5 * count, d, rng))
+        points = points[phi > 1e-6 * np.max(phi)]
+        if count > 8 * d:
+            points = np.unique(np.round(points, 9), axis=0)
+            points = points[rng.permutation(len(points))]
+        points = np.concatenate([np.zeros((1, d)), _inside(points[: min(count, 2 * POINTS[d])], rng)])
+        try:
+            return _Inner(white, points), points
+        except NlpgraspError as error:
+            failure = error
+    raise failure
 
 
 def _inside(points: FloatArray, rng: np.random.Generator) -> FloatArray:

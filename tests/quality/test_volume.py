@@ -124,3 +124,16 @@ def test_a_grasp_that_is_not_closed_has_a_volume_all_the_same():
     grasp = ng.Grasp(points, [[0, 0, 1]] * 3, ng.FrictionContact(0.5))
     assert not ng.is_stable(grasp)
     assert ng.nu(grasp).lower > 0.0
+
+
+def test_a_polytope_of_few_vertices():
+    """Seed 671 of the polytopes in test_hard_cases: 24 random directions saw vertices in one plane only."""
+    rng = np.random.default_rng(671)
+    k, friction, radius = int(rng.integers(2, 5)), float(10 ** rng.uniform(-1.5, 0.5)), 10 ** rng.uniform(-2, 1)
+    rng.random()
+    u = rng.standard_normal((k, 2))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    grasp = ng.Grasp(radius * u, -u, ng.FrictionContact(friction))
+    found = ng.nu(grasp, radius, 0.02, force_budget="per_finger", seed=671)
+    exact = ng.pyramid_volume(grasp, torque_scale=radius, force_budget="per_finger")
+    assert found.lower * (1 - 1e-6) <= exact <= found.upper * (1 + 1e-6)
