@@ -12,6 +12,7 @@ from nlpgrasp.validation import FloatArray
 
 RANK_TOLERANCE = 1e-10
 FLAT_CONDITION = 1e-10
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,14 @@ class Containment:
         In the new coordinates.
     matrix : (r, d) array
         M; a direction u of the new coordinates is ``M^T u`` in the old ones.
+    rounding : float
+        Relative guard for the arithmetic of the change of coordinates.
     """
 
     wrenches: WrenchSet
     task: Task
     matrix: FloatArray
+    rounding: float = ROUNDING
 
     @property
     def rank(self) -> int:
@@ -86,4 +90,5 @@ def conditioned(wrenches: WrenchSet, task: Task) -> tuple[Containment | None, Fl
         gram = reduce @ wrenches.G @ wrenches.G.T @ reduce.T
         shape = shape + 0.1 * np.trace(shape) / np.trace(gram) * gram
     matrix = np.linalg.solve(np.linalg.cholesky(shape), reduce)
-    return Containment(wrenches.transformed(matrix), task.transformed(matrix), matrix), None
+    rounding = ROUNDING + 1e-14 * float(np.linalg.cond(shape)) ** 0.5
+    return Containment(wrenches.transformed(matrix), task.transformed(matrix), matrix, rounding), None

@@ -72,9 +72,9 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
     if found.upper == 0.0:
         return Bounds(0.0, 0.0, found.worst)
     if problem.rank == 1:
-        return Bounds(found.upper * (1.0 - ROUNDING), found.upper * (1.0 + ROUNDING), found.worst)
-    lower = 0.0 if found.hull is None else _lower(problem, found.hull) * (1.0 - ROUNDING)
-    return Bounds(min(lower, found.upper), found.upper * (1.0 + ROUNDING), found.worst)
+        return Bounds(found.upper * (1.0 - problem.rounding), found.upper * (1.0 + problem.rounding), found.worst)
+    lower = 0.0 if found.hull is None else _lower(problem, found.hull) * (1.0 - problem.rounding)
+    return Bounds(min(lower, found.upper), found.upper * (1.0 + problem.rounding), found.worst)
 
 
 def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Sandwich:
