@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.budgets import L2Budget
-from nlpgrasp.contacts import BilateralContact
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.rank import numerical_rank
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task, TaskEllipsoid
 
 ROUNDING = 1e-9
-RANK_TOLERANCE = 1e-10
 
 
 def bilateral_ellipsoid(wrenches: WrenchSet, task: Task) -> Bounds | None:
@@ -20,14 +18,13 @@ def bilateral_ellipsoid(wrenches: WrenchSet, task: Task) -> Bounds | None:
     With ``G = U S V^T`` and ``y = U S^-1 v`` it is one over the largest singular value of ``L^T U S^-1``; for a ball of
     wrenches the smallest singular value of G.
     """
-    bilateral = all(isinstance(c, BilateralContact) for c in wrenches.contacts)
-    if not (bilateral and isinstance(wrenches.budget, L2Budget) and isinstance(task, TaskEllipsoid)):
+    if not (wrenches.is_ellipsoid and isinstance(task, TaskEllipsoid)):
         return None
     rows = np.linalg.norm(wrenches.G, axis=1)
     if not task.is_centred or np.any(rows == 0.0):
         return None
     U, S, _ = np.linalg.svd(wrenches.G / rows[:, None])
-    if len(S) < len(U) or S[-1] <= RANK_TOLERANCE * S[0]:
+    if numerical_rank(S) < len(U):
         return None
     _, values, right = np.linalg.svd((task.axes / rows) @ U / S)
     worst = (U @ (right[0] / S)) / rows

@@ -13,14 +13,18 @@ ZERO_SUPPORT = 1e-10  # |P_K(z)| over |z| up to which z counts as in the polar o
 EXACT = 1e-13  # where the search for such a direction stops
 
 
-def no_support(wrenches: WrenchSet, y: FloatArray) -> bool:
-    """Return whether no force in the cones does positive work along y, to rounding.
+def positive_share(wrenches: WrenchSet, y: FloatArray) -> FloatArray:
+    """Return ``|P_K(z)| / |z|`` with ``z = G^T y``, (m, d) to (m,): 0 where no force in the cones works along y.
 
-    ``z = G^T y`` is then in the polar of K. Comparing ``P_K(z)`` with z itself depends neither on units nor on the
-    torque origin.
+    Comparing ``P_K(z)`` with z itself depends neither on units nor on the torque origin.
     """
-    z = (y @ wrenches.G)[None, :]
-    return bool(np.linalg.norm(wrenches.project(z)) <= ZERO_SUPPORT * np.linalg.norm(z))
+    z = y @ wrenches.G
+    return np.asarray(np.linalg.norm(wrenches.project(z), axis=1) / np.maximum(np.linalg.norm(z, axis=1), 1e-300))
+
+
+def no_support(wrenches: WrenchSet, y: FloatArray) -> bool:
+    """Return whether no force in the cones does positive work along y, to rounding: ``G^T y`` is in the polar of K."""
+    return bool(positive_share(wrenches, y[None, :])[0] <= ZERO_SUPPORT)
 
 
 def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray | None:
@@ -72,9 +76,8 @@ def unreachable(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> F
         if distance <= EXACT * size:
             return None
         y = (target - columns @ weights) / distance
-        z = (y @ wrenches.G)[None, :]
-        force = wrenches.project(z)[0]
-        share = float(np.linalg.norm(force) / max(float(np.linalg.norm(z)), 1e-300))
+        force = wrenches.project((y @ wrenches.G)[None, :])[0]
+        share = float(positive_share(wrenches, y[None, :])[0])
         if share < least:
             best, least = y, share
         if share <= EXACT:

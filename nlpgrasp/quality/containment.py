@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.quality.rank import numerical_rank
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 from nlpgrasp.validation import FloatArray
 
-RANK_TOLERANCE = 1e-10
 FLAT_CONDITION = 1e-10
 ROUNDING = 1e-9
 
@@ -74,7 +74,7 @@ def conditioned(wrenches: WrenchSet, task: Task) -> tuple[Containment | None, Fl
     scale = np.sqrt(np.diag(moment) + np.sum(wrenches.G**2, axis=1))
     scale = np.where(scale > 0.0, scale, 1.0)
     vectors, values, _ = np.linalg.svd(wrenches.G / scale[:, None])
-    rank = int(np.sum(values > RANK_TOLERANCE * max(values[0], 1e-300)))
+    rank = numerical_rank(values)
     null = (vectors[:, rank:] / scale[:, None]).T  # directions without any wrench
     for y in null:
         both = np.stack([y, -y])

@@ -48,7 +48,6 @@ def mu_tilde(
     Bounds
         Certified. For a stack, arrays of them.
     """
-    require_grasp(grasp, stack=True)
     return mu(grasp, task, rtol, force_budget=force_budget)
 
 

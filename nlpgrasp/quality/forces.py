@@ -14,12 +14,12 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.quality import conic
 from nlpgrasp.quality.arguments import require_grasp
-from nlpgrasp.quality.closure import unreachable
+from nlpgrasp.quality.closure import positive_share, unreachable
 from nlpgrasp.quality.dual_newton import dual_newton
+from nlpgrasp.quality.rank import numerical_rank
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.validation import FloatArray, array
 
-RANK_TOLERANCE = 1e-10
 PRODUCED = 1e-8  # relative residual up to which a wrench counts as produced
 PROVEN = 1e-9  # |P_K(z)| over |z| of a separating direction
 CLEAR = 1e-6  # least <w, y> of unit vectors
@@ -128,8 +128,7 @@ def _units(grasp: Grasp) -> FloatArray:
 def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return forces, residuals and separating directions for unit (or zero) wrenches."""
     basis, values, _ = np.linalg.svd(wrench_set.G)
-    rank = int(np.sum(values > RANK_TOLERANCE * max(values[0], 1e-300)))
-    basis = basis[:, :rank]  # what G reaches at all, contacts' cones aside
+    basis = basis[:, : numerical_rank(values)]  # what G reaches at all, contacts' cones aside
     inside = wrench_set.transformed(basis.T)
     local = w @ basis
     y, x = dual_newton(inside, local)
@@ -161,7 +160,5 @@ def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray
 
 def _separates(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
     """Return where y separates w from what the contacts can produce: no support along y, and <w, y> clearly above 0."""
-    z = y @ wrench_set.G
-    share = np.linalg.norm(wrench_set.project(z), axis=1) / np.maximum(np.linalg.norm(z, axis=1), 1e-300)
     size = np.maximum(np.linalg.norm(y, axis=1), 1e-300)
-    return np.asarray((share <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))
+    return np.asarray((positive_share(wrench_set, y) <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))

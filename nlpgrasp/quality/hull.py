@@ -89,6 +89,11 @@ class Hull:
             cells = cells[np.argpartition(values[cells], most - 1)[:most]]
         return cells[np.argsort(values[cells])]
 
+    def normals(self, cells: Indices) -> FloatArray:
+        """Return the unit normals of cells, (m, d)."""
+        planes = self.planes[cells]
+        return np.asarray(planes / np.linalg.norm(planes, axis=1, keepdims=True))
+
     def insert(self, point: FloatArray) -> bool:
         """Add a vertex; return whether it was outside."""
         p = point - self.centre

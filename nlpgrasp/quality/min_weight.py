@@ -10,7 +10,8 @@ from scipy.optimize import linprog
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
-from nlpgrasp.quality.pyramids import pyramid_wrenches, rank
+from nlpgrasp.quality.pyramids import pyramid_wrenches
+from nlpgrasp.quality.rank import equilibrated, wrench_rank
 from nlpgrasp.validation import FloatArray
 
 
@@ -28,11 +29,10 @@ def min_weight(grasp: Grasp | GraspStack, edges: int = 8, *, first_edge: float =
     if isinstance(grasp, GraspStack):
         return np.array([min_weight(g, edges, first_edge=first_edge) for g in grasp])
     wrenches = np.concatenate(pyramid_wrenches(grasp, edges, first_edge=first_edge))
-    scale = np.linalg.norm(wrenches, axis=0)
-    wrenches = wrenches / np.where(scale > 0.0, scale, 1.0)
-    count, d = wrenches.shape
-    if rank(wrenches) < d:
+    if wrench_rank(wrenches) < grasp.dimension:
         return 0.0
+    wrenches, _ = equilibrated(wrenches)
+    count, d = wrenches.shape
     equal = np.concatenate([wrenches.T, np.ones((1, count))])
     equal = np.concatenate([equal, np.zeros((d + 1, 1))], axis=1)
     above = np.concatenate([-np.eye(count), np.ones((count, 1))], axis=1)

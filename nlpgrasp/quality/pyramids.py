@@ -7,20 +7,21 @@ pyramids' wrenches do not span wrench space, which is what several tools miss.
 from __future__ import annotations
 
 from itertools import product
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from nlpgrasp.budgets.base import ranges
 from nlpgrasp.contacts import BilateralContact, ContactModel, SoftContact
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.quality.arguments import require_grasp
+from nlpgrasp.quality.rank import wrench_rank
 from nlpgrasp.quality.units import over_length
 from nlpgrasp.validation import FloatArray, integer, number
 
-RANK_TOLERANCE = 1e-10
 MOST_WRENCHES = 20_000  # sums of a pyramid's hull, most of them inside: Qhull's memory
 MOST_HULL = 600  # wrenches that are nearly all vertices: some ten seconds
 
@@ -54,14 +55,12 @@ def pyramid_wrenches(
     if not isinstance(unit_edges, bool):
         raise InputError("unit_edges", unit_edges, "True or False")
     scale = over_length(grasp, torque_scale)
-    result, start = [], 0
-    for contact in grasp.contacts:
-        n = contact.components(grasp.space)
-        forces = _edges(contact, n, edges, first_edge)
+    result = []
+    for contact, r in zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True):
+        forces = _edges(contact, r.stop - r.start, edges, first_edge)
         if unit_edges:
             forces = forces / np.linalg.norm(forces, axis=1, keepdims=True)
-        result.append(forces @ (scale[:, None] * grasp.G[:, start : start + n]).T)
-        start += n
+        result.append(forces @ (scale[:, None] * grasp.G[:, r]).T)
     return result
 
 
@@ -110,11 +109,9 @@ def ferrari_canny(
     NlpgraspError
         When the hull cannot be built: a failure is never a score.
     """
-    if isinstance(grasp, GraspStack):
-        options: dict[str, Any] = {"force_budget": force_budget, "unit_edges": unit_edges, "first_edge": first_edge}
-        return np.array([ferrari_canny(g, edges, torque_scale, **options) for g in grasp])
-    hull = _pyramid_hull(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
-    return 0.0 if hull is None else max(0.0, float(np.min(-hull.equations[:, -1])))
+    hulls = _pyramid_hulls(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
+    values = [0.0 if hull is None else max(0.0, float(np.min(-hull.equations[:, -1]))) for hull in hulls]
+    return np.array(values) if isinstance(grasp, GraspStack) else values[0]
 
 
 @overload
@@ -150,11 +147,9 @@ def pyramid_volume(
 
     A grasp that is not force-closed has a volume too; 0 only where the wrenches do not span wrench space.
     """
-    if isinstance(grasp, GraspStack):
-        options: dict[str, Any] = {"force_budget": force_budget, "unit_edges": unit_edges, "first_edge": first_edge}
-        return np.array([pyramid_volume(g, edges, torque_scale, **options) for g in grasp])
-    hull = _pyramid_hull(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
-    return 0.0 if hull is None else float(hull.volume)
+    hulls = _pyramid_hulls(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
+    values = [0.0 if hull is None else float(hull.volume) for hull in hulls]
+    return np.array(values) if isinstance(grasp, GraspStack) else values[0]
 
 
 def _edges(contact: ContactModel, n: int, edges: int, first_edge: float) -> FloatArray:
@@ -178,6 +173,19 @@ def _ratio(contact: ContactModel) -> float:
     return float(contact.friction / contact.torsional_friction) if isinstance(contact, SoftContact) else 1.0
 
 
+def _pyramid_hulls(
+    grasp: Grasp | GraspStack,
+    edges: int,
+    torque_scale: float,
+    force_budget: str,
+    unit_edges: bool,
+    first_edge: float,
+) -> list[ConvexHull | None]:
+    """Return the hull of :func:`_pyramid_hull` for a grasp, or for each of a stack."""
+    grasps = grasp if isinstance(grasp, GraspStack) else [grasp]
+    return [_pyramid_hull(g, edges, torque_scale, force_budget, unit_edges, first_edge) for g in grasps]
+
+
 def _pyramid_hull(
     grasp: Grasp, edges: int, torque_scale: float, force_budget: str, unit_edges: bool, first_edge: float
 ) -> ConvexHull | None:
@@ -197,7 +205,7 @@ def _pyramid_hull(
         wrenches = np.array([np.sum(choice, axis=0) for choice in product(*[[*w, none[0]] for w in each])])
     else:
         raise InputError("force_budget", force_budget, '"shared" or "per_finger" for friction pyramids')
-    if rank(wrenches) < grasp.dimension:
+    if wrench_rank(wrenches) < grasp.dimension:
         return None
     try:
         return ConvexHull(wrenches)
@@ -205,10 +213,3 @@ def _pyramid_hull(
         raise NlpgraspError(
             f"the hull of the friction pyramids cannot be built: {str(error).splitlines()[0]}"
         ) from None
-
-
-def rank(rows: FloatArray) -> int:
-    """Return the rank of rows of wrenches, whatever the units of their columns."""
-    size = np.linalg.norm(rows, axis=0)
-    values = np.linalg.svd(rows / np.where(size > 0.0, size, 1.0), compute_uv=False)
-    return int(np.sum(values > RANK_TOLERANCE * max(float(values[0]), 1e-300)))

@@ -103,7 +103,7 @@ def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float |
         cells = hull.worst(target, 8 * BATCH)
         if not cells.size or _hopeless(len(hull), hull.values[cells[0]] / target):
             break
-        normals = hull.planes[cells] / np.linalg.norm(hull.planes[cells], axis=1, keepdims=True)
+        normals = hull.normals(cells)
         exact = problem.ratio(normals)[0]
         best = int(np.argmin(exact))
         if exact[best] < state.upper:

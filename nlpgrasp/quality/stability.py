@@ -14,10 +14,10 @@ from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import ball, mu
+from nlpgrasp.quality.rank import equilibrated, numerical_rank
 from nlpgrasp.validation import FloatArray, array
 
 COARSE = 0.5  # relative width of the certified radius
-RANK_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -99,9 +99,7 @@ def allowed_twists(wrenches: Grasp | ArrayLike) -> FloatArray:
         rows = array("wrenches", wrenches, (None, None))
         if rows.shape[1] not in (3, 6):
             raise InputError("wrenches", f"shape {rows.shape}", "rows of length 3 (planar) or 6")
-    scale = np.linalg.norm(rows, axis=0)  # forces and torques have different units: equilibrate
-    scale = np.where(scale > 0.0, scale, 1.0)
-    _, values, vt = np.linalg.svd(rows / scale)
-    rank = int(np.sum(values > RANK_TOLERANCE * max(float(values[0]) if values.size else 0.0, 1e-300)))
-    null = vt[rank:] / scale
+    even, scale = equilibrated(rows)
+    _, values, vt = np.linalg.svd(even)
+    null = vt[numerical_rank(values) :] / scale
     return np.asarray(np.linalg.qr(null.T)[0].T) if len(null) else np.zeros((0, rows.shape[1]))

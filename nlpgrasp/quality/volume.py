@@ -18,8 +18,7 @@ from typing import overload
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from nlpgrasp.budgets import ForceBudget, L2Budget
-from nlpgrasp.contacts import BilateralContact
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
@@ -27,13 +26,13 @@ from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.minimise import random_directions
 from nlpgrasp.quality.radial import estimate
+from nlpgrasp.quality.rank import wrench_rank
 from nlpgrasp.quality.units import over_length
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.validation import FloatArray, integer, number
 
-RANK_TOLERANCE = 1e-10
 ROUNDING = 1e-9
-POINTS = {2: 2000, 3: 2000, 4: 800, 5: 500, 6: 300}  # most vertices of P
+POINTS = {3: 2000, 6: 300}  # most vertices of P, by dimension
 SHRINK = 1e-5  # of support points towards the origin
 MARGIN = 1e-5  # relative, for the rounding of volumes
 
@@ -117,10 +116,10 @@ def nu(
     rtol = number("rtol", rtol, above=0.0)
     d = grasp.dimension
     wrench_set = WrenchSet.of(grasp, force_budget).transformed(np.diag(units))
-    if _rank(wrench_set.G) < d:
+    if wrench_rank(wrench_set.G.T) < d:
         return Volume(0.0, 0.0, torque_scale=scale)
     vectors, values, _ = np.linalg.svd(wrench_set.G)
-    if isinstance(wrench_set.budget, L2Budget) and all(isinstance(c, BilateralContact) for c in grasp.contacts):
+    if wrench_set.is_ellipsoid:
         exact = pi ** (d / 2) / gamma(d / 2 + 1) * float(np.prod(values))
         return Volume(
             exact * (1.0 - ROUNDING), exact * (1.0 + ROUNDING), torque_scale=scale, value=exact, error=exact * ROUNDING
@@ -129,13 +128,6 @@ def nu(
     lower, upper, value, error = _volume(white, rtol, np.random.default_rng(seed))
     factor = float(np.prod(values))
     return Volume(lower * factor, upper * factor, torque_scale=scale, value=value * factor, error=error * factor)
-
-
-def _rank(G: FloatArray) -> int:
-    """Return the rank of G, whatever the units of its rows."""
-    size = np.linalg.norm(G, axis=1, keepdims=True)
-    values = np.linalg.svd(G / np.where(size > 0.0, size, 1.0), compute_uv=False)
-    return int(np.sum(values > RANK_TOLERANCE * max(float(values[0]), 1e-300)))
 
 
 def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:

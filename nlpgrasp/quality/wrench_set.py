@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from nlpgrasp.budgets import ForceBudget, L2Budget, force_budget
 from nlpgrasp.budgets.base import project
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import BilateralContact, ContactModel
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.spatial import space_dimension
 from nlpgrasp.validation import FloatArray
@@ -48,6 +48,11 @@ class WrenchSet:
         given = force_budget(budget)
         given.check(grasp.contacts, grasp.space)
         return cls(grasp.G, grasp.contacts, space_dimension(grasp.dimension), given.at(grasp.frames, grasp.contacts))
+
+    @property
+    def is_ellipsoid(self) -> bool:
+        """Whether it is ``{G x : |x| <= 1}``: bilateral contacts only, and the L2 budget."""
+        return isinstance(self.budget, L2Budget) and all(isinstance(c, BilateralContact) for c in self.contacts)
 
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of force components (m, n) onto the force domain K."""

@@ -86,8 +86,7 @@ def _from_hull(problem: Containment) -> tuple[FloatArray, FloatArray]:
     found = state.worst[None, :]
     if state.hull is not None and problem.rank > 1:
         cells = state.hull.worst(SLACK * state.upper, HULL_CELLS)
-        normals = state.hull.planes[cells] / np.linalg.norm(state.hull.planes[cells], axis=1, keepdims=True)
-        found = np.concatenate([found, normals])
+        found = np.concatenate([found, state.hull.normals(cells)])
     return found, problem.ratio(found)[0]
 
 
