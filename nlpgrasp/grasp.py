@@ -87,6 +87,11 @@ class Grasp:
         """Contact frames, (k, space, space): axes as columns, normal first."""
         return np.concatenate([self.normals[:, :, None], self.tangents.transpose(0, 2, 1)], axis=2)
 
+    @property
+    def mean_arm(self) -> float:
+        """Root mean square distance of the contacts from the torque origin, metres; 1 where they are all there."""
+        return float(np.sqrt(np.mean(np.sum((self.points - self.torque_origin) ** 2, axis=1)))) or 1.0
+
     @cached_property
     def T_f(self) -> FloatArray:
         """Wrench transformation matrix (2.3-6), (d, k d): where the contacts are."""
@@ -123,10 +128,7 @@ class Grasp:
         (k, d) array
         """
         local = (self.B @ x).reshape(len(self), self.dimension)
-        rotate = np.zeros((len(self), self.dimension, self.dimension))
-        rotate[:, : self.space, : self.space] = self.frames
-        rotate[:, self.space :, self.space :] = self.frames if self.space == 3 else 1.0
-        return np.asarray(np.einsum("kij,kj->ki", rotate, local))
+        return np.asarray(np.einsum("kij,kj->ki", wrench_transform(np.zeros_like(self.points), self.frames), local))
 
     def __repr__(self) -> str:
         kinds = ", ".join(c.kind for c in self.contacts)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp, contact_models, unit_normals
-from nlpgrasp.spatial import cross_matrix, wrench_dimension
+from nlpgrasp.spatial import wrench_dimension, wrench_transform
 from nlpgrasp.validation import FloatArray, array, read_only
 
 
@@ -71,19 +71,10 @@ class GraspStack:
     @cached_property
     def G(self) -> FloatArray:
         """Grasp maps (2.2-3), (b, d, n)."""
-        b, k, space = self.points.shape
-        arm = self.points - self.torque_origin
-        frame = np.concatenate([self.normals[:, :, None, :], self.tangents], axis=2).transpose(0, 1, 3, 2)
-        d = self.dimension
-        full = np.zeros((b, k, d, d))
-        full[:, :, :space, :space] = frame
-        if space == 2:
-            full[:, :, 2, :2] = arm[:, :, 0, None] * frame[:, :, 1] - arm[:, :, 1, None] * frame[:, :, 0]
-            full[:, :, 2, 2] = 1.0
-        else:
-            full[:, :, 3:, :3] = cross_matrix(arm) @ frame
-            full[:, :, 3:, 3:] = frame
-        return read_only(np.concatenate([full[:, i] @ m.basis(space) for i, m in enumerate(self.contacts)], axis=2))
+        frames = np.concatenate([self.normals[:, :, None, :], self.tangents], axis=2).transpose(0, 1, 3, 2)
+        full = wrench_transform(self.points - self.torque_origin, frames)
+        maps = [full[:, i] @ model.basis(self.space) for i, model in enumerate(self.contacts)]
+        return read_only(np.concatenate(maps, axis=2))
 
     def __repr__(self) -> str:
         kinds = ", ".join(c.kind for c in self.contacts)

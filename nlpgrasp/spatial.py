@@ -63,29 +63,30 @@ def tangents(normals: FloatArray) -> FloatArray:
 
 
 def wrench_transform(point: FloatArray, frame: FloatArray) -> FloatArray:
-    """Return ``T_fi`` of (2.3-4): contact-frame wrenches to body wrenches.
+    """Return ``T_fi`` of (2.3-4): contact-frame wrenches to body wrenches, for one contact or for many.
 
     Parameters
     ----------
-    point : (2,) or (3,) array
-        Contact position relative to the torque origin, metres.
-    frame : (2, 2) or (3, 3) array
+    point : (..., 2) or (..., 3) array
+        Contact position relative to the torque origin, metres; zero for moments about the contact point.
+    frame : (..., 2, 2) or (..., 3, 3) array
         Contact frame, its axes as columns: normal first, then the tangents.
 
     Returns
     -------
-    (3, 3) or (6, 6) array
+    (..., 3, 3) or (..., 6, 6) array
     """
-    if point.shape[0] == 2:
-        result = np.zeros((3, 3))
-        result[:2, :2] = frame
-        result[2, :2] = point[0] * frame[1] - point[1] * frame[0]
-        result[2, 2] = 1.0
-        return result
-    result = np.zeros((6, 6))
-    result[:3, :3] = frame
-    result[3:, :3] = cross_matrix(point) @ frame
-    result[3:, 3:] = frame
+    space = point.shape[-1]
+    d = wrench_dimension(space)
+    result = np.zeros((*point.shape[:-1], d, d))
+    result[..., :space, :space] = frame
+    if space == 2:
+        x, y = point[..., 0, None], point[..., 1, None]
+        result[..., 2, :2] = x * frame[..., 1, :] - y * frame[..., 0, :]
+        result[..., 2, 2] = 1.0
+    else:
+        result[..., 3:, :3] = cross_matrix(point) @ frame
+        result[..., 3:, 3:] = frame
     return result
 
 

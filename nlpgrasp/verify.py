@@ -97,14 +97,15 @@ def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verifica
     task = TaskEllipsoid.from_dict(solution.problem["task"])
     budget = budget_from_dict(solution.problem["force_budget"])
     found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
+    bound = budget.at(grasp.frames, grasp.contacts)
     checks = [
         _grasp_map(grasp),
         _interval(solution.mu),
         _overlap("certified quality", solution.mu, found),
-        *_direction(solution, grasp, task, budget),
-        *_forces(solution, grasp, budget),
+        *_direction(solution, grasp, task, bound),
+        *_forces(solution, grasp, bound),
         *_other_measures(solution, grasp, budget, rtol),
-        *_models(solution, grasp),
+        *_models(solution, grasp, task),
         *_constraints(solution),
     ]
     return Verification(tuple(checks), found)
@@ -141,11 +142,11 @@ def _other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, 
     return checks
 
 
-def _models(solution: GraspSolution, grasp: Grasp) -> list[Check]:
+def _models(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid) -> list[Check]:
     """Compare the grasp's contact models and the kind of measure with the problem's."""
     asked = [contact_from_dict(c) for c in solution.problem["contacts"]]
     same = [c.to_dict() for c in asked] == [c.to_dict() for c in grasp.contacts]
-    kind = "mu" if TaskEllipsoid.from_dict(solution.problem["task"]).is_centred else "mu_tilde"
+    kind = "mu" if task.is_centred else "mu_tilde"
     return [
         Check("contact models", same, f"{len(grasp)} contacts, {'as' if same else 'not as'} the problem asks"),
         Check("kind of measure", solution.kind == kind, f"stated {solution.kind}, by the task {kind}"),
@@ -162,7 +163,7 @@ def _overlap(name: str, stated: Bounds, found: Bounds) -> Check:
     return Check(name, good, f"stated {stated}, recomputed {found}")
 
 
-def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid, budget: ForceBudget) -> list[Check]:
+def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid, bound: ForceBudget) -> list[Check]:
     """Evaluate the stated worst direction by hand: its ratio is an upper bound on mu, so never below lower."""
     y = solution.mu.worst_direction
     if y is None:
@@ -173,7 +174,7 @@ def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid, budge
     if reach <= 0.0:
         return [Check("worst direction", False, "the task asks for nothing in the stated direction")]
     z = (grasp.G.T @ y)[None, :]
-    work, force = budget.at(grasp.frames, grasp.contacts).support(z, grasp.contacts, grasp.space)
+    work, force = bound.support(z, grasp.contacts, grasp.space)
     ratio = float(max(work[0], force[0] @ z[0])) / reach
     good = solution.mu.lower <= ratio * (1.0 + 1e-6) + 1e-12
     return [
@@ -185,12 +186,11 @@ def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid, budge
     ]
 
 
-def _forces(solution: GraspSolution, grasp: Grasp, budget: ForceBudget) -> list[Check]:
+def _forces(solution: GraspSolution, grasp: Grasp, bound: ForceBudget) -> list[Check]:
     """Check that stated forces are in the cones and the budget and add up to the stated wrench."""
     if not solution.forces:
         return []
     k, space, d = len(grasp), grasp.space, grasp.dimension
-    bound = budget.at(grasp.frames, grasp.contacts)
     worst_balance = worst_cone = most = 0.0
     for i, (wrench, forces) in enumerate(solution.forces):
         moments = solution.moments[i] if len(solution.moments) else np.zeros((k, d - space))

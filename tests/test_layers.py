@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "nlpgrasp"
 LAYERS = [
     ["version", "errors"],
     ["validation"],
-    ["spatial", "directions", "rows", "schema"],
+    ["spatial", "directions", "rows", "schema", "conic_solver"],
     ["bodies", "contacts", "tasks", "hands", "constraints"],
     ["budgets", "grasp", "grasp_stack"],
     ["quality"],

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import BilateralContact, ContactModel
+from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray
 
 Row = tuple[str, Any, float, float]  # name, expression, lower, upper
@@ -23,11 +24,13 @@ class ForceBudget(ABC):
 
     kind: ClassVar[str]
     depends_on_frames: ClassVar[bool] = False
+    limited: ClassVar[str] = ""  # what it limits, where that leaves bilateral contacts without a bound
     power: ClassVar[float] = 2.0  # p, where the support is near the p-norm of the contacts' own supports
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
         """Raise :class:`InputError` on contacts whose forces this budget does not bound, or does not fit."""
-        ranges(contacts, space)  # every contact has components in this space
+        if self.limited and any(isinstance(c, BilateralContact) for c in contacts):
+            raise InputError("force_budget", self.limited, '"l2" with bilateral contacts')
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceBudget:
         """Return the budget for contacts with these frames, (k, space, space), axes as columns, normal first."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,8 +11,9 @@ from numpy.typing import ArrayLike
 from nlpgrasp.budgets.base import ForceBudget, Row, ranges
 from nlpgrasp.budgets.torque_cone import TorqueCone
 from nlpgrasp.budgets.torque_polytope import TorquePolytope
-from nlpgrasp.contacts import BilateralContact, ContactModel
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
+from nlpgrasp.spatial import wrench_dimension, wrench_transform
 from nlpgrasp.validation import FloatArray, array, number, read_only
 
 MOST_LISTED = 4  # components of a contact whose extreme points are listed
@@ -38,6 +38,7 @@ class JointTorqueLimits(ForceBudget):
 
     kind: ClassVar[str] = "joint_torques"
     depends_on_frames: ClassVar[bool] = True
+    limited: ClassVar[str] = "joint-torque limits"
 
     def __init__(self, jacobians: Sequence[ArrayLike], limits: ArrayLike | Sequence[ArrayLike]) -> None:
         try:
@@ -63,11 +64,10 @@ class JointTorqueLimits(ForceBudget):
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
         """Refuse bilateral contacts, and a number of contacts or a dimension other than the Jacobians'."""
-        if any(isinstance(c, BilateralContact) for c in contacts):
-            raise InputError("force_budget", "joint-torque limits", '"l2" with bilateral contacts')
+        super().check(contacts, space)
         if len(contacts) != len(self.jacobians):
             raise InputError("JointTorqueLimits.jacobians", f"{len(self.jacobians)} of them", f"{len(contacts)}")
-        d = 3 if space == 2 else 6
+        d = wrench_dimension(space)
         for i, J in enumerate(self.jacobians):
             if len(J) not in (space, d):
                 raise InputError(f"JointTorqueLimits.jacobians[{i}]", f"{len(J)} rows", f"{space} or {d} rows")
@@ -126,10 +126,8 @@ class _TorquesAtContacts(JointTorqueLimits):
         space = frames.shape[1]
         self.torques = []
         for J, tau, frame, contact in zip(given.jacobians, given.limits, frames, contacts, strict=True):
-            full = np.zeros((3 if space == 2 else 6,) * 2)
-            full[:space, :space] = frame
-            full[space:, space:] = frame if space == 3 else 1.0
-            self.torques.append((J.T / tau[:, None]) @ (full @ contact.basis(space))[: len(J)])
+            about_contact = wrench_transform(np.zeros(space), frame)
+            self.torques.append((J.T / tau[:, None]) @ (about_contact @ contact.basis(space))[: len(J)])
         self._sets: list[TorquePolytope | TorqueCone] = []
         for i, (c, T) in enumerate(zip(contacts, self.torques, strict=True)):
             listed = T.shape[1] <= MOST_LISTED and sum(len(M) > 1 for M in c.cones(space)) <= 1
@@ -138,8 +136,7 @@ class _TorquesAtContacts(JointTorqueLimits):
 
     def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
         """Return the sum of the contacts' largest works within their limits."""
-        ends = np.cumsum([0] + [T.shape[1] for T in self.torques]).tolist()
-        parts = [s.support(z[:, a:b]) for s, (a, b) in zip(self._sets, pairwise(ends), strict=True)]
+        parts = [s.support(z[:, r]) for s, r in zip(self._sets, ranges(contacts, space), strict=True)]
         return np.sum([p[0] for p in parts], axis=0), np.concatenate([p[1] for p in parts], axis=1)
 
     def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:

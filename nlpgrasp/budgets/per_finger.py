@@ -16,11 +16,8 @@ class PerFingerBudget(ForceBudget):
     """``f_n <= 1`` for every contact: the Minkowski sum of the contacts' wrenches (Ferrari and Canny's L-infinity)."""
 
     kind: ClassVar[str] = "per_finger"
+    limited: ClassVar[str] = "limits on normal force"
     power: ClassVar[float] = 1.0
-
-    def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Refuse bilateral contacts."""
-        extremes(np.zeros((1, sum(c.components(space) for c in contacts))), contacts, space)
 
     def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
         """Return the sum of the contacts' ``max(0, z_n + mu |z_t|)``; each presses fully or not at all."""

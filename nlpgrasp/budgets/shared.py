@@ -19,11 +19,8 @@ class SharedBudget(ForceBudget):
     """
 
     kind: ClassVar[str] = "shared"
+    limited: ClassVar[str] = "limits on normal force"
     power: ClassVar[float] = 8.0
-
-    def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Refuse bilateral contacts."""
-        extremes(np.zeros((1, sum(c.components(space) for c in contacts))), contacts, space)
 
     def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
         """Return the largest of the contacts' ``max(0, z_n + mu |z_t|)``; that contact presses alone."""

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from nlpgrasp.budgets.torque_polytope import check_bounded
+from nlpgrasp.conic_solver import cone_of, quiet_settings
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.validation import FloatArray
 
@@ -39,17 +40,13 @@ class TorqueCone:
         n = contact.components(space)
         check_bounded(contact, torques, n, name)
         self._contact, self._torques = contact, torques
-        rows, offsets = [torques, -torques], [np.ones(2 * len(torques))]
-        self._cones: list[object] = [clarabel.NonnegativeConeT(2 * len(torques))]
-        for M in contact.cones(space):
-            rows.append(-M)
-            offsets.append(np.zeros(len(M)))
-            self._cones.append(clarabel.NonnegativeConeT(1) if len(M) == 1 else clarabel.SecondOrderConeT(len(M)))
-        self._A, self._b = sparse.csc_matrix(np.concatenate(rows)), np.concatenate(offsets)
+        cones = contact.cones(space)
+        self._cones = [clarabel.NonnegativeConeT(2 * len(torques)), *[cone_of(M) for M in cones]]
+        self._A = sparse.csc_matrix(np.concatenate([torques, -torques, *[-M for M in cones]]))
+        self._b = np.zeros(self._A.shape[0])
+        self._b[: 2 * len(torques)] = 1.0
         self._none = sparse.csc_matrix((n, n))
-        self._options = clarabel.DefaultSettings()
-        self._options.verbose = False
-        self._options.tol_gap_abs = self._options.tol_gap_rel = self._options.tol_feas = TOLERANCE
+        self._options = quiet_settings(TOLERANCE)
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest work and a force that does it: (m, n) to (m,) and (m, n)."""

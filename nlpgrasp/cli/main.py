@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
-import numpy as np
 import typer
 
 from nlpgrasp.budgets import budget_from_dict
@@ -99,7 +98,7 @@ def quality_command(
         raise InputError(f"{file}: grasp", "none", "a file that holds a grasp")
     grasp = solution.grasp
     if torque_scale is None:
-        torque_scale = float(np.sqrt(np.mean(np.sum((grasp.points - grasp.torque_origin) ** 2, axis=1)))) or 1.0
+        torque_scale = grasp.mean_arm
     task = TaskEllipsoid.from_dict(solution.problem["task"])
     budget = budget_from_dict(solution.problem["force_budget"])
     found = mu(grasp, task, rtol, force_budget=budget)

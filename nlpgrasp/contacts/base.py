@@ -109,7 +109,6 @@ class ContactModel(ABC):
     def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
         """Return named expressions that are all non-negative exactly when ``x`` is in K_i (symbolic)."""
 
-    @abstractmethod
     def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
         """Return ``||P_K(z)||^2`` in closed form (symbolic), or ``None`` when there is none.
 
@@ -120,6 +119,7 @@ class ContactModel(ABC):
         ops : module
             ``numpy`` or ``casadi``: supplies ``fmax`` and ``fmin``.
         """
+        return None
 
     def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
         """Return the work of unit normal force at its best, ``z_n + mu |z_t|`` and so on (symbolic).

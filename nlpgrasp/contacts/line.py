@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
+from nlpgrasp.contacts.pad import friction_fields, pressing_variables
 from nlpgrasp.contacts.range_cone import Blocks, RangeContact
-from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray, number
 
 
@@ -47,14 +45,9 @@ class LineContact(RangeContact):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "length", number("LineContact.length", self.length, above=0.0))
-        if self.friction is None:
-            if self.torsional_friction is not None:
-                raise InputError("LineContact.torsional_friction", self.torsional_friction, "none without friction")
-        else:
-            object.__setattr__(self, "friction", number("LineContact.friction", self.friction, above=0.0))
-            torsion = self.torsional_friction
-            torsion = self.friction * self.length / 4.0 if torsion is None else torsion
-            object.__setattr__(self, "torsional_friction", number("LineContact.torsional_friction", torsion, above=0.0))
+        friction, torsion = friction_fields("LineContact", self.friction, self.torsional_friction, self.length / 4.0)
+        object.__setattr__(self, "friction", friction)
+        object.__setattr__(self, "torsional_friction", torsion)
         object.__setattr__(self, "direction", direction_field("LineContact.direction", self.direction))
 
     def axes(self, space: int) -> tuple[int, ...]:
@@ -87,8 +80,7 @@ class LineContact(RangeContact):
 
     def pressing(self, normal: FloatArray) -> FloatArray:
         """Return unit force along the normal and no moment."""
-        size = self.variables(len(normal))
-        return np.concatenate([np.ones(1) if self.friction is None else normal, np.zeros(size)])[:size]
+        return pressing_variables(normal, self.friction is not None, self.variables(len(normal)))
 
     def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
         """Return the force, and the moments about the normal and across the line."""
@@ -113,10 +105,6 @@ class LineContact(RangeContact):
         if normal.shape[0] == 3:
             rows.insert(1, ("torsion", (self.torsional_friction * pressing) ** 2 - x[3] ** 2))
         return rows
-
-    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
-        """Return ``None``: the moment across the line is not among the arguments."""
-        return None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model's name, length, coefficients and direction."""

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
+from nlpgrasp.contacts.pad import friction_fields, pressing_variables
 from nlpgrasp.contacts.range_cone import Blocks, RangeContact
 from nlpgrasp.errors import InputError
 from nlpgrasp.spatial import tangents as any_tangents
@@ -59,16 +60,9 @@ class PlaneContact(RangeContact):
             object.__setattr__(
                 self, "extents", tuple(number("PlaneContact.extents", s, above=0.0) for s in sides.tolist())
             )
-        if self.friction is None:
-            if self.torsional_friction is not None:
-                raise InputError("PlaneContact.torsional_friction", self.torsional_friction, "none without friction")
-        else:
-            object.__setattr__(self, "friction", number("PlaneContact.friction", self.friction, above=0.0))
-            torsion = self.torsional_friction
-            torsion = self.friction * self._mean_arm() if torsion is None else torsion
-            object.__setattr__(
-                self, "torsional_friction", number("PlaneContact.torsional_friction", torsion, above=0.0)
-            )
+        friction, torsion = friction_fields("PlaneContact", self.friction, self.torsional_friction, self._mean_arm())
+        object.__setattr__(self, "friction", friction)
+        object.__setattr__(self, "torsional_friction", torsion)
         object.__setattr__(self, "direction", direction_field("PlaneContact.direction", self.direction))
 
     def _mean_arm(self) -> float:
@@ -113,8 +107,7 @@ class PlaneContact(RangeContact):
 
     def pressing(self, normal: FloatArray) -> FloatArray:
         """Return unit force along the normal and no moment."""
-        size = self.variables(len(normal))
-        return np.concatenate([np.ones(1) if self.friction is None else normal, np.zeros(size)])[:size]
+        return pressing_variables(normal, self.friction is not None, self.variables(len(normal)))
 
     def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
         """Return the force and the moment."""
@@ -139,10 +132,6 @@ class PlaneContact(RangeContact):
             rows.append(("friction", (self.friction * pressing) ** 2 - sliding))
             rows.append(("torsion", (self.torsional_friction * pressing) ** 2 - x[3] ** 2))
         return rows
-
-    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
-        """Return ``None``: the tilting moments are not among the arguments."""
-        return None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model's name, pad, coefficients and direction."""

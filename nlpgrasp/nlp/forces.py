@@ -16,7 +16,7 @@ from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.validation import FloatArray
 
-LARGEST, LARGEST_OTHERWISE = 1.1, 50.0  # solver units: the L2 ball's own bound, and one that no budget reaches
+LARGEST, LARGEST_OTHERWISE = 1.1, 50.0  # solver units: the L2 ball's own bound, and a wide one
 
 
 def add_forces(program: Program, problem: GraspProblem, scaling: Scaling, direction: int) -> list[Any]:

@@ -10,6 +10,8 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
+from nlpgrasp.budgets.base import ranges
+from nlpgrasp.conic_solver import cone_of, quiet_settings
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.validation import FloatArray
 
@@ -25,20 +27,18 @@ def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArra
     contacts, space = wrench_set.contacts, wrench_set.space
     rows: list[FloatArray] = [np.concatenate([wrench_set.G, np.zeros((d, 1))], axis=1)]
     cones = [clarabel.ZeroConeT(d)]
-    start = 0
-    for contact in contacts:
-        count = contact.components(space)
+    matrices = []
+    for contact, r in zip(contacts, ranges(contacts, space), strict=True):
         for M in contact.cones(space):
-            full = np.zeros((len(M), n + 1))
-            full[:, start : start + count] = M
-            _add(rows, cones, full)
-        start += count
-    for M in wrench_set.budget.cones(contacts, space):
-        _add(rows, cones, M)
+            matrices.append(np.zeros((len(M), n + 1)))
+            matrices[-1][:, r] = M
+    matrices += wrench_set.budget.cones(contacts, space)
+    rows += [-M for M in matrices]
+    cones += [cone_of(M) for M in matrices]
     A = sparse.csc_matrix(np.concatenate(rows))
     cost = np.zeros(n + 1)
     cost[n] = 1.0
-    settings = [_settings(tolerance) for tolerance in TOLERANCES]
+    settings = [quiet_settings(tolerance) for tolerance in TOLERANCES]
     forces, directions = np.full((len(wrenches), n), np.nan), np.full((len(wrenches), d), np.nan)
     nothing = sparse.csc_matrix((n + 1, n + 1))
     for i, w in enumerate(wrenches):
@@ -53,15 +53,3 @@ def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArra
             if "Infeasible" in str(found.status):
                 break
     return forces, directions
-
-
-def _settings(tolerance: float) -> clarabel.DefaultSettings:
-    options = clarabel.DefaultSettings()
-    options.verbose = False
-    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = tolerance
-    return options
-
-
-def _add(rows: list[FloatArray], cones: list[object], matrix: FloatArray) -> None:
-    rows.append(-matrix)
-    cones.append(clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix)))

@@ -145,7 +145,7 @@ def _solution(
         bounds.worst_direction,
     )
     forces, moments = _forces(problem, best.grasp, bounds.lower)
-    scale = float(np.sqrt(np.mean(np.sum((best.grasp.points - best.grasp.torque_origin) ** 2, axis=1)))) or 1.0
+    scale = best.grasp.mean_arm
     measured = limit is None  # where time is short, mu alone
     return GraspSolution(
         status=cut_short or Status.SOLVED,
