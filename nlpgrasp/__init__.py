@@ -26,7 +26,7 @@ from nlpgrasp.contacts import (
 from nlpgrasp.errors import InputError, NlpgraspError, NoGraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
-from nlpgrasp.hands import Fingertips
+from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, SphereTip, URDFHand
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import (
     Bounds,
@@ -64,9 +64,12 @@ __all__ = [
     "BoxRegion",
     "Constraint",
     "Cylinder",
+    "CylinderTip",
     "Ellipsoid",
+    "EllipsoidTip",
     "FingerForces",
     "Fingertips",
+    "FlatTip",
     "Forbid",
     "FrictionContact",
     "Grasp",
@@ -89,6 +92,7 @@ __all__ = [
     "SoftContact",
     "SolveOptions",
     "Sphere",
+    "SphereTip",
     "Spread",
     "Stability",
     "StackBounds",
@@ -98,6 +102,7 @@ __all__ = [
     "TaskEllipsoid",
     "TaskSet",
     "Torus",
+    "URDFHand",
     "Verification",
     "Volume",
     "__version__",

@@ -30,6 +30,25 @@ class InputError(NlpgraspError, ValueError):
         return (InputError, (self.field, _shorten(self.given), self.allowed))
 
 
+class MissingExtraError(NlpgraspError, ImportError):
+    """An optional part that is not installed; the message says how to install it.
+
+    Parameters
+    ----------
+    what : str
+        What needs it.
+    extra : str
+        Name of the extra.
+    """
+
+    def __init__(self, what: str, extra: str) -> None:
+        self.what, self.extra = what, extra
+        super().__init__(f'{what} needs the extra "{extra}": pip install "nlpgrasp[{extra}]"')
+
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
+        return (MissingExtraError, (self.what, self.extra))
+
+
 class NoGraspError(NlpgraspError):
     """Raised by ``solve(..., throw=True)`` when no grasp was found; carries the result.
 

@@ -30,9 +30,10 @@ def check_placements(problem: GraspProblem) -> None:
     k, space = len(problem.models), problem.body.space
     p = [ca.SX.sym("p", space) for _ in range(k)]
     n = [ca.SX.sym("n", space) for _ in range(k)]
-    radius = 0.0 if problem.hand is None else problem.hand.tip_radius
-    placement = Placement(p, n, radius, problem.body.size)
-    rows = [row for constraint in problem.constraints for row in constraint.rows(placement)]
+    radii = (0.0,) * k if problem.hand is None else problem.hand.tip_radii
+    placement = Placement(p, n, radii, problem.body.size)
+    found = [row for constraint in problem.constraints for row in constraint.rows(placement)]
+    rows = [row for row in found if isinstance(row, Row)]
     if not rows and problem.hand is None:
         return
     rng = np.random.default_rng(0)

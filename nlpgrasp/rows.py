@@ -35,6 +35,79 @@ class Row:
 
 
 @dataclass(frozen=True)
+class Clearance:
+    """A point that stays a distance away from a body: ``lower <= distance(point)``.
+
+    Kept apart from :class:`Row` because the distance to a mesh is a spline, which exists as ``MX`` only.
+
+    Parameters
+    ----------
+    name : str
+    distance : casadi.Function
+        Point (space,) to signed distance, metres; never more than the true one outside.
+    point : casadi.SX
+        Column.
+    lower : float
+        Metres.
+    scale : float
+        As in :class:`Row`.
+    """
+
+    name: str
+    distance: Any
+    point: Expression
+    lower: float
+    scale: float = 1.0
+
+    def as_row(self) -> Row | None:
+        """Return the same as a row, or None where the distance is no ``SX`` expression."""
+        if not self.distance.is_a("SXFunction"):
+            return None
+        return Row(self.name, self.distance(self.point), self.lower, scale=self.scale)
+
+
+@dataclass(frozen=True)
+class LinkSphere:
+    """A sphere that stands for a part of a hand's link.
+
+    Parameters
+    ----------
+    name : str
+        ``"link/number"``.
+    centre : casadi.SX
+        Column, metres, body frame.
+    radius : float
+        Metres.
+    clearance : float
+        Least distance to the held body, metres; ``-inf`` for the part that touches it.
+    """
+
+    name: str
+    centre: Expression
+    radius: float
+    clearance: float = 0.0
+
+
+@dataclass(frozen=True)
+class PalmPose:
+    """Where the palm is, as symbols.
+
+    Parameters
+    ----------
+    position : casadi.SX
+        Origin of the palm's frame, metres, body frame.
+    rotation : casadi.SX
+        (3, 3), axes of the palm's frame as columns, body frame.
+    approach : casadi.SX
+        Unit direction in which the palm faces, body frame.
+    """
+
+    position: Expression
+    rotation: Expression
+    approach: Expression
+
+
+@dataclass(frozen=True)
 class Placement:
     """Where the contacts are, as symbols: what constraints are written in.
 
@@ -44,18 +117,24 @@ class Placement:
         Contact positions, metres, body frame.
     normals : sequence of k columns
         Unit normals pointing into the body.
-    radius : float
+    radii : sequence of k floats
         Of the fingertips, metres; 0 for points.
     size : float
         The body's characteristic length, metres.
+    spheres : sequence of LinkSphere
+        What else there is of the hand.
+    palm : PalmPose, optional
+        Where the hand has one.
     """
 
     positions: Sequence[Expression]
     normals: Sequence[Expression]
-    radius: float
+    radii: Sequence[float]
     size: float
+    spheres: Sequence[LinkSphere] = ()
+    palm: PalmPose | None = None
 
     @property
     def tips(self) -> list[Expression]:
         """Centres of the fingertips: ``p - radius n``, outside the body."""
-        return [p - self.radius * n for p, n in zip(self.positions, self.normals, strict=True)]
+        return [p - r * n for p, n, r in zip(self.positions, self.normals, self.radii, strict=True)]

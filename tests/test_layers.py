@@ -13,7 +13,7 @@ LAYERS = [
     ["bodies", "contacts", "tasks", "hands", "constraints"],
     ["budgets", "grasp", "grasp_stack"],
     ["quality"],
-    ["problem_check", "quality_data"],
+    ["problem_check", "problem_rows", "quality_data"],
     ["problem"],
     ["solution", "solution_data", "solution_file"],
     ["nlp", "verify"],

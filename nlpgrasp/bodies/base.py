@@ -15,6 +15,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray
 
 Expression = Any  # casadi.SX or casadi.MX
+TINY = 1e-24  # under a root, for its derivative at zero
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,23 @@ class Body(ABC):
     def symbol(self) -> type:
         """The CasADi type the surface is stated in: ``casadi.SX``, or ``casadi.MX`` for splines."""
         return ca.SX
+
+    def distance(self, p: Expression) -> Expression:
+        """Return the signed distance of a CasADi point to the body, metres, negative inside.
+
+        Outside never more than the true distance, so that a clearance kept by it is kept. By default ``h / |grad h|``,
+        exact to first order near the surface and a lower bound wherever h is convex.
+        """
+        if len(self.faces) > 1:
+            raise NotImplementedError(f"{type(self).__name__}.distance")
+        h = self.faces[0].surface(p)
+        return h / ca.sqrt(ca.sumsqr(ca.gradient(h, p)) + 1e-24)
+
+    @cached_property
+    def distance_function(self) -> ca.Function:
+        """The compiled :meth:`distance`."""
+        p = self.symbol.sym("p", self.space)  # type: ignore[attr-defined]
+        return ca.Function("distance", [p], [self.distance(p)], ["p"], ["d"])
 
     def select(self, names: Iterable[str] | None, field: str) -> tuple[str, ...]:
         """Return the named faces, or all, refusing names this body does not have."""
@@ -163,7 +181,8 @@ class Body(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """Keep what defines the body; compiled functions are made again where it is unpickled."""
-        return {k: v for k, v in self.__dict__.items() if k not in ("faces", "_functions", "centroid")}
+        made = ("faces", "_functions", "centroid", "distance_function", "_tree")
+        return {k: v for k, v in self.__dict__.items() if k not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -183,6 +202,15 @@ class Body(ABC):
                 name = name.replace("__", "_")
             result[face.name] = ca.Function(name, [p], outputs, ["p"], ["h", "slope", "normal", "extent"])
         return result
+
+
+def intersection(parts: Sequence[Expression]) -> Expression:
+    """Return the signed distance to an intersection of sets whose own distances grow at right angles."""
+    positive = sum(ca.fmax(d, 0.0) ** 2 for d in parts)
+    largest = parts[0]
+    for d in parts[1:]:
+        largest = ca.fmax(largest, d)
+    return ca.sqrt(positive + TINY) + ca.fmin(largest, 0.0)
 
 
 def grid_centroid(body: Body, resolution: int = 60) -> FloatArray:

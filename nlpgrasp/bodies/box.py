@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.bodies.base import Body, Expression, Face, intersection
 from nlpgrasp.validation import FloatArray, array, number
 
 
@@ -48,6 +49,11 @@ class Box(Body):
         """Return the six faces."""
         half = np.asarray(self.extents, dtype=float) / 2.0
         return tuple(_side(axis, sign, half) for axis in range(3) for sign in (1.0, -1.0))
+
+    def distance(self, p: Expression) -> Expression:
+        """Return the exact signed distance."""
+        half = np.asarray(self.extents, dtype=float) / 2.0
+        return intersection([ca.fabs(p[i]) - half[i] for i in range(3)])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the extents."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.bodies.base import TINY, Body, Expression, Face, intersection
 from nlpgrasp.validation import FloatArray, number
 
 
@@ -56,6 +57,11 @@ class Cylinder(Body):
             Face("top", lambda p: p[2] - half, lambda p: [round_part(p)]),
             Face("bottom", lambda p: -p[2] - half, lambda p: [round_part(p)]),
         )
+
+    def distance(self, p: Expression) -> Expression:
+        """Return the exact signed distance."""
+        around = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.radius
+        return intersection([around, ca.fabs(p[2]) - self.height / 2.0])
 
     def to_dict(self) -> dict[str, Any]:
         """Return radius and height."""

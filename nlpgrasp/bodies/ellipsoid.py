@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Face
+from nlpgrasp.bodies.base import TINY, Body, Expression, Face
 from nlpgrasp.validation import FloatArray, array, number
 
 
@@ -50,6 +50,12 @@ class Ellipsoid(Body):
         axes = ca.DM(np.asarray(self.semi_axes, dtype=float))
         scale = 0.5 * min(np.asarray(self.semi_axes, dtype=float))
         return (Face("surface", lambda p: scale * (ca.sumsqr(p / axes) - 1.0)),)
+
+    def distance(self, p: Expression) -> Expression:
+        """Return ``(g - 1) / |grad g|`` with the gauge ``g = |p / a|``: a lower bound outside, g being convex."""
+        axes = ca.DM(np.asarray(self.semi_axes, dtype=float))
+        gauge = ca.sqrt(ca.sumsqr(p / axes) + TINY)
+        return (gauge - 1.0) * gauge / ca.sqrt(ca.sumsqr(p / axes**2) + TINY)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the semi-axes."""

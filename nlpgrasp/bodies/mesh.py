@@ -12,10 +12,12 @@ import igl
 import numpy as np
 import trimesh
 
-from nlpgrasp.bodies.base import Body, Face
+from nlpgrasp.bodies.base import Body, Expression, Face
 from nlpgrasp.bodies.mesh_repair import read_mesh, usable_mesh
-from nlpgrasp.bodies.signed_distance import automatic_resolution, distance_spline
+from nlpgrasp.bodies.signed_distance import DistanceSpline, automatic_resolution, distance_spline
 from nlpgrasp.validation import FloatArray, integer, number
+
+CLEARANCE_CELLS, CLEARANCE_MARGIN = 56, 0.6  # grid for the distance of links: cells a side, margin over the size
 
 
 class Mesh(Body):
@@ -107,6 +109,23 @@ class Mesh(Body):
         """Return the one face."""
         return (Face("surface", self._spline.expression),)
 
+    def distance(self, p: Expression) -> Expression:
+        """Return a spline through the mesh's own signed distance, not smoothed; away from it a lower bound."""
+        return self._clearance_spline.everywhere(p)
+
+    @cached_property
+    def _clearance_spline(self) -> DistanceSpline:
+        vertices = np.asarray(self.mesh.vertices, dtype=float)
+        resolution = min(self.resolution, CLEARANCE_CELLS)
+        return distance_spline(vertices, np.asarray(self.mesh.faces), resolution, 0.0, CLEARANCE_MARGIN * self.size)
+
+    def signed_distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance of points (m, 3) to the mesh itself, negative inside, metres."""
+        vertices = np.ascontiguousarray(self.mesh.vertices, dtype=float)
+        kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+        queries = np.ascontiguousarray(points, dtype=float)
+        return np.asarray(igl.signed_distance(queries, vertices, np.ascontiguousarray(self.mesh.faces), kind)[0])
+
     def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the nearest points of the mesh, the outward normals there and the distances.
 
@@ -125,9 +144,16 @@ class Mesh(Body):
         vertices = np.ascontiguousarray(self.mesh.vertices, dtype=float)
         faces = np.ascontiguousarray(self.mesh.faces)
         queries = np.ascontiguousarray(points, dtype=float)
-        squared, triangles, positions = igl.point_mesh_squared_distance(queries, vertices, faces)[:3]
+        squared, triangles, positions = self._tree.squared_distance(vertices, faces, queries)
         normals = np.asarray(self.mesh.face_normals)[triangles]
         return np.asarray(positions), normals, np.sqrt(np.asarray(squared))
+
+    @cached_property
+    def _tree(self) -> Any:
+        tree = igl.AABB()
+        vertices = np.ascontiguousarray(self.mesh.vertices, dtype=float)
+        tree.init(vertices, np.ascontiguousarray(self.mesh.faces))
+        return tree
 
     def surface_samples(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return random points of the mesh itself, uniform by area, and its outward normals there."""

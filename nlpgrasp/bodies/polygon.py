@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.bodies.base import TINY, Body, Expression, Face
 from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray, array
 
@@ -54,6 +55,10 @@ class Polygon(Body):
         """Return one face an edge."""
         return tuple(edge_face(f"edge{i}", self.corners, i) for i in range(len(self.corners)))
 
+    def distance(self, p: Expression) -> Expression:
+        """Return the exact signed distance."""
+        return polygon_distance(self.corners, p)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the vertices."""
         return {"type": "polygon", "vertices": self.corners.tolist()}
@@ -95,6 +100,21 @@ def polygon_centroid(v: FloatArray) -> FloatArray:
 def _area(v: FloatArray) -> float:
     following = np.roll(v, -1, axis=0)
     return 0.5 * float(np.sum(v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0]))
+
+
+def polygon_distance(v: FloatArray, p: Expression) -> Expression:
+    """Return the signed distance of a CasADi point (its first two coordinates) to a polygon, negative inside."""
+    nearest: Expression = np.inf
+    sign: Expression = 1.0
+    for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
+        along, x, y = b - a, p[0] - a[0], p[1] - a[1]
+        t = ca.fmax(ca.fmin((x * along[0] + y * along[1]) / float(along @ along), 1.0), 0.0)
+        nearest = ca.fmin(nearest, (x - t * along[0]) ** 2 + (y - t * along[1]) ** 2)
+        if along[1] != 0.0:  # a ray along +x crosses the edge: one side becomes the other
+            beside = (p[1] >= min(a[1], b[1])) * (p[1] < max(a[1], b[1]))
+            crossed = beside * (x < y * (along[0] / along[1]))
+            sign = sign * (1.0 - 2.0 * crossed)
+    return sign * ca.sqrt(nearest + TINY)
 
 
 def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> Face:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Expression, Face
-from nlpgrasp.bodies.polygon import edge_face, polygon_centroid, simple_polygon
+from nlpgrasp.bodies.base import Body, Expression, Face, intersection
+from nlpgrasp.bodies.polygon import edge_face, polygon_centroid, polygon_distance, simple_polygon
 from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray, number
 
@@ -73,6 +74,10 @@ class Prism(Body):
 
         top = Face("top", lambda p: p[2] - half, inside)
         return (*sides, top, Face("bottom", lambda p: -p[2] - half, inside))
+
+    def distance(self, p: Expression) -> Expression:
+        """Return the exact signed distance."""
+        return intersection([polygon_distance(self.corners, p), ca.fabs(p[2]) - self.height / 2.0])
 
     def to_dict(self) -> dict[str, Any]:
         """Return polygon and height."""

@@ -41,6 +41,16 @@ class DistanceSpline:
         flat = ca.DM(self.coefficients.ravel(order="F"))
         return ca.bspline(p, flat, [list(k) for k in self.knots], [3, 3, 3], 1, {})
 
+    def everywhere(self, p: Any) -> Any:
+        """Return the spline at a CasADi ``MX`` point in its box, and a lower bound of the distance outside.
+
+        With q the nearest point of the box and the body inside the box, the angle at q between p and any point
+        of the body is not acute: ``d(p)^2 >= |p - q|^2 + d(q)^2``.
+        """
+        q = ca.fmin(ca.fmax(p, ca.DM(self.box[0])), ca.DM(self.box[1]))
+        near, beyond = self.expression(q), ca.sumsqr(p - q)
+        return near + beyond / (ca.sqrt(beyond + near**2) + ca.fabs(near))
+
 
 def automatic_resolution(extents: FloatArray) -> int:
     """Return grid cells along the longest side: fine enough for the shortest, within 600,000 grid points.
@@ -62,7 +72,9 @@ def automatic_resolution(extents: FloatArray) -> int:
     return max(resolution, LONGEST_SIDE)
 
 
-def distance_spline(vertices: FloatArray, faces: FloatArray, resolution: int, smoothing: float) -> DistanceSpline:
+def distance_spline(
+    vertices: FloatArray, faces: FloatArray, resolution: int, smoothing: float, margin: float = 0.0
+) -> DistanceSpline:
     """Return a spline through the smoothed signed distance, negative inside.
 
     The sign comes from fast winding numbers (Barill et al. 2018, doi:10.1145/3197517.3201337), so that scans
@@ -78,12 +90,15 @@ def distance_spline(vertices: FloatArray, faces: FloatArray, resolution: int, sm
     smoothing : float
         Standard deviation of the Gaussian, in cells; 0 for none. Noise in the normals is what defeats the
         solver on scans: 1.5 made every start of six scanned objects converge (theory, Section 6).
+    margin : float
+        How far the grid reaches beyond the mesh, metres; at least five cells.
     """
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     cell = float(np.max(upper - lower)) / resolution
+    around = max(MARGIN_CELLS, int(np.ceil(margin / cell)))
     axes = []
     for low, high in zip(lower, upper, strict=True):
-        count = int(np.ceil((high - low) / cell)) + 1 + 2 * MARGIN_CELLS
+        count = int(np.ceil((high - low) / cell)) + 1 + 2 * around
         axes.append((low + high) / 2.0 + cell * (np.arange(count) - (count - 1) / 2.0))
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import Body, Face
+from nlpgrasp.bodies.base import TINY, Body, Expression, Face
 from nlpgrasp.validation import FloatArray, number
 
 
@@ -45,6 +45,10 @@ class Sphere(Body):
     def make_faces(self) -> tuple[Face, ...]:
         """Return the one face."""
         return (Face("surface", lambda p: (ca.sumsqr(p) / self.radius - self.radius) / 2.0),)
+
+    def distance(self, p: Expression) -> Expression:
+        """Return ``|p| - r``."""
+        return ca.sqrt(ca.sumsqr(p) + TINY) - self.radius
 
     def to_dict(self) -> dict[str, Any]:
         """Return the radius."""

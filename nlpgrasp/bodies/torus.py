@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.bodies.base import TINY, Body, Expression, Face
 from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray, number
 
@@ -60,6 +60,11 @@ class Torus(Body):
             return ((ring**2 + p[2] ** 2) / minor - minor) / 2.0
 
         return (Face("surface", surface),)
+
+    def distance(self, p: Expression) -> Expression:
+        """Return the exact signed distance."""
+        ring = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.major_radius
+        return ca.sqrt(ring**2 + p[2] ** 2 + TINY) - self.minor_radius
 
     def to_dict(self) -> dict[str, Any]:
         """Return both radii."""

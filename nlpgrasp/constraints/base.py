@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any
 
-from nlpgrasp.rows import Placement, Row
+from nlpgrasp.rows import Clearance, Placement, Row
 
 
 class PlacementConstraint(ABC):
     """A condition on where the contacts may be ((3.5-15), (3.5-16))."""
 
     @abstractmethod
-    def rows(self, placement: Placement) -> list[Row]:
+    def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
         """Return the rows this constraint adds to the program."""
 
     def forbidden_faces(self) -> tuple[str, ...]:

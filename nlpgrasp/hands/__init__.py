@@ -2,5 +2,17 @@
 
 from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.fingertips import Fingertips
+from nlpgrasp.hands.tips import CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
+from nlpgrasp.hands.urdf_hand import URDFHand
 
-__all__ = ["Fingertips", "Hand", "HandVariable"]
+__all__ = [
+    "CylinderTip",
+    "EllipsoidTip",
+    "Fingertips",
+    "FlatTip",
+    "Hand",
+    "HandVariable",
+    "SphereTip",
+    "Tip",
+    "URDFHand",
+]

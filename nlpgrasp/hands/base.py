@@ -6,10 +6,13 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
-from nlpgrasp.rows import Placement, Row
+import numpy as np
+
+from nlpgrasp.rows import LinkSphere, PalmPose, Placement, Row
 from nlpgrasp.validation import FloatArray
 
 Expression = Any  # casadi.SX
+Values = dict[str, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,9 @@ class HandVariable:
 class Hand(ABC):
     """A hand: what it can reach, with one fingertip a contact, in the order of the contacts.
 
+    A hand either follows its contacts (:meth:`start`), or has a pose of its own from which a search begins
+    (:meth:`draw`).
+
     Attributes
     ----------
     count : int
@@ -44,20 +50,49 @@ class Hand(ABC):
 
     @property
     @abstractmethod
-    def tip_radius(self) -> float:
-        """Radius of the fingertips, metres; 0 for points."""
+    def tip_radii(self) -> tuple[float, ...]:
+        """Radius of each fingertip, metres; 0 for points and patches that are not round."""
+
+    @property
+    def follows_contacts(self) -> bool:
+        """Whether the hand's variables follow from where the contacts are."""
+        return True
 
     @abstractmethod
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
         """Return the variables the hand adds, given the body's bounding box (2, space)."""
 
     @abstractmethod
-    def start(self, tips: FloatArray) -> dict[str, FloatArray]:
-        """Return starting values of the variables for fingertip centres (k, space)."""
-
-    @abstractmethod
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
         """Return the rows the hand adds to the program."""
+
+    def start(self, tips: FloatArray) -> Values:
+        """Return starting values of the variables for fingertip centres (k, space)."""
+        return {}
+
+    def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
+        """Return random values of the variables, (count, m) each, and the fingertips' centres, (count, k, space).
+
+        Parameters
+        ----------
+        count : int
+        around : (count, space) array
+            Where the middle of the fingertips is to be.
+        rng : numpy.random.Generator
+        """
+        raise NotImplementedError
+
+    def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
+        """Return spheres that stand for the links, without the fingertips."""
+        return []
+
+    def palm(self, variables: dict[str, Expression]) -> PalmPose | None:
+        """Return the palm's pose, where the hand has one."""
+        return None
+
+    def describe(self, values: Values) -> dict[str, Any]:
+        """Return values of the variables as the JSON data of a solution."""
+        return {name: np.asarray(v).tolist() for name, v in values.items()}
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:

@@ -51,9 +51,9 @@ class Fingertips(Hand):
             object.__setattr__(self, "reach", number("Fingertips.reach", self.reach, above=0.0))
 
     @property
-    def tip_radius(self) -> float:
+    def tip_radii(self) -> tuple[float, ...]:
         """Radius of the fingertips."""
-        return self.radius
+        return (self.radius,) * self.count
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
         """Return the palm point when there is a reach."""

@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.nlp.distances import DistanceRows, chain_first, chain_second
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.validation import FloatArray
 
@@ -96,7 +97,7 @@ class CompiledProgram:
 
 def _nlp(program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the CasADi program and, where it is not all ``SX``, hand-assembled derivative functions."""
-    if all(part.function.is_a("SXFunction") for part in program.face_parts):
+    if not program.distance_parts and all(part.function.is_a("SXFunction") for part in program.face_parts):
         z = program.z
         rows = [program.g] + [part.function(z[part.position.range]) + part.linear for part in program.face_parts]
         return {"x": z, "p": program.theta, "f": -program.objective, "g": ca.vertcat(*rows)}, {}
@@ -104,40 +105,51 @@ def _nlp(program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _mixed(program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the program with the faces as ``MX`` and everything else as ``SX`` functions.
+    """Return the program with faces and distances as ``MX`` and everything else as ``SX`` functions.
 
-    CasADi would colour the Hessian of the whole graph and evaluate it through MX at 10 ms a call; the
-    Lagrangian splits into an SX part with an exact sparse Hessian and one small block per contact.
+    CasADi would colour the Hessian of the whole graph and evaluate it through MX at 10 ms a call; the Lagrangian
+    splits into an SX part with an exact sparse Hessian, one small block per contact, and the distances, whose
+    second derivatives by the chain rule are SX again once the spline's own derivatives are numbers.
     """
     z, theta = program.z, program.theta
     linear = ca.vertcat(*[part.linear for part in program.face_parts])
-    count, smooth = linear.shape[0], program.g.shape[0]
+    smooth, near, count = program.g.shape[0], program.distances, linear.shape[0]
     lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", smooth)
     rows = ca.Function("rows", [z, theta], [program.g, linear])
-    jacobian = ca.Function("rows_jac", [z, theta], [ca.jacobian(ca.vertcat(program.g, linear), z)])
     lagrangian = -lam_f * program.objective + ca.dot(lam_g, program.g)
-    hessian = ca.Function("rows_hess", [z, theta, lam_f, lam_g], [ca.triu(ca.hessian(lagrangian, z)[0])])
     objective = ca.Function("objective", [z, theta], [-program.objective])
+    points = program.points
+    slopes, bends = ca.SX.sym("slopes", points.shape[0]), ca.SX.sym("bends", 6 * near)
+    along = ca.jacobian(points, z)
+    first = [ca.jacobian(program.g, z), chain_first(along, slopes, near), ca.jacobian(linear, z)]
+    jacobian = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*first)], {"cse": True})
+    second = ca.hessian(lagrangian + ca.dot(slopes, points), z)[0] + chain_second(along, bends, near)
+    inputs = [z, theta, lam_f, lam_g, slopes, bends]
+    hessian = ca.Function("rows_hess", inputs, [ca.triu(second)], {"cse": True})
+    places = ca.Function("points", [z], [points], {"cse": True})
 
     x, p = ca.MX.sym("x", z.shape[0]), ca.MX.sym("p", theta.shape[0])
-    lam, sigma = ca.MX.sym("lam_g", smooth + count), ca.MX.sym("lam_f")
+    lam, sigma = ca.MX.sym("lam_g", smooth + near + count), ca.MX.sym("lam_f")
     smooth_rows, linear_rows = rows(x, p)
-    face_rows, jacobians, hessians, done = [], [], [], 0
+    distances = DistanceRows(program, places(x))
+    values, gradients = distances.first()
+    weighted, curvature = distances.second(lam[smooth : smooth + near])
+    face_rows, jacobians, hessians, done = [], [], [], smooth + near
     for part in program.face_parts:
         q = ca.MX.sym("q", part.position.stop - part.position.start)
         face = part.function(q)
         weight = ca.MX.sym("w", face.shape[0])
-        first = ca.Function("face_jac", [q], [ca.jacobian(face, q)])
-        second = ca.Function("face_hess", [q, weight], [ca.triu(ca.hessian(ca.dot(weight, face), q)[0])])
+        slope = ca.Function("face_jac", [q], [ca.jacobian(face, q)])
+        bend = ca.Function("face_hess", [q, weight], [ca.triu(ca.hessian(ca.dot(weight, face), q)[0])])
         here = x[part.position.range]
         face_rows.append(part.function(here))
-        jacobians.append(_embed(first(here), face.shape[0], part.position, z.shape[0]))
-        local = second(here, lam[smooth + done : smooth + done + face.shape[0]])
+        jacobians.append(_embed(slope(here), face.shape[0], part.position, z.shape[0]))
+        local = bend(here, lam[done : done + face.shape[0]])
         hessians.append(_embed_square(local, part.position, z.shape[0]))
         done += face.shape[0]
-    g = ca.vertcat(smooth_rows, linear_rows + ca.vertcat(*face_rows))
-    jac = jacobian(x, p) + ca.vertcat(ca.MX(smooth, z.shape[0]), *jacobians)
-    hess = hessian(x, p, sigma, lam[:smooth])
+    g = ca.vertcat(smooth_rows, values, linear_rows + ca.vertcat(*face_rows))
+    jac = jacobian(x, p, gradients) + ca.vertcat(ca.MX(smooth + near, z.shape[0]), *jacobians)
+    hess = hessian(x, p, sigma, lam[:smooth], weighted, curvature)
     for block in hessians:
         hess = hess + block
     derivatives = {

@@ -11,7 +11,7 @@ import numpy as np
 
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem import GraspProblem
-from nlpgrasp.rows import Placement
+from nlpgrasp.problem_rows import placement_rows
 from nlpgrasp.validation import FloatArray
 
 BOX_MARGIN = 0.03  # of the body's size: positions may leave the box a little on the way
@@ -98,18 +98,16 @@ def add_placement(program: Program, problem: GraspProblem, scaling: Scaling) -> 
 def add_constraints(program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols) -> None:
     """Add the rows of the user's constraints and of the hand."""
     metres = [ca.DM(scaling.origin) + scaling.length * p for p in contacts.positions]
-    radius = 0.0 if problem.hand is None else problem.hand.tip_radius
-    placement = Placement(metres, contacts.normals, radius, scaling.length)
-    rows = [row for constraint in problem.constraints for row in constraint.rows(placement)]
-    if problem.hand is not None:
-        symbols = {
-            b.name.removeprefix("hand "): b.scale * program.z[b.range]
-            for b in program.variables
-            if b.name.startswith("hand ")
-        }
-        rows += problem.hand.rows(placement, symbols)
-    for row in rows:
+    symbols = {
+        b.name.removeprefix("hand "): b.scale * program.z[b.range]
+        for b in program.variables
+        if b.name.startswith("hand ")
+    }
+    found = placement_rows(problem.body, problem.constraints, problem.hand, metres, contacts.normals, symbols)
+    for row in found.rows:
         program.constrain(row.name, row.expression, row.lower, row.upper, row.scale)
+    for item in found.clearances:
+        program.constrain_distance(item.name, item.distance, item.point, item.lower, item.scale)
 
 
 def add_faces(

@@ -54,12 +54,22 @@ class FacePart:
 
 
 @dataclass
+class DistancePart:
+    """Rows ``distance(point(z)) / scale`` through a body's distance, kept apart for the same reason."""
+
+    function: ca.Function  # point (space,) metres -> metres
+    points: list[Any]  # SX columns of the variables
+    scales: list[float]
+
+
+@dataclass
 class Program:
     """Variables, parameters, rows and an objective, filled block by block."""
 
     variables: list[Block] = field(default_factory=list)
     parameters: list[Block] = field(default_factory=list)
     rows: list[Block] = field(default_factory=list)
+    distance_parts: list[DistancePart] = field(default_factory=list)
     face_parts: list[FacePart] = field(default_factory=list)
     objective: Any = None
     _z: list[Any] = field(default_factory=list)
@@ -87,6 +97,17 @@ class Program:
         self._append(self.rows, self._g, name, rows, scale)
         size = rows.shape[0]
         self._limits.append((_filled(lower / scale, size), _filled(upper / scale, size)))
+
+    def constrain_distance(self, name: str, function: ca.Function, point: Any, lower: float, scale: float) -> None:
+        """Add the row ``lower <= function(point)``, divided by ``scale``; call these after :meth:`constrain`."""
+        if not self.distance_parts or self.distance_parts[-1].function is not function:
+            self.distance_parts.append(DistancePart(function, [], []))
+        part = self.distance_parts[-1]
+        part.points.append(point)
+        part.scales.append(scale)
+        start = self.rows[-1].stop if self.rows else 0
+        self.rows.append(Block(name, start, start + 1, scale))
+        self._limits.append((_filled(lower / scale, 1), _filled(np.inf, 1)))
 
     def constrain_face(
         self, names: list[tuple[str, int, float, float]], function: ca.Function, position: str, linear: Any
@@ -123,8 +144,18 @@ class Program:
 
     @property
     def g(self) -> Any:
-        """All rows that are SX expressions, one column; face rows follow them."""
+        """All rows that are SX expressions, one column; rows through distances and face rows follow them."""
         return ca.vertcat(*self._g) if self._g else ca.SX(0, 1)
+
+    @property
+    def distances(self) -> int:
+        """Number of rows through distances."""
+        return sum(len(part.points) for part in self.distance_parts)
+
+    @property
+    def points(self) -> Any:
+        """Their points, one after another, one column."""
+        return ca.vertcat(ca.SX(0, 1), *[point for part in self.distance_parts for point in part.points])
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:

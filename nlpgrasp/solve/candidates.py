@@ -2,30 +2,51 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
 
 import numpy as np
 
 from nlpgrasp.directions import directions
 from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.hands import Hand
 from nlpgrasp.quality.screening import sampled_ratios, screening_score
 from nlpgrasp.solve.workbench import FEASIBLE, Workbench
 from nlpgrasp.validation import FloatArray
 
 ENUMERATE_BELOW = 64
+POSES_A_CANDIDATE, CHECKED = 8, 48  # random hand poses a candidate; the best of them whose clearances are computed
+BLOCKED = 0.2  # weight of the links' mean overlap, over the body's size
+FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 
 
-def draw_start(bench: Workbench, rng: np.random.Generator) -> tuple[tuple[str, ...], FloatArray]:
+@dataclass(frozen=True)
+class Candidate:
+    """Where a start begins.
+
+    Parameters
+    ----------
+    faces : tuple of k str
+    points : (k, space) array
+    hand : dict
+        Values of the hand's variables.
+    """
+
+    faces: tuple[str, ...]
+    points: FloatArray
+    hand: dict[str, FloatArray]
+
+
+def draw_start(bench: Workbench, rng: np.random.Generator) -> Candidate:
     """Return the best of the screened placements.
 
     Face assignments are enumerated where there are few, so that each gets its share of the candidates, and
     sampled where there are many. Candidates that violate a constraint come after all that do not.
 
-    Returns
-    -------
-    faces : tuple of k str
-    points : (k, space) array
     """
+    hand = bench.problem.hand
+    if hand is not None and not hand.follows_contacts:
+        return draw_posed_start(bench, hand, rng)
     count = bench.options.candidates
     assignments = _assignments(bench, count, rng)
     points = np.stack([_place(bench, faces, rng) for faces in assignments])
@@ -33,9 +54,41 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> tuple[tuple[str, .
     stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
     ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
     score = screening_score(ratios) * bench.scaling.beta
-    violation = bench.violations(points, normals, bench.hand_start(points, normals))
+    values = bench.hand_start(points, normals)
+    violation = bench.violations(points, normals, values)
     best = int(np.argmax(np.where(violation <= FEASIBLE, score, -1.0 - violation)))
-    return assignments[best], points[best]
+    return Candidate(assignments[best], points[best], {name: v[best] for name, v in values.items()})
+
+
+def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> Candidate:
+    """Return the best of many random poses of a hand around the body.
+
+    Each fingertip's contact is the nearest sample point of the faces it may use. Poses are ranked by how well the
+    contacts resist the task, less how far the fingertips are from them; of the best, the one whose links are
+    least in the body's and each other's way is taken.
+    """
+    problem, size = bench.problem, bench.scaling.length
+    count = POSES_A_CANDIDATE * bench.options.candidates
+    everything = np.concatenate(list(bench.cloud.values()))
+    target = everything[rng.integers(len(everything), size=count)]
+    around = problem.body.centroid + rng.uniform(0.0, 0.8, (count, 1)) * (target - problem.body.centroid)
+    values, tips = hand.draw(count, around, rng)
+    points, normals = np.empty_like(tips), np.empty_like(tips)
+    faces = np.empty(tips.shape[:2], dtype=object)
+    far = np.zeros(count)
+    for i, radius in enumerate(hand.tip_radii):
+        names, cloud, inward, tree = bench.clouds(i)
+        distance, nearest = tree.query(tips[:, i])
+        points[:, i], normals[:, i], faces[:, i] = cloud[nearest], inward[nearest], names[nearest]
+        far += np.abs(distance - radius) / size
+    stack = GraspStack(points, normals, problem.models, problem.origin)
+    ratios = sampled_ratios(stack, problem.task, screening_directions(bench), bench.screening_budget)
+    score = screening_score(ratios) * bench.scaling.beta - FAR * far / hand.count
+    order = np.argsort(-score)[:CHECKED]
+    chosen = {name: v[order] for name, v in values.items()}
+    blocked = bench.blocked(points[order], normals[order], chosen)
+    best = int(order[np.argmax(score[order] - BLOCKED * blocked)])
+    return Candidate(tuple(faces[best]), points[best], {name: v[best] for name, v in values.items()})
 
 
 def screening_directions(bench: Workbench) -> FloatArray:

@@ -14,7 +14,7 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.nlp import CompiledProgram
 from nlpgrasp.quality import mu
 from nlpgrasp.solution import ConstraintReport, StartRecord, Status, SurfaceMatch
-from nlpgrasp.solve.candidates import draw_start
+from nlpgrasp.solve.candidates import Candidate, draw_start
 from nlpgrasp.solve.exchange import ExchangeState, contacts_of, exchange, fill_start
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.on_mesh import slide_onto_mesh
@@ -64,9 +64,10 @@ def _run(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResult:
     rng = np.random.default_rng([seed, index])
     clock = _Clock()
     try:
-        faces, points = draw_start(bench, rng)
+        begin = draw_start(bench, rng)
+        faces = begin.faces
         clock.mark("screen")
-        state, message = _first(bench, faces, points, rng)
+        state, message = _first(bench, begin, rng)
         clock.mark("vertex")
         if bench.options.exchange:
             state = exchange(bench, faces, state, rng, stop)
@@ -100,13 +101,10 @@ def _run(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResult:
     )
 
 
-def _first(
-    bench: Workbench, faces: tuple[str, ...], points: FloatArray, rng: np.random.Generator
-) -> tuple[ExchangeState, str]:
+def _first(bench: Workbench, begin: Candidate, rng: np.random.Generator) -> tuple[ExchangeState, str]:
     """Solve the first program; fall back on the screened placement where that is the better grasp."""
+    faces, points, hand = begin.faces, begin.points, begin.hand
     compiled = bench.first_program(faces)
-    normals = bench.inward_normals(faces, points)
-    hand = {name: v[0] for name, v in bench.hand_start(points[None], normals[None]).items()}
     start = fill_start(bench, compiled, faces, points, hand)
     start[compiled.program.block("beta").range] = 0.1
     result = compiled.solve(start, _parameters(bench, compiled, rng))

@@ -16,7 +16,8 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, has_closed_form, support_program, vertex_program
 from nlpgrasp.problem import GraspProblem
-from nlpgrasp.rows import Placement, Row
+from nlpgrasp.problem_rows import PlacementRows, placement_rows
+from nlpgrasp.rows import Row
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.validation import FloatArray
 
@@ -42,6 +43,7 @@ class Workbench:
         self.scaling = Scaling.of(problem)
         self._vertex: dict[tuple[str, ...], CompiledProgram] = {}
         self._cuts: dict[tuple[str, ...], CompiledProgram] = {}
+        self._clouds: dict[tuple[str, ...], tuple[Any, FloatArray, FloatArray, cKDTree]] = {}
 
     @property
     def space(self) -> int:
@@ -125,13 +127,9 @@ class Workbench:
         return SLOTS if has_closed_form(self.problem) else SLOTS_WITH_FORCES
 
     @cached_property
-    def constraint_rows(self) -> list[Row]:
-        """Rows of the user's constraints and of the hand, on symbols of :attr:`_symbols`."""
-        placement, hand = self._symbols[:2]
-        rows = [row for c in self.problem.constraints for row in c.rows(placement)]
-        if self.problem.hand is not None:
-            rows += self.problem.hand.rows(placement, hand)
-        return rows
+    def constraint_rows(self) -> tuple[Row, ...]:
+        """Rows of the user's constraints and of the hand, in the order of the program."""
+        return self._rows[0].named
 
     def constraint_values(self, points: FloatArray, normals: FloatArray, hand: dict[str, FloatArray]) -> FloatArray:
         """Return the rows' values in their own units, (b, rows), for placements (b, k, space)."""
@@ -153,12 +151,33 @@ class Workbench:
         excess = np.maximum(lower - values, values - upper) / scale
         return np.asarray(np.max(np.where(np.isfinite(values), np.maximum(excess, 0.0), np.inf), axis=1))
 
+    def blocked(self, points: FloatArray, normals: FloatArray, hand: dict[str, FloatArray]) -> FloatArray:
+        """Return the sum of each placement's violated inequalities, relative to the rows' scales, (b,)."""
+        values = self.constraint_values(points, normals, hand)
+        rows = [i for i, r in enumerate(self.constraint_rows) if r.lower < r.upper]
+        lower, upper, scale = (
+            np.array([getattr(self.constraint_rows[i], key) for i in rows]) for key in ("lower", "upper", "scale")
+        )
+        return np.asarray(
+            np.sum(np.maximum(np.maximum(lower - values[:, rows], values[:, rows] - upper), 0.0) / scale, axis=1)
+        )
+
+    def clouds(self, contact: int) -> tuple[Any, FloatArray, FloatArray, cKDTree]:
+        """Return face names, points and inward normals of what contact ``contact`` may use, and a search tree."""
+        names = tuple(n for n in self.problem.allowed_faces(contact) if n in self.cloud)
+        if names not in self._clouds:
+            points = np.concatenate([self.cloud[n] for n in names])
+            labels = np.concatenate([np.full(len(self.cloud[n]), n, dtype=object) for n in names])
+            normals = np.concatenate([-self.problem.body.evaluate(n, self.cloud[n])[2] for n in names])
+            self._clouds[names] = (labels, points, normals, cKDTree(points))
+        return self._clouds[names]
+
     def hand_start(self, points: FloatArray, normals: FloatArray) -> dict[str, FloatArray]:
         """Return the hand's starting variables for each placement, name -> (b, m)."""
         hand = self.problem.hand
         if hand is None or not hand.variables(self.problem.body.bounds):
             return {}
-        tips = points - hand.tip_radius * normals
+        tips = points - np.asarray(hand.tip_radii)[:, None] * normals
         starts = [hand.start(t) for t in tips]
         return {name: np.stack([s[name] for s in starts]) for name in starts[0]}
 
@@ -176,17 +195,27 @@ class Workbench:
         return points, -normals, cKDTree(points)
 
     @cached_property
-    def _symbols(self) -> tuple[Placement, dict[str, Any], list[Any]]:
-        space, k = self.space, len(self.problem.models)
+    def _rows(self) -> tuple[PlacementRows, list[Any]]:
+        """The rows on symbols of their own, and these symbols."""
+        space, k, problem = self.space, len(self.problem.models), self.problem
         p, n = ca.SX.sym("p", space * k), ca.SX.sym("n", space * k)
         split = list(range(0, space * k + 1, space))
-        hand = self.problem.hand
-        variables = [] if hand is None else hand.variables(self.problem.body.bounds)
+        variables = [] if problem.hand is None else problem.hand.variables(problem.body.bounds)
         symbols = {v.name: ca.SX.sym(v.name, len(v.lower)) for v in variables}
-        radius = 0.0 if hand is None else hand.tip_radius
-        placement = Placement(ca.vertsplit(p, split), ca.vertsplit(n, split), radius, self.scaling.length)
-        return placement, symbols, [p, n, *symbols.values()]
+        found = placement_rows(
+            problem.body, problem.constraints, problem.hand, ca.vertsplit(p, split), ca.vertsplit(n, split), symbols
+        )
+        return found, [p, n, *symbols.values()]
 
     @cached_property
     def _row_function(self) -> ca.Function:
-        return ca.Function("rows", self._symbols[2], [ca.vertcat(*[r.expression for r in self.constraint_rows])])
+        """Contacts and the hand's variables to the rows' values, in their own units."""
+        found, inputs = self._rows
+        points = ca.horzcat(*[c.point for c in found.clearances]) if found.clearances else ca.SX(self.space, 0)
+        smooth = ca.Function("rows", inputs, [ca.vertcat(*[r.expression for r in found.rows]), points])
+        if not found.clearances:
+            return ca.Function("rows", inputs, [ca.vertcat(*[r.expression for r in found.rows])])
+        symbols = [ca.MX.sym(f"x{i}", s.shape[0]) for i, s in enumerate(inputs)]
+        rows, places = smooth(*symbols)
+        distances = [c.distance(places[:, i]) for i, c in enumerate(found.clearances)]
+        return ca.Function("rows", symbols, [ca.vertcat(rows, *distances)])

@@ -13,7 +13,7 @@ NORMALS = -POSITIONS / np.linalg.norm(POSITIONS, axis=1, keepdims=True)
 
 def values(constraint, radius=0.0):
     """Return (name, value, lower, upper) of each row at the sample placement."""
-    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], radius, 1.0)
+    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [radius] * len(POSITIONS), 1.0)
     return [(r.name, float(ca.DM(r.expression)), r.lower, r.upper) for r in constraint.rows(placement)]
 
 
@@ -73,7 +73,7 @@ def test_matrix_limits_belong_to_their_elements():
 
 def test_fingertips_rows():
     hand = ng.Fingertips(3, radius=0.05, spread=1.0, reach=0.8)
-    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], 0.05, 1.0)
+    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [0.05] * len(POSITIONS), 1.0)
     rows = hand.rows(placement, {"palm": ca.SX([0.0, 0.0, 0.1])})
     tips = POSITIONS - 0.05 * NORMALS
     assert float(rows[0].expression) == pytest.approx(np.sum((tips[0] - [0, 0, 0.1]) ** 2))

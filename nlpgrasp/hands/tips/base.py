@@ -1,0 +1,93 @@
+"""What every fingertip states about itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.rows import Row
+from nlpgrasp.validation import FloatArray, array
+
+Expression = Any  # casadi.SX
+TILT = np.sin(np.radians(20.0))  # a finger may lean this far over before its own link is in the way
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Where a tip's link and its contact are, as symbols.
+
+    Parameters
+    ----------
+    name : str
+        How reports call it.
+    pose : casadi.SX
+        (4, 4) transform from the link's frame to the body's.
+    p, n : casadi.SX
+        Contact point and inward normal, body frame.
+    slide : casadi.SX or None
+        The patch's own coordinate.
+    size : float
+        The body's characteristic length, for scaling.
+    """
+
+    name: str
+    pose: Expression
+    p: Expression
+    n: Expression
+    slide: Expression
+    size: float
+
+
+class Tip(ABC):
+    """A convex patch of a link's surface that touches the body.
+
+    At the contact the patch's outward normal is the body's inward normal n, and the point of the patch with
+    that normal is the contact point p.
+    """
+
+    kind: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def centre(self) -> FloatArray:
+        """A point in the middle of the patch or behind it, (3,), link frame: where to begin."""
+
+    @property
+    def standoff(self) -> float:
+        """Radius of the ball behind the contact that belongs to the patch, metres; 0 where it is not round."""
+        return 0.0
+
+    @property
+    def slides(self) -> bool:
+        """Whether the patch has a coordinate of its own, between 0 and 1."""
+        return False
+
+    @abstractmethod
+    def rows(self, touch: Touch) -> list[Row]:
+        """Return the rows that put the contact onto the patch."""
+
+    @abstractmethod
+    def most_radius(self, centres: FloatArray) -> FloatArray:
+        """Return how large spheres of the same link may be without getting in the patch's way, (m, 3) to (m,)."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Return the patch as JSON data."""
+
+
+def equal(touch: Touch, left: Expression, right: Expression) -> list[Row]:
+    """Return rows for ``left = right``, columns of 3."""
+    return [Row(f"{touch.name}, {axis}", left[i] - right[i], 0.0, 0.0, touch.size) for i, axis in enumerate("xyz")]
+
+
+def frame_of(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
+    """Return the (4, 4) transform of an offset and roll, pitch, yaw, checked."""
+    pose = np.eye(4)
+    pose[:3, 3] = array(f"{field}.offset", offset, (3,))
+    pose[:3, :3] = Rotation.from_euler("xyz", array(f"{field}.rpy", rpy, (3,))).as_matrix()
+    return pose

@@ -1,0 +1,83 @@
+"""The side of a finger link: a contact anywhere along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.tips.base import Tip, Touch, equal
+from nlpgrasp.rows import Row
+from nlpgrasp.validation import FloatArray, array, number
+
+
+@dataclass(frozen=True)
+class CylinderTip(Tip):
+    """The side of a cylinder between two points of its axis; where along it is the patch's own coordinate.
+
+    Parameters
+    ----------
+    radius : float
+        Metres, greater than zero.
+    start, end : (3,) array
+        Ends of the axis, metres, link frame.
+    """
+
+    kind: ClassVar[str] = "cylinder"
+    radius: float
+    start: ArrayLike
+    end: ArrayLike
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", number("CylinderTip.radius", self.radius, above=0.0))
+        ends = [array(f"CylinderTip.{name}", getattr(self, name), (3,)) for name in ("start", "end")]
+        if np.linalg.norm(ends[1] - ends[0]) < 1e-9:
+            raise InputError("CylinderTip.end", self.end, "another point than the start")
+        for name, value in zip(("start", "end"), ends, strict=True):
+            object.__setattr__(self, name, tuple(value.tolist()))
+
+    @property
+    def ends(self) -> FloatArray:
+        """Both ends of the axis, (2, 3)."""
+        return np.array([self.start, self.end], dtype=float)
+
+    @property
+    def centre(self) -> FloatArray:
+        """The middle of the axis."""
+        return np.asarray(self.ends.mean(axis=0))
+
+    @property
+    def standoff(self) -> float:
+        """The cylinder's radius."""
+        return self.radius
+
+    @property
+    def slides(self) -> bool:
+        """True."""
+        return True
+
+    def rows(self, touch: Touch) -> list[Row]:
+        """Return ``a + s (b - a) = p - r n`` and ``n`` across the axis."""
+        a, b = self.ends
+        local = ca.DM(a) + touch.slide * ca.DM(b - a)
+        centre = touch.pose[:3, 3] + ca.mtimes(touch.pose[:3, :3], local)
+        along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
+        return [
+            *equal(touch, centre, touch.p - self.radius * touch.n),
+            Row(f"{touch.name}, across", ca.dot(along, touch.n), 0.0, 0.0),
+        ]
+
+    def most_radius(self, centres: FloatArray) -> FloatArray:
+        """Return how far spheres may reach without leaving the cylinder's own radius."""
+        a, b = self.ends
+        t = np.clip((centres - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
+        off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)
+        return np.asarray(np.maximum(self.radius - off, 0.0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return radius and ends."""
+        return {"type": self.kind, "radius": self.radius, "start": list(self.ends[0]), "end": list(self.ends[1])}

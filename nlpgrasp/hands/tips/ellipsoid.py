@@ -1,0 +1,90 @@
+"""A convex fingertip: a patch of an ellipsoid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal, frame_of
+from nlpgrasp.rows import Row
+from nlpgrasp.validation import FloatArray, array, number
+
+
+@dataclass(frozen=True)
+class EllipsoidTip(Tip):
+    """The part of an ellipsoid whose outward normal is within an angle of a direction.
+
+    With A = diag(semi-axes) and the normal m in the ellipsoid's axes, the point with that normal is
+    ``A^2 m / |A m|`` (the gradient of the support function).
+
+    Parameters
+    ----------
+    semi_axes : (3,) array
+        Metres, greater than zero.
+    offset, rpy : (3,) array
+        Pose of the ellipsoid in the link's frame, metres and radians.
+    facing : (3,) array, optional
+        Middle of the patch: an outward direction in the ellipsoid's frame; the whole ellipsoid when left out.
+    angle : float
+        Radians from ``facing``, up to pi.
+    """
+
+    kind: ClassVar[str] = "ellipsoid"
+    semi_axes: ArrayLike
+    offset: ArrayLike = (0.0, 0.0, 0.0)
+    rpy: ArrayLike = (0.0, 0.0, 0.0)
+    facing: ArrayLike | None = None
+    angle: float = np.pi / 2.0
+
+    def __post_init__(self) -> None:
+        axes = array("EllipsoidTip.semi_axes", self.semi_axes, (3,))
+        if np.any(axes <= 0.0):
+            raise InputError("EllipsoidTip.semi_axes", axes.tolist(), "three lengths above zero")
+        object.__setattr__(self, "semi_axes", tuple(axes.tolist()))
+        frame_of("EllipsoidTip", self.offset, self.rpy)
+        object.__setattr__(self, "offset", tuple(np.asarray(self.offset, float).tolist()))
+        object.__setattr__(self, "rpy", tuple(np.asarray(self.rpy, float).tolist()))
+        object.__setattr__(self, "angle", number("EllipsoidTip.angle", self.angle, above=0.0, at_most=np.pi))
+        if self.facing is not None:
+            direction = array("EllipsoidTip.facing", self.facing, (3,))
+            length = float(np.linalg.norm(direction))
+            if length == 0.0:
+                raise InputError("EllipsoidTip.facing", self.facing, "a direction")
+            object.__setattr__(self, "facing", tuple((direction / length).tolist()))
+
+    @property
+    def centre(self) -> FloatArray:
+        """The ellipsoid's centre."""
+        return np.asarray(self.offset, dtype=float)
+
+    def rows(self, touch: Touch) -> list[Row]:
+        """Return ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and the patch's edge."""
+        here = ca.mtimes(touch.pose, ca.DM(frame_of("EllipsoidTip", self.offset, self.rpy)))
+        m = ca.mtimes(here[:3, :3].T, touch.n)
+        scaled = ca.DM(np.asarray(self.semi_axes)) * m
+        point = here[:3, 3] + ca.mtimes(here[:3, :3], ca.DM(np.asarray(self.semi_axes)) * scaled) / ca.norm_2(scaled)
+        rows = equal(touch, point, touch.p)
+        if self.facing is not None:
+            towards = ca.dot(ca.DM(np.asarray(self.facing)), m)
+            rows.append(Row(f"{touch.name}, within the patch", towards, float(np.cos(self.angle))))
+        return rows
+
+    def most_radius(self, centres: FloatArray) -> FloatArray:
+        """Return the radii of a cone of 20 degrees around the smallest semi-axis."""
+        return np.asarray(min(self.semi_axes) + TILT * np.linalg.norm(centres - self.centre, axis=1))  # type: ignore[type-var, arg-type]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return shape, pose and extent."""
+        return {
+            "type": self.kind,
+            "semi_axes": list(np.asarray(self.semi_axes, float)),
+            "offset": list(np.asarray(self.offset, float)),
+            "rpy": list(np.asarray(self.rpy, float)),
+            "facing": None if self.facing is None else list(np.asarray(self.facing, float)),
+            "angle": self.angle,
+        }

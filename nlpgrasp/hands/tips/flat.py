@@ -1,0 +1,81 @@
+"""A flat fingertip: a pad, or a part of the palm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.tips.base import Tip, Touch, frame_of
+from nlpgrasp.rows import Row
+from nlpgrasp.validation import FloatArray, array
+
+
+@dataclass(frozen=True)
+class FlatTip(Tip):
+    """A flat rectangle whose outward normal is the z axis of its own frame.
+
+    Parameters
+    ----------
+    extents : (2,) array
+        Full lengths along x and y, metres, greater than zero.
+    offset, rpy : (3,) array
+        Pose of the rectangle's middle in the link's frame, metres and radians.
+    """
+
+    kind: ClassVar[str] = "flat"
+    extents: ArrayLike
+    offset: ArrayLike = (0.0, 0.0, 0.0)
+    rpy: ArrayLike = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        extents = array("FlatTip.extents", self.extents, (2,))
+        if np.any(extents <= 0.0):
+            raise InputError("FlatTip.extents", extents.tolist(), "two lengths above zero")
+        object.__setattr__(self, "extents", tuple(extents.tolist()))
+        frame_of("FlatTip", self.offset, self.rpy)
+        object.__setattr__(self, "offset", tuple(np.asarray(self.offset, float).tolist()))
+        object.__setattr__(self, "rpy", tuple(np.asarray(self.rpy, float).tolist()))
+
+    @property
+    def frame(self) -> FloatArray:
+        """Pose of the rectangle in the link's frame, (4, 4)."""
+        return frame_of("FlatTip", self.offset, self.rpy)
+
+    @property
+    def centre(self) -> FloatArray:
+        """The rectangle's middle."""
+        return np.asarray(self.offset, dtype=float)
+
+    def rows(self, touch: Touch) -> list[Row]:
+        """Return: the normals agree, the contact is in the plane, and within the rectangle."""
+        here = ca.mtimes(touch.pose, ca.DM(self.frame))
+        local = ca.mtimes(here[:3, :3].T, touch.p - here[:3, 3])
+        m = ca.mtimes(here[:3, :3].T, touch.n)
+        half = np.asarray(self.extents, dtype=float) / 2.0
+        return [
+            Row(f"{touch.name}, normal x", m[0], 0.0, 0.0),
+            Row(f"{touch.name}, normal y", m[1], 0.0, 0.0),
+            Row(f"{touch.name}, facing", m[2], 0.0),
+            Row(f"{touch.name}, plane", local[2], 0.0, 0.0, touch.size),
+            Row(f"{touch.name}, extent x", local[0], -half[0], half[0], touch.size),
+            Row(f"{touch.name}, extent y", local[1], -half[1], half[1], touch.size),
+        ]
+
+    def most_radius(self, centres: FloatArray) -> FloatArray:
+        """Return the distance behind the pad's plane."""
+        frame = self.frame
+        return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2], 0.0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return extents and pose."""
+        return {
+            "type": self.kind,
+            "extents": list(np.asarray(self.extents, float)),
+            "offset": list(np.asarray(self.offset, float)),
+            "rpy": list(np.asarray(self.rpy, float)),
+        }

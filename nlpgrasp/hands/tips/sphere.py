@@ -1,0 +1,58 @@
+"""A spherical fingertip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal
+from nlpgrasp.rows import Row
+from nlpgrasp.validation import FloatArray, array, number
+
+
+@dataclass(frozen=True)
+class SphereTip(Tip):
+    """A sphere fixed to a link: ``c(q) = p - r n`` (theory, Section 6).
+
+    Parameters
+    ----------
+    radius : float
+        Metres, greater than zero.
+    offset : (3,) array
+        Centre, metres, link frame.
+    """
+
+    kind: ClassVar[str] = "sphere"
+    radius: float
+    offset: ArrayLike = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", number("SphereTip.radius", self.radius, above=0.0))
+        object.__setattr__(self, "offset", tuple(array("SphereTip.offset", self.offset, (3,)).tolist()))
+
+    @property
+    def centre(self) -> FloatArray:
+        """The sphere's centre."""
+        return np.asarray(self.offset, dtype=float)
+
+    @property
+    def standoff(self) -> float:
+        """The sphere's radius."""
+        return self.radius
+
+    def rows(self, touch: Touch) -> list[Row]:
+        """Return ``c = p - r n``."""
+        centre = touch.pose[:3, 3] + ca.mtimes(touch.pose[:3, :3], ca.DM(self.centre))
+        return equal(touch, centre, touch.p - self.radius * touch.n)
+
+    def most_radius(self, centres: FloatArray) -> FloatArray:
+        """Return the radii of a cone of 20 degrees around the sphere."""
+        return np.asarray(self.radius + TILT * np.linalg.norm(centres - self.centre, axis=1))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return radius and offset."""
+        return {"type": self.kind, "radius": self.radius, "offset": list(self.centre)}

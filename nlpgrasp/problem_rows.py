@@ -1,0 +1,104 @@
+"""All rows that constraints and the hand put on a placement, in one order for everybody."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.constraints import PlacementConstraint
+from nlpgrasp.hands import Hand
+from nlpgrasp.rows import Clearance, LinkSphere, Placement, Row
+
+Expression = Any  # casadi.SX
+
+
+@dataclass(frozen=True)
+class PlacementRows:
+    """Rows of a placement: scalar ones first, then those through the distance to a mesh.
+
+    Parameters
+    ----------
+    rows : tuple of Row
+    clearances : tuple of Clearance
+    """
+
+    rows: tuple[Row, ...]
+    clearances: tuple[Clearance, ...] = ()
+
+    @property
+    def named(self) -> tuple[Row, ...]:
+        """All rows in order, those of clearances without an expression."""
+        distances = (Row(c.name, None, c.lower, scale=c.scale) for c in self.clearances)
+        return (*self.rows, *distances)
+
+
+def placement_of(
+    hand: Hand | None,
+    positions: Sequence[Expression],
+    normals: Sequence[Expression],
+    variables: dict[str, Expression],
+    size: float,
+) -> Placement:
+    """Return what constraints are written in, for symbols of the contacts and of the hand's variables."""
+    if hand is None:
+        return Placement(positions, normals, (0.0,) * len(positions), size)
+    return Placement(positions, normals, hand.tip_radii, size, hand.spheres(variables), hand.palm(variables))
+
+
+def placement_rows(
+    body: Body,
+    constraints: Sequence[PlacementConstraint],
+    hand: Hand | None,
+    positions: Sequence[Expression],
+    normals: Sequence[Expression],
+    variables: dict[str, Expression],
+) -> PlacementRows:
+    """Return the rows of the constraints, of the hand, and of the links' clearance from the body.
+
+    Parameters
+    ----------
+    body : Body
+    constraints : sequence of PlacementConstraint
+    hand : Hand or None
+    positions, normals : sequences of k columns
+        Metres, body frame; inward unit normals.
+    variables : dict
+        The hand's variables by name, in the hand's units.
+    """
+    placement = placement_of(hand, positions, normals, variables, body.size)
+    given: list[Row | Clearance] = [row for c in constraints for row in c.rows(placement)]
+    if hand is not None:
+        given += hand.rows(placement, variables)
+        given += [_clear(body, sphere) for sphere in placement.spheres if np.isfinite(sphere.clearance)]
+    rows, clearances = [], []
+    for item in given:
+        if isinstance(item, Clearance):
+            row = item.as_row()
+            if row is None:
+                clearances.append(item)
+                continue
+            rows.append(row)
+        else:
+            rows.append(item)
+    return _shared(rows, clearances) if placement.spheres else PlacementRows(tuple(rows), tuple(clearances))
+
+
+def _clear(body: Body, sphere: LinkSphere) -> Clearance:
+    lower = sphere.radius + sphere.clearance
+    return Clearance(f"clearance, {sphere.name}", body.distance_function, sphere.centre, lower, body.size)
+
+
+def _shared(rows: list[Row], clearances: list[Clearance]) -> PlacementRows:
+    """Return the rows with common subexpressions computed once: the links' poses are in most of them."""
+    every = ca.cse(ca.vertcat(*[r.expression for r in rows], *[c.point for c in clearances]))
+    scalars = ca.vertsplit(every[: len(rows)])
+    points = ca.vertsplit(every[len(rows) :], 3) if clearances else []
+    return PlacementRows(
+        tuple(replace(r, expression=e) for r, e in zip(rows, scalars, strict=True)),
+        tuple(replace(c, point=p) for c, p in zip(clearances, points, strict=True)),
+    )
