@@ -15,6 +15,7 @@ from nlpgrasp.hands import Hand
 from nlpgrasp.rows import Clearance, LinkSphere, Placement, Row
 
 Expression = Any  # casadi.SX
+CLEARANCE = "clearance from the body"
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def placement_rows(
 
 def _clear(body: Body, sphere: LinkSphere) -> Clearance:
     lower = sphere.radius + sphere.clearance
-    return Clearance(f"clearance, {sphere.name}", body.distance_function, sphere.centre, lower, body.size)
+    return Clearance(f"{CLEARANCE}, {sphere.name}", body.distance_function, sphere.centre, lower, body.size)
 
 
 def _shared(rows: list[Row], clearances: list[Clearance]) -> PlacementRows:

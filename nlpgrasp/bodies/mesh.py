@@ -17,7 +17,7 @@ from nlpgrasp.bodies.mesh_repair import read_mesh, usable_mesh
 from nlpgrasp.bodies.signed_distance import DistanceSpline, automatic_resolution, distance_spline
 from nlpgrasp.validation import FloatArray, integer, number
 
-CLEARANCE_CELLS, CLEARANCE_MARGIN = 56, 0.6  # grid for the distance of links: cells a side, margin over the size
+CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of links; margin over the size
 
 
 class Mesh(Body):
@@ -116,8 +116,10 @@ class Mesh(Body):
     @cached_property
     def _clearance_spline(self) -> DistanceSpline:
         vertices = np.asarray(self.mesh.vertices, dtype=float)
-        resolution = min(self.resolution, CLEARANCE_CELLS)
-        return distance_spline(vertices, np.asarray(self.mesh.faces), resolution, 0.0, CLEARANCE_MARGIN * self.size)
+        margin = CLEARANCE_MARGIN * self.size
+        sides = np.ptp(self.bounds, axis=0) + 2.0 * margin
+        cells = (CLEARANCE_POINTS / np.prod(sides)) ** (1.0 / 3.0) * float(np.max(np.ptp(self.bounds, axis=0)))
+        return distance_spline(vertices, np.asarray(self.mesh.faces), max(int(cells), 8), 0.0, margin)
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3) to the mesh itself, negative inside, metres."""

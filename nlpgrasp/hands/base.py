@@ -86,6 +86,10 @@ class Hand(ABC):
         """Return spheres that stand for the links, without the fingertips."""
         return []
 
+    def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
+        """Return the centres of round fingertips, body frame; None for the others and where the contacts decide."""
+        return [None] * self.count
+
     def palm(self, variables: dict[str, Expression]) -> PalmPose | None:
         """Return the palm's pose, where the hand has one."""
         return None

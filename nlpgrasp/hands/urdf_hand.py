@@ -177,12 +177,15 @@ class URDFHand(Hand):
         """Return: the quaternion's length, each contact on its fingertip, links apart from each other."""
         rows = [Row("palm quaternion of unit length", ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
         poses = self._poses(variables)
-        slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
-        for i, (link, tip) in enumerate(self.tips):
-            slide = next(slides) if tip.slides else None
+        for i, (link, tip, slide) in enumerate(self._tips_with_slides(variables)):
             p, n = placement.positions[i], placement.normals[i]
             rows += tip.rows(Touch(f"on fingertip {link}, finger {i}", poses[link], p, n, slide, placement.size))
         return rows + self._self_collision_rows(variables)
+
+    def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
+        """Return the centres of round fingertips in the body's frame, None for the others."""
+        poses = self._poses(variables)
+        return [tip.ball_centre(poses[link], slide) for link, tip, slide in self._tips_with_slides(variables)]
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
         """Return the links' spheres in the body's frame."""
@@ -274,6 +277,10 @@ class URDFHand(Hand):
             "missing": list(self.robot.missing),
             "torque_limits": dict(self.torque_limits),
         }
+
+    def _tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
+        slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
+        return [(link, tip, next(slides) if tip.slides else None) for link, tip in self.tips]
 
     def _poses(self, variables: dict[str, Expression]) -> dict[str, Expression]:
         """Return the links' poses in the body's frame."""

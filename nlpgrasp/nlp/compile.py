@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy import sparse
 
-from nlpgrasp.nlp.distances import DistanceRows, chain_first, chain_second
+from nlpgrasp.nlp.functions import ProgramFunctions
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.validation import FloatArray
 
@@ -58,10 +60,16 @@ class CompiledProgram:
 
     def __init__(self, program: Program, ipopt: dict[str, Any]) -> None:
         self.program = program
-        options: dict[str, Any] = {f"ipopt.{key}": value for key, value in ipopt.items()}
-        options |= {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "record_time": True}
-        nlp, derivatives = _nlp(program)
-        self._solver = ca.nlpsol("grasp", "ipopt", nlp, options | derivatives)
+        self._options: dict[str, Any] = {f"ipopt.{key}": value for key, value in ipopt.items()}
+        self._options |= {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "record_time": True}
+
+    @cached_property
+    def _functions(self) -> ProgramFunctions:
+        return ProgramFunctions(self.program)
+
+    @cached_property
+    def _solver(self) -> ca.Function:
+        return ca.nlpsol("grasp", "ipopt", self._functions.nlp, self._options | self._functions.derivatives)
 
     def solve(
         self,
@@ -94,82 +102,7 @@ class CompiledProgram:
             face_rows=sum(part.linear.shape[0] for part in self.program.face_parts),
         )
 
-
-def _nlp(program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the CasADi program and, where it is not all ``SX``, hand-assembled derivative functions."""
-    if not program.distance_parts and all(part.function.is_a("SXFunction") for part in program.face_parts):
-        z = program.z
-        rows = [program.g] + [part.function(z[part.position.range]) + part.linear for part in program.face_parts]
-        return {"x": z, "p": program.theta, "f": -program.objective, "g": ca.vertcat(*rows)}, {}
-    return _mixed(program)
-
-
-def _mixed(program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the program with faces and distances as ``MX`` and everything else as ``SX`` functions.
-
-    CasADi would colour the Hessian of the whole graph and evaluate it through MX at 10 ms a call; the Lagrangian
-    splits into an SX part with an exact sparse Hessian, one small block per contact, and the distances, whose
-    second derivatives by the chain rule are SX again once the spline's own derivatives are numbers.
-    """
-    z, theta = program.z, program.theta
-    linear = ca.vertcat(*[part.linear for part in program.face_parts])
-    smooth, near, count = program.g.shape[0], program.distances, linear.shape[0]
-    lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", smooth)
-    rows = ca.Function("rows", [z, theta], [program.g, linear])
-    lagrangian = -lam_f * program.objective + ca.dot(lam_g, program.g)
-    objective = ca.Function("objective", [z, theta], [-program.objective])
-    points = program.points
-    slopes, bends = ca.SX.sym("slopes", points.shape[0]), ca.SX.sym("bends", 6 * near)
-    along = ca.jacobian(points, z)
-    first = [ca.jacobian(program.g, z), chain_first(along, slopes, near), ca.jacobian(linear, z)]
-    jacobian = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*first)], {"cse": True})
-    second = ca.hessian(lagrangian + ca.dot(slopes, points), z)[0] + chain_second(along, bends, near)
-    inputs = [z, theta, lam_f, lam_g, slopes, bends]
-    hessian = ca.Function("rows_hess", inputs, [ca.triu(second)], {"cse": True})
-    places = ca.Function("points", [z], [points], {"cse": True})
-
-    x, p = ca.MX.sym("x", z.shape[0]), ca.MX.sym("p", theta.shape[0])
-    lam, sigma = ca.MX.sym("lam_g", smooth + near + count), ca.MX.sym("lam_f")
-    smooth_rows, linear_rows = rows(x, p)
-    distances = DistanceRows(program, places(x))
-    values, gradients = distances.first()
-    weighted, curvature = distances.second(lam[smooth : smooth + near])
-    face_rows, jacobians, hessians, done = [], [], [], smooth + near
-    for part in program.face_parts:
-        q = ca.MX.sym("q", part.position.stop - part.position.start)
-        face = part.function(q)
-        weight = ca.MX.sym("w", face.shape[0])
-        slope = ca.Function("face_jac", [q], [ca.jacobian(face, q)])
-        bend = ca.Function("face_hess", [q, weight], [ca.triu(ca.hessian(ca.dot(weight, face), q)[0])])
-        here = x[part.position.range]
-        face_rows.append(part.function(here))
-        jacobians.append(_embed(slope(here), face.shape[0], part.position, z.shape[0]))
-        local = bend(here, lam[done : done + face.shape[0]])
-        hessians.append(_embed_square(local, part.position, z.shape[0]))
-        done += face.shape[0]
-    g = ca.vertcat(smooth_rows, values, linear_rows + ca.vertcat(*face_rows))
-    jac = jacobian(x, p, gradients) + ca.vertcat(ca.MX(smooth + near, z.shape[0]), *jacobians)
-    hess = hessian(x, p, sigma, lam[:smooth], weighted, curvature)
-    for block in hessians:
-        hess = hess + block
-    derivatives = {
-        "jac_g": ca.Function("jac_g", [x, p], [g, jac], ["x", "p"], ["g", "jac_g_x"]),
-        "hess_lag": ca.Function(
-            "hess_lag",
-            [x, p, sigma, lam],
-            [ca.triu(hess)],
-            ["x", "p", "lam_f", "lam_g"],
-            ["triu_hess_gamma_x_x"],
-        ),
-    }
-    return {"x": x, "p": p, "f": objective(x, p), "g": g}, derivatives
-
-
-def _embed(block: Any, rows: int, columns: Any, width: int) -> Any:
-    """Return ``block`` (rows, m) as columns of a sparse (rows, width) matrix."""
-    return ca.horzcat(ca.MX(rows, columns.start), block, ca.MX(rows, width - columns.stop))
-
-
-def _embed_square(block: Any, where: Any, width: int) -> Any:
-    """Return ``block`` as a diagonal block of a sparse (width, width) matrix."""
-    return ca.diagcat(ca.MX(where.start, where.start), block, ca.MX(width - where.stop, width - where.stop))
+    def linearise(self, z: FloatArray, parameters: FloatArray) -> tuple[FloatArray, sparse.csr_matrix]:
+        """Return the rows (m,) at a point and their Jacobian (m, n)."""
+        g, J = self._functions.jacobian(z, parameters)
+        return np.asarray(g.full()).ravel(), sparse.csr_matrix(J.sparse())

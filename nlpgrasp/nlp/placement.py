@@ -104,10 +104,12 @@ def add_constraints(program: Program, problem: GraspProblem, scaling: Scaling, c
         if b.name.startswith("hand ")
     }
     found = placement_rows(problem.body, problem.constraints, problem.hand, metres, contacts.normals, symbols)
+    begin = program.rows[-1].stop if program.rows else 0
     for row in found.rows:
         program.constrain(row.name, row.expression, row.lower, row.upper, row.scale)
     for item in found.clearances:
         program.constrain_distance(item.name, item.distance, item.point, item.lower, item.scale)
+    program.placement = slice(begin, begin + len(found.named))
 
 
 def add_faces(

@@ -10,8 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nlpgrasp.nlp import CompiledProgram, NlpResult
+from nlpgrasp.nlp import CompiledProgram, NlpResult, Program
 from nlpgrasp.nlp.forces import pressing_forces
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solve.minimisers import Weakest, weakest_directions
@@ -64,19 +65,19 @@ def exchange(
     radius = FIRST_RADIUS
     while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
         state.rounds += 1
-        cuts = _most_relevant(bench, faces, state.points, cuts)
+        cuts = most_relevant(bench, faces, state.points, cuts)
         result = compiled.solve(*_start(bench, compiled, faces, state, cuts, radius))
         state.last = result
         state.iterations += result.iterations
         state.function_seconds += result.function_seconds
         state.solver_seconds += result.seconds
         promised = result.objective / bench.scaling.beta - state.value
-        trial, hand = contacts_of(bench, compiled, faces, result)
-        found = _evaluate(bench, faces, trial, hand, cuts, rng)
+        trial, hand = contacts_of(bench, compiled, faces, result.z)
+        found = evaluated(bench, faces, trial, hand, cuts, rng)
         if found is None:
             radius *= 0.4
             continue
-        fresh = found.directions[_new(cuts / bench.scaling.wrench, found.directions / bench.scaling.wrench)]
+        fresh = found.directions[new_directions(bench, cuts, found.directions)]
         gained = found.value - state.value
         cuts = np.concatenate([cuts, fresh])
         if gained > 0.0:
@@ -90,17 +91,22 @@ def exchange(
 
 
 def contacts_of(
-    bench: Workbench, compiled: CompiledProgram, faces: tuple[str, ...], result: NlpResult
+    bench: Workbench, compiled: CompiledProgram, faces: tuple[str, ...], z: FloatArray
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Return the contacts of a solve, put exactly onto their faces, and the hand's variables."""
-    program, k = compiled.program, len(faces)
-    p = np.stack([result.z[program.block(f"position {i}").range] for i in range(k)])
-    hand = {
-        b.name.removeprefix("hand "): b.scale * result.z[b.range]
-        for b in program.variables
-        if b.name.startswith("hand ")
-    }
-    return bench.snap(faces, bench.scaling.metres(p)), hand
+    """Return the contacts of a program's variables, put exactly onto their faces, and the hand's variables."""
+    return bench.snap(faces, points_of(bench, compiled.program, z)), hand_values(compiled.program, z)
+
+
+def points_of(bench: Workbench, program: Program, z: FloatArray) -> FloatArray:
+    """Return the contact positions of a program's variables, metres, (k, space)."""
+    k = len(bench.problem.models)
+    return bench.scaling.metres(np.stack([z[program.block(f"position {i}").range] for i in range(k)]))
+
+
+def hand_values(program: Program, z: FloatArray) -> dict[str, FloatArray]:
+    """Return the hand's variables of a program's variables, in the hand's units."""
+    blocks = (b for b in program.variables if b.name.startswith("hand "))
+    return {b.name.removeprefix("hand "): b.scale * z[b.range] for b in blocks}
 
 
 def fill_start(
@@ -143,14 +149,10 @@ def _start(
         block = program.block(f"position {i}").range
         lower[block] = np.maximum(lower[block], z[block] - radius)
         upper[block] = np.minimum(upper[block], z[block] + radius)
-    directions = np.zeros((bench.slots, bench.problem.dimension))
-    directions[: len(cuts)] = cuts * bench.scaling.task / bench.scaling.wrench
-    reach = np.zeros(bench.slots)
-    reach[: len(cuts)] = 1.0
-    return z, np.concatenate([directions.ravel(), reach]), (lower, upper)
+    return z, slot_parameters(bench, cuts), (lower, upper)
 
 
-def _most_relevant(bench: Workbench, faces: tuple[str, ...], points: FloatArray, cuts: FloatArray) -> FloatArray:
+def most_relevant(bench: Workbench, faces: tuple[str, ...], points: FloatArray, cuts: FloatArray) -> FloatArray:
     """Return as many cuts as the program holds: those nearest to binding at the current contacts."""
     if len(cuts) <= bench.slots:
         return cuts
@@ -158,7 +160,7 @@ def _most_relevant(bench: Workbench, faces: tuple[str, ...], points: FloatArray,
     return cuts[np.sort(np.argsort(support, kind="stable")[: bench.slots])]
 
 
-def _evaluate(
+def evaluated(
     bench: Workbench,
     faces: tuple[str, ...],
     points: FloatArray,
@@ -178,8 +180,18 @@ def _evaluate(
     return weakest_directions(bench.grasp(faces, points), bench.problem.task, cuts, rng, bench.problem.budget, 60, 30)
 
 
-def _new(known: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return a mask of the directions that are not yet among the known ones."""
-    a = known / np.linalg.norm(known, axis=1, keepdims=True)
-    b = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+    """Return a mask of the directions that are not yet among the known ones, compared in solver units."""
+    a, b = known / bench.scaling.wrench, directions / bench.scaling.wrench
+    a = a / np.linalg.norm(a, axis=1, keepdims=True)
+    b = b / np.linalg.norm(b, axis=1, keepdims=True)
     return np.asarray(np.max(b @ a.T, axis=1) < SAME)
+
+
+def slot_parameters(bench: Workbench, cuts: FloatArray) -> FloatArray:
+    """Return the program's parameters for cuts with ``phi_A = 1``; the other slots stay empty."""
+    directions = np.zeros((bench.slots, bench.problem.dimension))
+    directions[: len(cuts)] = cuts * bench.scaling.task / bench.scaling.wrench
+    reach = np.zeros(bench.slots)
+    reach[: len(cuts)] = 1.0
+    return np.concatenate([directions.ravel(), reach])

@@ -16,8 +16,10 @@ from nlpgrasp.quality import mu
 from nlpgrasp.solution import ConstraintReport, StartRecord, Status, SurfaceMatch
 from nlpgrasp.solve.candidates import Candidate, draw_start
 from nlpgrasp.solve.exchange import ExchangeState, contacts_of, exchange, fill_start
+from nlpgrasp.solve.hand_on_mesh import touch_mesh
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.on_mesh import slide_onto_mesh
+from nlpgrasp.solve.sequential import sequential_exchange
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import FEASIBLE, Workbench
 from nlpgrasp.validation import FloatArray
@@ -70,7 +72,9 @@ def _run(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResult:
         state, message = _first(bench, begin, rng)
         clock.mark("vertex")
         if bench.options.exchange:
-            state = exchange(bench, faces, state, rng, stop)
+            hand = bench.problem.hand
+            improve = exchange if hand is None or hand.follows_contacts else sequential_exchange
+            state = improve(bench, faces, state, rng, stop)
         clock.mark("exchange")
         grasp, surface = _on_surface(bench, faces, state, rng, stop)
         clock.mark("mesh")
@@ -108,7 +112,7 @@ def _first(bench: Workbench, begin: Candidate, rng: np.random.Generator) -> tupl
     start = fill_start(bench, compiled, faces, points, hand)
     start[compiled.program.block("beta").range] = 0.1
     result = compiled.solve(start, _parameters(bench, compiled, rng))
-    moved, moved_hand = contacts_of(bench, compiled, faces, result)
+    moved, moved_hand = contacts_of(bench, compiled, faces, result.z)
     chosen = _better(bench, faces, [(points, hand), (moved, moved_hand)], rng)
     state = ExchangeState(chosen[0], 0.0, chosen[1], result, result.iterations)
     state.solver_seconds, state.function_seconds = result.seconds, result.function_seconds
@@ -160,7 +164,14 @@ def _on_surface(
     body = bench.problem.body
     if not isinstance(body, Mesh):
         return bench.grasp(faces, state.points), None
-    grasp = slide_onto_mesh(bench, body, state, rng, stop)
+    hand = bench.problem.hand
+    if hand is None or hand.follows_contacts:
+        grasp = slide_onto_mesh(bench, body, state, rng, stop)
+    else:
+        touching = touch_mesh(bench, body, hand, faces, state.points, state.hand)
+        state.hand = touching.hand
+        grasp = Grasp(touching.points, touching.normals, bench.problem.models, bench.problem.origin)
+        print("gap", touching.gap * 1e3, "before", state.value)
     smooth = bench.inward_normals(faces, grasp.points)
     cosines = np.clip(np.sum(smooth * grasp.normals, axis=1), -1.0, 1.0)
     moved = np.linalg.norm(grasp.points - state.points, axis=1)

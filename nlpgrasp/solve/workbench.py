@@ -7,6 +7,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Mesh
@@ -16,7 +17,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, has_closed_form, support_program, vertex_program
 from nlpgrasp.problem import GraspProblem
-from nlpgrasp.problem_rows import PlacementRows, placement_rows
+from nlpgrasp.problem_rows import CLEARANCE, PlacementRows, placement_rows
 from nlpgrasp.rows import Row
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.validation import FloatArray
@@ -193,6 +194,36 @@ class Workbench:
         if plain.any():
             points, normals = points[plain], normals[plain]
         return points, -normals, cKDTree(points)
+
+    @cached_property
+    def clearance_rows(self) -> NDArray[np.intp]:
+        """Which of the constraint rows keep a link away from the held body."""
+        return np.array([i for i, r in enumerate(self.constraint_rows) if r.name.startswith(CLEARANCE)], dtype=int)
+
+    def tip_centres(self, hand: dict[str, FloatArray], otherwise: FloatArray) -> FloatArray:
+        """Return the centres of round fingertips (k, 3), and the given points for the others."""
+        centres = self._hand_function(*hand.values())[0].full().T
+        return np.where(np.isnan(centres), otherwise, centres)
+
+    def mesh_clearances(self, body: Mesh, hand: dict[str, FloatArray]) -> FloatArray:
+        """Return the links' signed distances to the mesh itself, one a clearance row, metres."""
+        centres = np.asarray(self._hand_function(*hand.values())[1].full()).T
+        if not len(centres):
+            return np.zeros(0)
+        rough = np.asarray(body.distance_function.map(len(centres))(centres.T).full()).ravel()
+        return np.asarray(np.where(rough < 0.0, -1.0, 1.0) * body.closest(centres)[2])
+
+    @cached_property
+    def _hand_function(self) -> ca.Function:
+        """The hand's variables to the centres of its round fingertips (NaN for others) and of its links' spheres."""
+        hand = self.problem.hand
+        if hand is None:
+            raise InputError("GraspProblem.hand", None, "a hand")
+        symbols = {v.name: ca.SX.sym(v.name, len(v.lower)) for v in hand.variables(self.problem.body.bounds)}
+        tips = [ca.SX.nan(3) if c is None else c for c in hand.tip_centres(symbols)]
+        spheres = [s.centre for s in hand.spheres(symbols) if np.isfinite(s.clearance)]
+        outputs = [ca.horzcat(*tips), ca.horzcat(ca.SX(3, 0), *spheres)]
+        return ca.Function("hand", list(symbols.values()), outputs, {"cse": True})
 
     @cached_property
     def _rows(self) -> tuple[PlacementRows, list[Any]]:

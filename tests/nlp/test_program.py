@@ -7,7 +7,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.nlp import CompiledProgram, Scaling, support_program, vertex_program
-from nlpgrasp.nlp.compile import _nlp
+from nlpgrasp.nlp.functions import ProgramFunctions
 from nlpgrasp.nlp.support import has_closed_form, support_function
 from nlpgrasp.quality import WrenchSet
 from tests.samples import CONTACTS, closed_ellipsoid_grasp
@@ -54,7 +54,8 @@ def test_sizes():
 def test_mesh_derivatives_agree_with_casadi(mesh_problem, build, rng):
     """The hand-assembled Jacobian and Hessian against automatic differentiation of the same graph."""
     program = build(mesh_problem, ("surface",) * 3, 4)
-    nlp, derivatives = _nlp(program)
+    functions = ProgramFunctions(program)
+    nlp, derivatives = functions.nlp, functions.derivatives
     x, p = nlp["x"], nlp["p"]
     lam = ca.MX.sym("lam", nlp["g"].shape[0])
     sigma = ca.MX.sym("sigma")

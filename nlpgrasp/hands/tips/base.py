@@ -67,6 +67,10 @@ class Tip(ABC):
         """Whether the patch has a coordinate of its own, between 0 and 1."""
         return False
 
+    def ball_centre(self, pose: Expression, slide: Expression) -> Expression | None:
+        """Return the centre of the ball behind the contact, body frame, for the link's pose; None without a ball."""
+        return None
+
     @abstractmethod
     def rows(self, touch: Touch) -> list[Row]:
         """Return the rows that put the contact onto the patch."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.tips.base import Tip, Touch, equal
+from nlpgrasp.hands.tips.base import Expression, Tip, Touch, equal
 from nlpgrasp.rows import Row
 from nlpgrasp.validation import FloatArray, array, number
 
@@ -60,14 +60,17 @@ class CylinderTip(Tip):
         """True."""
         return True
 
+    def ball_centre(self, pose: Expression, slide: Expression) -> Expression:
+        """Return the point of the axis."""
+        a, b = self.ends
+        return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(a) + slide * ca.DM(b - a))
+
     def rows(self, touch: Touch) -> list[Row]:
         """Return ``a + s (b - a) = p - r n`` and ``n`` across the axis."""
         a, b = self.ends
-        local = ca.DM(a) + touch.slide * ca.DM(b - a)
-        centre = touch.pose[:3, 3] + ca.mtimes(touch.pose[:3, :3], local)
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
         return [
-            *equal(touch, centre, touch.p - self.radius * touch.n),
+            *equal(touch, self.ball_centre(touch.pose, touch.slide), touch.p - self.radius * touch.n),
             Row(f"{touch.name}, across", ca.dot(along, touch.n), 0.0, 0.0),
         ]
 

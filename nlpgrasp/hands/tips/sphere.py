@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal
+from nlpgrasp.hands.tips.base import TILT, Expression, Tip, Touch, equal
 from nlpgrasp.rows import Row
 from nlpgrasp.validation import FloatArray, array, number
 
@@ -44,10 +44,13 @@ class SphereTip(Tip):
         """The sphere's radius."""
         return self.radius
 
+    def ball_centre(self, pose: Expression, slide: Expression) -> Expression:
+        """Return the sphere's centre."""
+        return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(self.centre))
+
     def rows(self, touch: Touch) -> list[Row]:
         """Return ``c = p - r n``."""
-        centre = touch.pose[:3, 3] + ca.mtimes(touch.pose[:3, :3], ca.DM(self.centre))
-        return equal(touch, centre, touch.p - self.radius * touch.n)
+        return equal(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return the radii of a cone of 20 degrees around the sphere."""

@@ -1,0 +1,140 @@
+"""Functions of a :class:`Program` for a solver: rows, Jacobian, Hessian of the Lagrangian.
+
+CasADi would colour the Hessian of the whole graph and evaluate it through MX at 10 ms a call; the Lagrangian splits
+into an SX part with an exact sparse Hessian, one small block per contact, and the distances, whose second
+derivatives by the chain rule are SX again once the spline's own derivatives are numbers.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from nlpgrasp.nlp.distances import DistanceRows, chain_first, chain_second
+from nlpgrasp.nlp.program import FacePart, Program
+
+
+class ProgramFunctions:
+    """Rows and derivatives of a program; each is made when it is first asked for.
+
+    Parameters
+    ----------
+    program : Program
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self._x = ca.MX.sym("x", program.z.shape[0])
+        self._p = ca.MX.sym("p", program.theta.shape[0])
+        self._smooth = program.g.shape[0]
+        self._linear = ca.vertcat(ca.SX(0, 1), *[part.linear for part in program.face_parts])
+
+    @cached_property
+    def is_scalar(self) -> bool:
+        """Whether the whole program is one ``SX`` graph, whose derivatives CasADi does best by itself."""
+        faces = all(part.function.is_a("SXFunction") for part in self.program.face_parts)
+        return faces and not self.program.distance_parts
+
+    @cached_property
+    def nlp(self) -> dict[str, Any]:
+        """The program as CasADi's ``nlpsol`` takes it: minimise minus the objective."""
+        z, theta = self.program.z, self.program.theta
+        if self.is_scalar:
+            return {"x": z, "p": theta, "f": -self.program.objective, "g": self._scalar_rows()}
+        objective = ca.Function("objective", [z, theta], [-self.program.objective])
+        return {"x": self._x, "p": self._p, "f": objective(self._x, self._p), "g": self._rows}
+
+    @cached_property
+    def derivatives(self) -> dict[str, ca.Function]:
+        """Derivative functions for ``nlpsol``; none where CasADi's own are best."""
+        return {} if self.is_scalar else {"jac_g": self.jacobian, "hess_lag": self.hessian}
+
+    @cached_property
+    def jacobian(self) -> ca.Function:
+        """``(x, p)`` to the rows and their Jacobian."""
+        names = (["x", "p"], ["g", "jac_g_x"])
+        z, theta = self.program.z, self.program.theta
+        if self.is_scalar:
+            g = self._scalar_rows()
+            return ca.Function("jac_g", [z, theta], [g, ca.jacobian(g, z)], *names, {"cse": True})
+        points, near = self.program.points, self.program.distances
+        slopes = ca.SX.sym("slopes", points.shape[0])
+        first = [ca.jacobian(self.program.g, z), chain_first(ca.jacobian(points, z), slopes, near)]
+        first.append(ca.jacobian(self._linear, z))
+        smooth = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*first)], {"cse": True})
+        faces = [
+            _embed(_slope(part)(self._x[part.position.range]), part, z.shape[0]) for part in self.program.face_parts
+        ]
+        jac = smooth(self._x, self._p, self._distances.first()[1])
+        jac = jac + ca.vertcat(ca.MX(self._smooth + near, z.shape[0]), *faces)
+        return ca.Function("jac_g", [self._x, self._p], [self._rows, jac], *names)
+
+    @cached_property
+    def hessian(self) -> ca.Function:
+        """``(x, p, lam_f, lam_g)`` to the upper triangle of the Lagrangian's Hessian."""
+        program, near = self.program, self.program.distances
+        z, theta = program.z, program.theta
+        lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self._smooth)
+        points = program.points
+        slopes, bends = ca.SX.sym("slopes", points.shape[0]), ca.SX.sym("bends", 6 * near)
+        lagrangian = -lam_f * program.objective + ca.dot(lam_g, program.g) + ca.dot(slopes, points)
+        second = ca.hessian(lagrangian, z)[0] + chain_second(ca.jacobian(points, z), bends, near)
+        inputs = [z, theta, lam_f, lam_g, slopes, bends]
+        smooth = ca.Function("rows_hess", inputs, [ca.triu(second)], {"cse": True})
+        count = self._linear.shape[0]
+        lam, sigma = ca.MX.sym("lam_g", self._smooth + near + count), ca.MX.sym("lam_f")
+        weighted, curvature = self._distances.second(lam[self._smooth : self._smooth + near])
+        hess = smooth(self._x, self._p, sigma, lam[: self._smooth], weighted, curvature)
+        done = self._smooth + near
+        for part in program.face_parts:
+            rows = part.linear.shape[0]
+            local = _bend(part)(self._x[part.position.range], lam[done : done + rows])
+            hess = hess + _embed_square(local, part, z.shape[0])
+            done += rows
+        names = (["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])
+        return ca.Function("hess_lag", [self._x, self._p, sigma, lam], [ca.triu(hess)], *names)
+
+    @cached_property
+    def _distances(self) -> DistanceRows:
+        places = ca.Function("points", [self.program.z], [self.program.points], {"cse": True})
+        return DistanceRows(self.program, places(self._x))
+
+    @cached_property
+    def _rows(self) -> Any:
+        """All rows at ``x``, as ``MX``."""
+        smooth = ca.Function("rows", [self.program.z, self.program.theta], [self.program.g, self._linear])
+        rows, linear = smooth(self._x, self._p)
+        faces = [part.function(self._x[part.position.range]) for part in self.program.face_parts]
+        return ca.vertcat(rows, self._distances.first()[0], linear + ca.vertcat(*faces))
+
+    def _scalar_rows(self) -> Any:
+        z = self.program.z
+        faces = [part.function(z[part.position.range]) + part.linear for part in self.program.face_parts]
+        return ca.vertcat(self.program.g, *faces)
+
+
+def _slope(part: FacePart) -> ca.Function:
+    """Return the Jacobian of a face's rows with respect to the position."""
+    q = ca.MX.sym("q", part.position.stop - part.position.start)
+    return ca.Function("face_jac", [q], [ca.jacobian(part.function(q), q)])
+
+
+def _bend(part: FacePart) -> ca.Function:
+    """Return the upper triangle of the Hessian of a weighted sum of a face's rows."""
+    q = ca.MX.sym("q", part.position.stop - part.position.start)
+    weight = ca.MX.sym("w", part.linear.shape[0])
+    return ca.Function("face_hess", [q, weight], [ca.triu(ca.hessian(ca.dot(weight, part.function(q)), q)[0])])
+
+
+def _embed(block: Any, part: FacePart, width: int) -> Any:
+    """Return a block (rows, space) at the position's columns of a sparse (rows, width) matrix."""
+    rows, where = block.shape[0], part.position
+    return ca.horzcat(ca.MX(rows, where.start), block, ca.MX(rows, width - where.stop))
+
+
+def _embed_square(block: Any, part: FacePart, width: int) -> Any:
+    """Return a block as a diagonal block of a sparse (width, width) matrix."""
+    where = part.position
+    return ca.diagcat(ca.MX(where.start, where.start), block, ca.MX(width - where.stop, width - where.stop))

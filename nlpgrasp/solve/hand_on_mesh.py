@@ -1,0 +1,116 @@
+"""From a hand around the solver's smooth surface to the same hand touching the mesh itself.
+
+The hand moves as little as it can until every fingertip touches: for a round tip with centre c and radius r the
+nearest point p of the mesh is at distance r, so that tip and mesh touch in p and nowhere overlap, and the normal
+is ``(p - c) / r``, also where p is on an edge or a corner. Links keep their distance from the mesh, not from the
+solver's spline of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.hands import Hand
+from nlpgrasp.solve.exchange import fill_start, hand_values, points_of, slot_parameters
+from nlpgrasp.solve.quadratic import Linearised, shortest_step
+from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.validation import FloatArray
+
+STEPS = 12
+TOUCHING = 1e-6  # metres between tip and mesh at which the steps end
+LONGEST = 0.3  # solver units a step
+
+
+@dataclass(frozen=True)
+class TouchingHand:
+    """A hand that touches a mesh.
+
+    Parameters
+    ----------
+    points, normals : (k, 3) array
+        Contacts on the mesh, and inward normals.
+    hand : dict
+        Values of the hand's variables.
+    gap : float
+        Largest distance left between a fingertip and its contact, metres.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    hand: dict[str, FloatArray]
+    gap: float
+
+
+def touch_mesh(
+    bench: Workbench, body: Mesh, hand: Hand, faces: tuple[str, ...], points: FloatArray, values: dict[str, FloatArray]
+) -> TouchingHand:
+    """Return the hand moved onto the mesh, from contacts on the smooth surface.
+
+    Parameters
+    ----------
+    bench : Workbench
+    body : Mesh
+    hand : Hand
+    faces : tuple of k str
+    points : (k, 3) array
+        Contacts to begin with, near the mesh.
+    values : dict
+        The hand's variables.
+    """
+    compiled = bench.cut_program(faces)
+    program = compiled.program
+    theta = slot_parameters(bench, np.zeros((0, bench.problem.dimension)))
+    z = fill_start(bench, compiled, faces, points, values)
+    smooth = bench.inward_normals(faces, points)
+    rows = program.placement
+    free = np.concatenate([np.arange(b.start, b.stop) for b in program.variables if b.name.startswith("hand ")])
+    low, high = (limits[rows] for limits in program.limits)
+    lower, upper = (bounds[free] for bounds in program.bounds)
+    radii = np.asarray(hand.tip_radii)
+    gap = np.inf
+    best: TouchingHand | None = None
+    for _ in range(STEPS):
+        here = hand_values(program, z)
+        centres = bench.tip_centres(here, points_of(bench, program, z))
+        contacts, inward = _contacts(body, centres, radii, smooth)
+        for i in range(len(radii)):
+            z[program.block(f"position {i}").range] = bench.scaling.position(contacts[i])
+            z[program.block(f"normal {i}").range] = inward[i]
+        g, J = compiled.linearise(z, theta)
+        g = g[rows]
+        g[bench.clearance_rows] = bench.mesh_clearances(body, here) / bench.scaling.length
+        equal = low == high
+        gap = float(np.max(np.abs(g - low)[equal], initial=0.0)) * bench.scaling.length
+        blocked = float(np.max(np.maximum(low - g, g - high)[~equal], initial=0.0)) * bench.scaling.length
+        worst = max(gap, blocked)
+        if best is None or worst < best.gap:
+            best = TouchingHand(contacts, inward, here, worst)
+        if worst <= TOUCHING:
+            break
+        least, most = np.maximum(lower - z[free], -LONGEST), np.minimum(upper - z[free], LONGEST)
+        step = shortest_step(
+            Linearised(g, J[rows][:, free], low, high, np.minimum(least, 0.0), np.maximum(most, 0.0)),
+            np.zeros(len(free)),
+            1.0,
+        )
+        if step is None:
+            break
+        z[free] += step
+    assert best is not None  # noqa: S101  (for the type checker: there is at least one step)
+    return best
+
+
+def _contacts(body: Mesh, centres: FloatArray, radii: FloatArray, smooth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the points of the mesh nearest to the tips, and inward normals there.
+
+    Tips that are not round keep the smooth normal: theirs, as they touch along it.
+    """
+    contacts, _, distance = body.closest(centres)
+    towards = contacts - centres
+    outside = np.sum(towards * smooth, axis=1) > 0.0
+    round_tip = (radii > 0.0) & (distance > 0.2 * radii) & outside
+    inward = np.where(round_tip[:, None], towards / np.maximum(distance, 1e-12)[:, None], smooth)
+    return contacts, inward

@@ -1,0 +1,128 @@
+"""The exchange for hands: each round solves the program's linearisation, a small quadratic program.
+
+With a hand the program has few variables and many rows (links away from the body and from each other), and a
+full solve a round costs a second. Here a round linearises all rows at the current contacts, maximises beta inside
+the trust region by Clarabel, returns to the constraints by Newton steps, and keeps what raises mu itself. For the
+least of many smooth functions this is the method of Madsen (1975, doi:10.1093/imamat/16.3.321).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.nlp import CompiledProgram
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.solve.exchange import (
+    ExchangeState,
+    contacts_of,
+    evaluated,
+    fill_start,
+    most_relevant,
+    new_directions,
+    slot_parameters,
+)
+from nlpgrasp.solve.minimisers import weakest_directions
+from nlpgrasp.solve.quadratic import Linearised, shortest_step
+from nlpgrasp.solve.stop import Stop
+from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.validation import FloatArray
+
+FIRST_RADIUS, LAST_RADIUS, MOST_RADIUS = 0.1, 1e-3, 0.3  # of the body's size
+LEAST_GAIN = 1e-3  # relative: stop when the model promises less
+DAMPING = 1e-3  # weight of the step's square: joints that do not matter stay where they are
+OTHERS = {"normal": 4.0, "hand": 3.0}  # how far other variables may go, over the positions' radius
+CORRECTIONS = 3
+BETA_STEP = 10.0  # solver units: as good as unbounded
+KEPT = 1e-7  # violation, in solver units, at which the Newton steps back to the constraints end
+
+
+def sequential_exchange(
+    bench: Workbench, faces: tuple[str, ...], state: ExchangeState, rng: np.random.Generator, stop: Stop
+) -> ExchangeState:
+    """Improve contacts and hand until the model promises nothing more, the rounds are used up, or a stop."""
+    compiled = bench.cut_program(faces)
+    task, budget = bench.problem.task, bench.problem.budget
+    grasp = bench.grasp(faces, state.points)
+    weakest = weakest_directions(grasp, task, np.zeros((0, task.dimension)), rng, budget)
+    cuts, state.value = weakest.directions, weakest.value
+    radius = FIRST_RADIUS
+    while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
+        state.rounds += 1
+        cuts = most_relevant(bench, faces, state.points, cuts)
+        model = _Model(bench, compiled, faces, state, cuts)
+        z, promised = model.step(radius)
+        if z is None:
+            radius *= 0.4
+            continue
+        trial, hand = contacts_of(bench, compiled, faces, z)
+        found = evaluated(bench, faces, trial, hand, cuts, rng)
+        if found is None:
+            radius *= 0.4
+            continue
+        gained = found.value - state.value
+        cuts = np.concatenate([cuts, found.directions[new_directions(bench, cuts, found.directions)]])
+        if gained > 0.0:
+            state.points, state.hand, state.value = trial, hand, found.value
+            radius *= 1.6 if gained > 0.5 * promised else 1.0 if gained > 0.1 * promised else 0.5
+            radius = min(radius, MOST_RADIUS)
+        else:
+            radius *= 0.4
+        if promised < LEAST_GAIN * state.value:
+            break
+    return state
+
+
+class _Model:
+    """The program linearised at the current contacts."""
+
+    def __init__(
+        self,
+        bench: Workbench,
+        compiled: CompiledProgram,
+        faces: tuple[str, ...],
+        state: ExchangeState,
+        cuts: FloatArray,
+    ) -> None:
+        self.compiled = compiled
+        self.z = fill_start(bench, compiled, faces, state.points, state.hand)
+        self.beta = compiled.program.block("beta").start
+        grasp = bench.grasp(faces, state.points)
+        reached = float(np.min(WrenchSet.of(grasp, bench.problem.budget).support(cuts)[0], initial=np.inf))
+        self.scale = bench.scaling.beta
+        self.z[self.beta] = reached * self.scale  # all cuts hold at the start: phi_A = 1 along them
+        self.theta = slot_parameters(bench, cuts)
+        self.reach = np.ones(len(self.z))
+        for block in compiled.program.variables:
+            kind = block.name.split(" ")[0]
+            self.reach[block.range] = OTHERS.get(kind, 1.0)
+        self.reach[self.beta] = np.inf
+
+    def step(self, radius: float) -> tuple[FloatArray | None, float]:
+        """Return the variables after a step and the rise of mu that the model promises, or None."""
+        cost = np.zeros(len(self.z))
+        cost[self.beta] = -1.0
+        size = np.where(np.isfinite(self.reach), radius * self.reach, BETA_STEP)
+        d = shortest_step(self._rows(self.z, size, slice(0, None)), cost, DAMPING)
+        if d is None:
+            return None, 0.0
+        promised = float(d[self.beta]) / self.scale
+        z = self.z + d
+        others = slice(self.compiled.program.placement.start, None)
+        for _ in range(CORRECTIONS):
+            rows = self._rows(z, size, others)
+            broken = np.max(np.maximum(rows.lower - rows.values, rows.values - rows.upper), initial=0.0)
+            if broken <= KEPT:
+                break
+            d = shortest_step(rows, np.zeros(len(z)), 1.0)
+            if d is None:
+                return None, 0.0
+            z = z + d
+        return z, promised
+
+    def _rows(self, z: FloatArray, size: FloatArray, used: slice) -> Linearised:
+        """Return some of the rows linearised at z, for steps of at most ``size``."""
+        g, J = self.compiled.linearise(z, self.theta)
+        low, high = self.compiled.program.limits
+        lower, upper = self.compiled.program.bounds
+        least, most = np.maximum(lower - z, -size), np.minimum(upper - z, size)
+        return Linearised(g[used], J[used], low[used], high[used], np.minimum(least, 0.0), np.maximum(most, 0.0))
