@@ -25,17 +25,19 @@ def directions(dimension: int, shells: int = 1) -> FloatArray:
     ----------
     dimension : int
         From 1 to 6.
-    shells : {1, 2}
-        One shell, or two for a rounder polytope with about twice the vertices. Dimension 6: the E6 roots,
-        then the dual lattice's minimal vectors. Dimension 3: the icosahedron, then the dodecahedron.
+    shells : {0, 1, 2}
+        The axes alone; one shell; or two for a rounder polytope with about twice the vertices. Dimension 6: the
+        E6 roots, then the dual lattice's minimal vectors. Dimension 3: the icosahedron, then the dodecahedron.
 
     Returns
     -------
     (m, dimension) array
         Symmetric under ``y -> -y``.
     """
-    if dimension not in range(1, 7) or shells not in (1, 2):
-        raise InputError("directions", (dimension, shells), "a dimension from 1 to 6 and 1 or 2 shells")
+    if dimension not in range(1, 7) or shells not in (0, 1, 2):
+        raise InputError("directions", (dimension, shells), "a dimension from 1 to 6 and 0 to 2 shells")
+    if shells == 0:
+        return np.concatenate([np.eye(dimension), -np.eye(dimension)])
     parts = _FAMILIES[dimension]()[:shells]
     result = np.concatenate(parts)
     return np.asarray(result / np.linalg.norm(result, axis=1, keepdims=True))

@@ -79,13 +79,17 @@ class LinkSphere:
     radius : float
         Metres.
     clearance : float
-        Least distance to the held body, metres; ``-inf`` for the part that touches it.
+        Least distance to the held body, metres; negative for a fingertip, which touches it: so far it may reach
+        into the solver's surface before the answer is put onto the body.
+    is_tip : bool
+        Whether it is a fingertip's own sphere, which constraints see as a fingertip already.
     """
 
     name: str
     centre: Expression
     radius: float
     clearance: float = 0.0
+    is_tip: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,11 @@ class Placement:
     size: float
     spheres: Sequence[LinkSphere] = ()
     palm: PalmPose | None = None
+
+    @property
+    def links(self) -> list[LinkSphere]:
+        """The spheres that are no fingertips."""
+        return [s for s in self.spheres if not s.is_tip]
 
     @property
     def tips(self) -> list[Expression]:

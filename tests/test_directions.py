@@ -18,13 +18,15 @@ def test_e6_roots_meet_at_root_angles():
     assert set(np.round(roots @ roots.T, 6).ravel().tolist()) == {-2.0, -1.0, 0.0, 1.0, 2.0}
 
 
-@pytest.mark.parametrize(("dimension", "shells", "expected"), [(6, 1, 0.612), (6, 2, 0.787), (3, 1, 0.795)])
+@pytest.mark.parametrize(
+    ("dimension", "shells", "expected"), [(6, 0, 6**-0.5), (6, 1, 0.612), (6, 2, 0.787), (3, 1, 0.795)]
+)
 def test_inradius_is_the_known_one(dimension, shells, expected):
     assert inradius(dimension, shells) == pytest.approx(expected, abs=5e-4)
 
 
 @pytest.mark.parametrize("dimension", range(1, 7))
-@pytest.mark.parametrize("shells", [1, 2])
+@pytest.mark.parametrize("shells", [0, 1, 2])
 def test_directions_are_unit_distinct_and_symmetric(dimension, shells):
     y = directions(dimension, shells)
     np.testing.assert_allclose(np.linalg.norm(y, axis=1), 1.0)

@@ -35,7 +35,7 @@ class Table(PlacementConstraint):
         return [
             Row(f"table, finger {i}", tip[-1] - radius, lower, scale=placement.size)
             for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True))
-        ] + [Row(f"table, {s.name}", s.centre[-1] - s.radius, lower, scale=placement.size) for s in placement.spheres]
+        ] + [Row(f"table, {s.name}", s.centre[-1] - s.radius, lower, scale=placement.size) for s in placement.links]
 
     def to_dict(self) -> dict[str, Any]:
         """Return height and clearance."""

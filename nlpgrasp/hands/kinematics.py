@@ -77,7 +77,7 @@ def _text(values: Iterable[float]) -> str:
 
 def rotation_of(quaternion: Expression) -> Expression:
     """Return the rotation matrix of a unit quaternion (w, x, y, z), a polynomial."""
-    w, x, y, z = ca.vertsplit(quaternion)
+    w, x, y, z = (quaternion[i] for i in range(4))
     return ca.vertcat(
         ca.horzcat(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
         ca.horzcat(2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),

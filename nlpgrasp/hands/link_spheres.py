@@ -19,6 +19,7 @@ from nlpgrasp.hands.shapes import Shape
 from nlpgrasp.validation import FloatArray
 
 IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
 SURFACE, INSIDE = 1500, 800  # samples a link
 SWEEPS = 30
 FIRST_ERROR, GROWTH = 0.05, 1.25  # first error, of the link's size; its growth
@@ -45,7 +46,7 @@ class SphereFit:
     error: float
     uncovered: float = 0.0
 
-    def limited(self, most: FloatArray, inside: FloatArray) -> SphereFit:
+    def limited(self, most: FloatArray, inside: BoolArray) -> SphereFit:
         """Return the spheres no larger than ``most`` (m,), without those that are ``inside`` (m,) a fingertip."""
         radii = np.minimum(self.radii, most)
         kept = (radii > 0.0) & ~inside
@@ -69,9 +70,9 @@ def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
         if chosen is not None:
             break
         error *= GROWTH
-    chosen, reach = _improved(apart, depth, chosen)
+    best, reach = _improved(apart, depth, chosen)
     kept = reach > 0.0
-    return SphereFit(inner[chosen][kept], reach[kept], float(np.max((reach - depth[chosen])[kept], initial=0.0)))
+    return SphereFit(inner[best][kept], reach[kept], float(np.max((reach - depth[best])[kept], initial=0.0)))
 
 
 def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:

@@ -26,6 +26,7 @@ from nlpgrasp.rows import LinkSphere, PalmPose, Placement, Row
 from nlpgrasp.validation import FloatArray, array, integer, number
 
 PALM_SHARE = 3  # the palm is broad: it gets so many times the spheres of a finger's link
+TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact
 MIDDLE = (0.1, 0.7)  # share of the joint ranges that random starts are drawn from
 
 
@@ -196,6 +197,10 @@ class URDFHand(Hand):
             for i, (centre, radius) in enumerate(zip(fit.centres, fit.radii, strict=True)):
                 where = pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(centre))
                 result.append(LinkSphere(f"{link}/{i}", where, float(radius), self.clearance))
+        for i, (centre, (link, tip)) in enumerate(zip(self.tip_centres(variables), self.tips, strict=True)):
+            if centre is not None:
+                depth = -TIP_DEPTH * tip.standoff
+                result.append(LinkSphere(f"{link}, finger {i}", centre, tip.standoff, depth, is_tip=True))
         return result
 
     @cached_property

@@ -1,7 +1,7 @@
 """The symbolic program: named blocks, two transcriptions of containment, IPOPT."""
 
 from nlpgrasp.nlp.compile import CompiledProgram, NlpResult
-from nlpgrasp.nlp.placement import Scaling
+from nlpgrasp.nlp.placement import Scaling, face_parameters
 from nlpgrasp.nlp.program import Block, Program
 from nlpgrasp.nlp.support import has_closed_form, support_program
 from nlpgrasp.nlp.vertex import vertex_program
@@ -12,6 +12,7 @@ __all__ = [
     "NlpResult",
     "Program",
     "Scaling",
+    "face_parameters",
     "has_closed_form",
     "support_program",
     "vertex_program",

@@ -33,8 +33,6 @@ class NlpResult:
     iterations : int
     seconds, function_seconds : float
         Wall time of the solve, and of the function evaluations in it.
-    face_rows : int
-        How many of the rows, at the end, tie contacts to faces.
     """
 
     z: FloatArray
@@ -45,7 +43,6 @@ class NlpResult:
     iterations: int
     seconds: float
     function_seconds: float
-    face_rows: int = 0
 
 
 class CompiledProgram:
@@ -99,7 +96,6 @@ class CompiledProgram:
             iterations=int(stats["iter_count"]),
             seconds=float(stats["t_wall_total"]),
             function_seconds=float(sum(v for key, v in stats.items() if key.startswith("t_wall_nlp_"))),
-            face_rows=sum(part.linear.shape[0] for part in self.program.face_parts),
         )
 
     def linearise(self, z: FloatArray, parameters: FloatArray) -> tuple[FloatArray, sparse.csr_matrix]:

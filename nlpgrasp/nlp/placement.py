@@ -74,7 +74,7 @@ class ContactSymbols:
 def add_placement(program: Program, problem: GraspProblem, scaling: Scaling) -> ContactSymbols:
     """Add positions, normals and the hand's variables; return the contacts' symbols.
 
-    The normals are variables of their own, tied to the surface by :func:`add_faces`: with them everything
+    The normals are variables of their own, tied to the surface by :func:`add_placement_rows`: with them everything
     but the surface is a polynomial, and friction reads as in the theory notes.
     """
     space, k = problem.body.space, len(problem.models)
@@ -112,18 +112,60 @@ def add_constraints(program: Program, problem: GraspProblem, scaling: Scaling, c
     program.placement = slice(begin, begin + len(found.named))
 
 
-def add_faces(
+def add_placement_rows(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, faces: Sequence[str]
 ) -> None:
-    """Tie each contact to its face: ``h(p) = 0``, the face's extent, ``n = -grad h / |grad h|``. Call last."""
-    space = problem.body.space
-    for i, name in enumerate(faces):
-        function, extents = _scaled_face(problem, name, scaling)
-        zeros = ca.SX.zeros(1 + extents)
-        names = [(f"on the surface, finger {i}", 1, 0.0, 0.0)]
-        names += [(f"extent of face {name}, finger {i}", extents, -np.inf, 0.0)] if extents else []
-        names += [(f"normal, finger {i}", space, 0.0, 0.0)]
-        program.constrain_face(names, function, f"position {i}", ca.vertcat(zeros, contacts.normals[i]))
+    """Add what ties contacts to their faces, the constraints and the hand; call last.
+
+    Each contact is on its face: ``h(p) = 0``, the face's extent, ``n = -grad h / |grad h|``. Which of several faces
+    is a parameter, so that one program serves all assignments; a mesh's one face is a part of its own.
+    """
+    program.contained = program.rows[-1].stop if program.rows else 0
+    splines = problem.body.symbol is ca.MX
+    if not splines:
+        for i in range(len(faces)):
+            _add_choice(program, problem, scaling, contacts, i)
+    add_constraints(program, problem, scaling, contacts)
+    if splines:
+        for i, name in enumerate(faces):
+            function, extents = _scaled_face(problem, name, scaling)
+            names = [(row, size, low, 0.0) for row, size, low in _face_rows(i, extents, problem.body.space)]
+            linear = ca.vertcat(ca.SX.zeros(1 + extents), contacts.normals[i])
+            program.constrain_face(names, function, f"position {i}", linear)
+
+
+def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
+    """Return the parameters that say which face each contact is on."""
+    if problem.body.symbol is ca.MX:
+        return np.zeros(0)
+    choices = [problem.allowed_faces(i) for i in range(len(faces))]
+    pairs = zip(choices, faces, strict=True)
+    return np.array([float(n == name) for names, name in pairs if len(names) > 1 for n in names])
+
+
+def _add_choice(program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, i: int) -> None:
+    """Add the rows of the face that contact i is on."""
+    names = problem.allowed_faces(i)
+    functions = [_scaled_face(problem, name, scaling) for name in names]
+    most = max(extents for _, extents in functions)
+    chosen = program.parameter(f"face {i}", len(names)) if len(names) > 1 else ca.SX(1)
+    total: Any = 0.0
+    for j, (function, extents) in enumerate(functions):
+        parts = function(contacts.positions[i])
+        padded = ca.vertcat(parts[: 1 + extents], -ca.SX.ones(most - extents), parts[1 + extents :])
+        total = total + ca.if_else(chosen[j] > 0.5, padded, 0.0)
+    total = total + ca.vertcat(ca.SX.zeros(1 + most), contacts.normals[i])
+    done = 0
+    for row, size, low in _face_rows(i, most, problem.body.space):
+        program.constrain(row, total[done : done + size], low, 0.0)
+        done += size
+
+
+def _face_rows(i: int, extents: int, space: int) -> list[tuple[str, int, float]]:
+    """Return name, number and lower limit of a contact's face rows; their upper limit is zero."""
+    rows = [(f"on the surface, finger {i}", 1, 0.0)]
+    rows += [(f"extent of the face, finger {i}", extents, -np.inf)] if extents else []
+    return [*rows, (f"normal, finger {i}", space, 0.0)]
 
 
 def _scaled_face(problem: GraspProblem, name: str, scaling: Scaling) -> tuple[ca.Function, int]:

@@ -71,6 +71,7 @@ class Program:
     rows: list[Block] = field(default_factory=list)
     distance_parts: list[DistancePart] = field(default_factory=list)
     face_parts: list[FacePart] = field(default_factory=list)
+    contained: int = 0  # rows of containment come first, this many
     placement: slice = field(default_factory=lambda: slice(0, 0))  # rows of constraints and hand; faces follow them
     objective: Any = None
     _z: list[Any] = field(default_factory=list)

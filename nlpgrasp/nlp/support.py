@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
-from nlpgrasp.nlp.placement import Scaling, add_constraints, add_faces, add_placement
+from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem import GraspProblem
 
@@ -26,7 +26,7 @@ def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eli
     ----------
     problem : GraspProblem
     faces : sequence of k str
-        The face each contact is on.
+        The face each contact is on; a parameter of the program where there are several (``face_parameters``).
     count : int
         Number of direction slots.
     eliminate : bool
@@ -58,8 +58,7 @@ def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eli
         work = ca.dot(directions[:, j], produced)
         program.constrain(f"support, direction {j}", work - beta * reach[j], 0.0, np.inf)
         add_membership(program, problem, scaling, contacts, forces, j)
-    add_constraints(program, problem, scaling, contacts)
-    add_faces(program, problem, scaling, contacts, faces)
+    add_placement_rows(program, problem, scaling, contacts, faces)
     program.objective = beta
     return program
 

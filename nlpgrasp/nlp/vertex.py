@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
-from nlpgrasp.nlp.placement import Scaling, add_constraints, add_faces, add_placement
+from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem import GraspProblem
 
@@ -22,7 +22,7 @@ def vertex_program(problem: GraspProblem, faces: Sequence[str], count: int) -> P
     ----------
     problem : GraspProblem
     faces : sequence of k str
-        The face each contact is on.
+        The face each contact is on; a parameter of the program where there are several (``face_parameters``).
     count : int
         Number of wrenches.
 
@@ -41,7 +41,6 @@ def vertex_program(problem: GraspProblem, faces: Sequence[str], count: int) -> P
         produced = symbolic_wrench(problem.models, contacts, forces, scaling.length) / scaling.force
         program.constrain(f"wrench balance, direction {j}", produced - beta * wrenches[:, j], 0.0, 0.0)
         add_membership(program, problem, scaling, contacts, forces, j)
-    add_constraints(program, problem, scaling, contacts)
-    add_faces(program, problem, scaling, contacts, faces)
+    add_placement_rows(program, problem, scaling, contacts, faces)
     program.objective = beta
     return program

@@ -17,6 +17,7 @@ from nlpgrasp.validation import FloatArray
 ENUMERATE_BELOW = 64
 POSES_A_CANDIDATE, CHECKED = 8, 48  # random hand poses a candidate; the best of them whose clearances are computed
 BLOCKED = 0.2  # weight of the links' mean overlap, over the body's size
+TRIES = 3  # poses a start may begin from, one after another
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 
 
@@ -37,8 +38,8 @@ class Candidate:
     hand: dict[str, FloatArray]
 
 
-def draw_start(bench: Workbench, rng: np.random.Generator) -> Candidate:
-    """Return the best of the screened placements.
+def draw_start(bench: Workbench, rng: np.random.Generator) -> list[Candidate]:
+    """Return the best of the screened placements; with a hand that has a pose, the best few.
 
     Face assignments are enumerated where there are few, so that each gets its share of the candidates, and
     sampled where there are many. Candidates that violate a constraint come after all that do not.
@@ -57,15 +58,15 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> Candidate:
     values = bench.hand_start(points, normals)
     violation = bench.violations(points, normals, values)
     best = int(np.argmax(np.where(violation <= FEASIBLE, score, -1.0 - violation)))
-    return Candidate(assignments[best], points[best], {name: v[best] for name, v in values.items()})
+    return [Candidate(assignments[best], points[best], {name: v[best] for name, v in values.items()})]
 
 
-def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> Candidate:
-    """Return the best of many random poses of a hand around the body.
+def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> list[Candidate]:
+    """Return the best few of many random poses of a hand around the body.
 
     Each fingertip's contact is the nearest sample point of the faces it may use. Poses are ranked by how well the
-    contacts resist the task, less how far the fingertips are from them; of the best, the one whose links are
-    least in the body's and each other's way is taken.
+    contacts resist the task, less how far the fingertips are from them; of the best, those whose links are
+    least in the body's and each other's way are taken.
     """
     problem, size = bench.problem, bench.scaling.length
     count = POSES_A_CANDIDATE * bench.options.candidates
@@ -87,8 +88,8 @@ def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> 
     order = np.argsort(-score)[:CHECKED]
     chosen = {name: v[order] for name, v in values.items()}
     blocked = bench.blocked(points[order], normals[order], chosen)
-    best = int(order[np.argmax(score[order] - BLOCKED * blocked)])
-    return Candidate(tuple(faces[best]), points[best], {name: v[best] for name, v in values.items()})
+    best = order[np.argsort(BLOCKED * blocked - score[order], kind="stable")[:TRIES]]
+    return [Candidate(tuple(faces[i]), points[i], {name: v[i] for name, v in values.items()}) for i in best]
 
 
 def screening_directions(bench: Workbench) -> FloatArray:

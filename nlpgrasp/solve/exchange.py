@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.nlp import CompiledProgram, NlpResult, Program
+from nlpgrasp.nlp import CompiledProgram, Program, face_parameters
 from nlpgrasp.nlp.forces import pressing_forces
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solve.minimisers import Weakest, weakest_directions
@@ -37,8 +37,8 @@ class ExchangeState:
         Their least ratio found (an upper bound on mu).
     hand : dict
         The hand's variables, user's units.
-    last : NlpResult or None
-        The last solve, for its multipliers.
+    multipliers : (m,) array
+        Of the rows of constraints and hand at the last solve, solver units.
     iterations, rounds : int
     function_seconds, solver_seconds : float
         Time in IPOPT, and in function evaluations within it.
@@ -47,7 +47,7 @@ class ExchangeState:
     points: FloatArray
     value: float
     hand: dict[str, FloatArray] = field(default_factory=dict)
-    last: NlpResult | None = None
+    multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))
     iterations: int = 0
     rounds: int = 0
     function_seconds: float = 0.0
@@ -67,7 +67,7 @@ def exchange(
         state.rounds += 1
         cuts = most_relevant(bench, faces, state.points, cuts)
         result = compiled.solve(*_start(bench, compiled, faces, state, cuts, radius))
-        state.last = result
+        state.multipliers = result.multipliers[compiled.program.placement]
         state.iterations += result.iterations
         state.function_seconds += result.function_seconds
         state.solver_seconds += result.seconds
@@ -149,7 +149,7 @@ def _start(
         block = program.block(f"position {i}").range
         lower[block] = np.maximum(lower[block], z[block] - radius)
         upper[block] = np.minimum(upper[block], z[block] + radius)
-    return z, slot_parameters(bench, cuts), (lower, upper)
+    return z, slot_parameters(bench, faces, cuts), (lower, upper)
 
 
 def most_relevant(bench: Workbench, faces: tuple[str, ...], points: FloatArray, cuts: FloatArray) -> FloatArray:
@@ -188,10 +188,10 @@ def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) 
     return np.asarray(np.max(b @ a.T, axis=1) < SAME)
 
 
-def slot_parameters(bench: Workbench, cuts: FloatArray) -> FloatArray:
+def slot_parameters(bench: Workbench, faces: tuple[str, ...], cuts: FloatArray) -> FloatArray:
     """Return the program's parameters for cuts with ``phi_A = 1``; the other slots stay empty."""
     directions = np.zeros((bench.slots, bench.problem.dimension))
     directions[: len(cuts)] = cuts * bench.scaling.task / bench.scaling.wrench
     reach = np.zeros(bench.slots)
     reach[: len(cuts)] = 1.0
-    return np.concatenate([directions.ravel(), reach])
+    return np.concatenate([directions.ravel(), reach, face_parameters(bench.problem, faces)])

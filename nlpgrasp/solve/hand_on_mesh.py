@@ -13,13 +13,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.grasp import Grasp
 from nlpgrasp.hands import Hand
-from nlpgrasp.solve.exchange import fill_start, hand_values, points_of, slot_parameters
+from nlpgrasp.solve.exchange import ExchangeState, fill_start, hand_values, points_of, slot_parameters
+from nlpgrasp.solve.minimisers import weakest_directions
+from nlpgrasp.solve.on_mesh import slide_onto_mesh
 from nlpgrasp.solve.quadratic import Linearised, shortest_step
+from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import Workbench
 from nlpgrasp.validation import FloatArray
 
-STEPS = 12
+STEPS, AIMED = 12, 4  # most steps to the nearest points, and before them to points aimed at
+TOUCHED = 1e-5  # metres: a gap this small is none
+GOOD = 0.9  # share of the smooth surface's quality at which no contact need slide
+SLIDES = (0.06, 0.12)  # how far contacts may slide, over the body's size
 TOUCHING = 1e-6  # metres between tip and mesh at which the steps end
 LONGEST = 0.3  # solver units a step
 
@@ -44,8 +51,49 @@ class TouchingHand:
     gap: float
 
 
+def hand_onto_mesh(
+    bench: Workbench, body: Mesh, hand: Hand, faces: tuple[str, ...], state: ExchangeState, stop: Stop
+) -> TouchingHand:
+    """Return the hand on the mesh: where it is, or with contacts that slid to better points of the mesh.
+
+    Parameters
+    ----------
+    bench : Workbench
+    body : Mesh
+    hand : Hand
+    faces : tuple of k str
+    state : ExchangeState
+        Contacts and hand around the smooth surface, and their value.
+    stop : Stop
+    """
+    rng = np.random.default_rng(0)
+    nothing = np.zeros((0, bench.problem.dimension))
+
+    def value(touching: TouchingHand) -> float:
+        grasp = Grasp(touching.points, touching.normals, bench.problem.models, bench.problem.origin)
+        found = weakest_directions(grasp, bench.problem.task, nothing, rng, bench.problem.budget, 60, 25).value
+        return found if touching.gap <= TOUCHED else -touching.gap
+
+    best = touch_mesh(bench, body, hand, faces, state.points, state.hand)
+    reached = value(best)
+    for reach in SLIDES:
+        if reached >= GOOD * state.value or stop.requested():
+            break
+        slid = slide_onto_mesh(bench, body, state.points, None, rng, stop, reach)
+        trial = touch_mesh(bench, body, hand, faces, slid.points, state.hand, slid.normals)
+        if value(trial) > reached:
+            best, reached = trial, value(trial)
+    return best
+
+
 def touch_mesh(
-    bench: Workbench, body: Mesh, hand: Hand, faces: tuple[str, ...], points: FloatArray, values: dict[str, FloatArray]
+    bench: Workbench,
+    body: Mesh,
+    hand: Hand,
+    faces: tuple[str, ...],
+    points: FloatArray,
+    values: dict[str, FloatArray],
+    normals: FloatArray | None = None,
 ) -> TouchingHand:
     """Return the hand moved onto the mesh, from contacts on the smooth surface.
 
@@ -59,10 +107,13 @@ def touch_mesh(
         Contacts to begin with, near the mesh.
     values : dict
         The hand's variables.
+    normals : (k, 3) array, optional
+        Inward normals at the points, when the fingertips are first to go there; otherwise they go to the points of
+        the mesh nearest to them.
     """
     compiled = bench.cut_program(faces)
     program = compiled.program
-    theta = slot_parameters(bench, np.zeros((0, bench.problem.dimension)))
+    theta = slot_parameters(bench, faces, np.zeros((0, bench.problem.dimension)))
     z = fill_start(bench, compiled, faces, points, values)
     smooth = bench.inward_normals(faces, points)
     rows = program.placement
@@ -72,10 +123,12 @@ def touch_mesh(
     radii = np.asarray(hand.tip_radii)
     gap = np.inf
     best: TouchingHand | None = None
-    for _ in range(STEPS):
+    aims = [(points, normals)] * AIMED if normals is not None else []
+    for step_number in range(len(aims) + STEPS):
         here = hand_values(program, z)
         centres = bench.tip_centres(here, points_of(bench, program, z))
-        contacts, inward = _contacts(body, centres, radii, smooth)
+        aimed = step_number < len(aims)
+        contacts, inward = aims[step_number] if aimed else _contacts(body, centres, radii, smooth)
         for i in range(len(radii)):
             z[program.block(f"position {i}").range] = bench.scaling.position(contacts[i])
             z[program.block(f"normal {i}").range] = inward[i]
@@ -86,9 +139,9 @@ def touch_mesh(
         gap = float(np.max(np.abs(g - low)[equal], initial=0.0)) * bench.scaling.length
         blocked = float(np.max(np.maximum(low - g, g - high)[~equal], initial=0.0)) * bench.scaling.length
         worst = max(gap, blocked)
-        if best is None or worst < best.gap:
+        if not aimed and (best is None or worst < best.gap):
             best = TouchingHand(contacts, inward, here, worst)
-        if worst <= TOUCHING:
+        if worst <= TOUCHING and not aimed:
             break
         least, most = np.maximum(lower - z[free], -LONGEST), np.minimum(upper - z[free], LONGEST)
         step = shortest_step(
@@ -96,10 +149,11 @@ def touch_mesh(
             np.zeros(len(free)),
             1.0,
         )
-        if step is None:
+        if step is not None:
+            z[free] += step.d
+        elif not aimed:
             break
-        z[free] += step
-    assert best is not None  # noqa: S101  (for the type checker: there is at least one step)
+    assert best is not None  # noqa: S101  (for the type checker: the first step that is not aimed sets it)
     return best
 
 

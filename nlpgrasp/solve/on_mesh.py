@@ -15,7 +15,6 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.quality.screening import sampled_ratios, screening_score
 from nlpgrasp.solve.candidates import screening_directions
-from nlpgrasp.solve.exchange import ExchangeState
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import FEASIBLE, MESH_ANGLE, Workbench
@@ -26,7 +25,15 @@ TRIALS = 48
 SWEEPS = 12
 
 
-def slide_onto_mesh(bench: Workbench, body: Mesh, state: ExchangeState, rng: np.random.Generator, stop: Stop) -> Grasp:
+def slide_onto_mesh(
+    bench: Workbench,
+    body: Mesh,
+    start: FloatArray,
+    hand: dict[str, FloatArray] | None,
+    rng: np.random.Generator,
+    stop: Stop,
+    reach: float = FIRST_REACH,
+) -> Grasp:
     """Return a grasp whose contacts are on the mesh, with the mesh's own normals.
 
     Every move is to a point of the mesh, keeps the constraints, and raises the least ratio over the weakest
@@ -36,24 +43,27 @@ def slide_onto_mesh(bench: Workbench, body: Mesh, state: ExchangeState, rng: np.
     ----------
     bench : Workbench
     body : Mesh
-    state : ExchangeState
+    start : (k, 3) array
         Contacts on the smooth surface.
+    hand : dict or None
+        Values of the hand's variables, for the constraints; None to leave constraints out of it.
     rng : numpy.random.Generator
     stop : Stop
+    reach : float
+        How far a contact may slide in the first moves, over the body's size.
     """
-    points, normals = _nearest_plain(bench, body, state.points)
+    points, normals = _nearest_plain(bench, body, start)
     y = screening_directions(bench)
     cuts = _weakest(bench, points, normals, y[:0], rng)
     best_points, best_normals = points.copy(), normals.copy()
     best = _value(bench, points, normals, cuts)
-    reach = FIRST_REACH
     for _ in range(SWEEPS):
         if stop.requested() or reach < LAST_REACH:
             break
         moved = False
         for i in range(len(points)):
             moved |= _move(
-                bench, points, normals, i, np.concatenate([y, cuts]), reach * bench.scaling.length, rng, state
+                bench, points, normals, i, np.concatenate([y, cuts]), reach * bench.scaling.length, rng, hand
             )
         cuts = np.concatenate([cuts, _weakest(bench, points, normals, cuts, rng)])[-400:]
         value = _value(bench, points, normals, cuts)
@@ -85,7 +95,7 @@ def _move(
     y: FloatArray,
     reach: float,
     rng: np.random.Generator,
-    state: ExchangeState,
+    hand: dict[str, FloatArray] | None,
 ) -> bool:
     """Move contact i in place to the best of the nearby mesh points, if one is better; return whether it was."""
     cloud, inward, tree = bench.mesh_cloud
@@ -98,9 +108,10 @@ def _move(
     trial_normals = np.repeat(normals[None], near.size + 1, axis=0)
     trial_points[1:, i], trial_normals[1:, i] = cloud[near], inward[near]
     score = _scores(bench, trial_points, trial_normals, y)
-    hand = {name: np.repeat(v[None], near.size + 1, axis=0) for name, v in state.hand.items()}
-    broken = bench.violations(trial_points, trial_normals, hand)
-    score = np.where(broken <= max(FEASIBLE, broken[0]), score, -np.inf)
+    if hand is not None:
+        values = {name: np.repeat(v[None], near.size + 1, axis=0) for name, v in hand.items()}
+        broken = bench.violations(trial_points, trial_normals, values)
+        score = np.where(broken <= max(FEASIBLE, broken[0]), score, -np.inf)
     best = int(np.argmax(score))
     points[i], normals[i] = trial_points[best, i], trial_normals[best, i]
     return best != 0

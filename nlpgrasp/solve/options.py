@@ -19,8 +19,9 @@ class SolveOptions:
     ----------
     transcription : {"vertex", "support"}
         Containment in the first program of a start. ``"vertex"`` never ends at a non-grasp.
-    shells : {1, 2}
-        Directions of the first program: one shell, or two for a tighter program twice the size.
+    shells : {0, 1, 2}, optional
+        Directions of the first program: the ends of the task's semi-axes, one shell of well-spread directions, or
+        two for a tighter program. When left out: 0 with a hand that has a pose, 1 otherwise.
     exchange : bool
         Refine with cutting planes in a trust region until mu itself is locally maximal.
     exchange_rounds : int
@@ -40,7 +41,7 @@ class SolveOptions:
     """
 
     transcription: str = "vertex"
-    shells: int = 1
+    shells: int | None = None
     exchange: bool = True
     exchange_rounds: int = 40
     candidates: int = 64
@@ -53,8 +54,8 @@ class SolveOptions:
     def __post_init__(self) -> None:
         if self.transcription not in TRANSCRIPTIONS:
             raise InputError("SolveOptions.transcription", self.transcription, " or ".join(map(repr, TRANSCRIPTIONS)))
-        if self.shells not in (1, 2):
-            raise InputError("SolveOptions.shells", self.shells, "1 or 2")
+        if self.shells not in (None, 0, 1, 2):
+            raise InputError("SolveOptions.shells", self.shells, "0, 1 or 2")
         for name in ("exchange_rounds", "candidates", "max_iterations"):
             object.__setattr__(self, name, integer(f"SolveOptions.{name}", getattr(self, name), at_least=1))
         for name in ("rtol", "final_rtol"):

@@ -36,7 +36,22 @@ class Linearised:
     most: FloatArray
 
 
-def shortest_step(rows: Linearised, cost: FloatArray, damping: float) -> FloatArray | None:
+@dataclass(frozen=True)
+class Step:
+    """A step and what its rows cost.
+
+    Parameters
+    ----------
+    d : (n,) array
+    multipliers : (m,) array
+        Of the rows: positive where the upper limit is active, negative where the lower one is.
+    """
+
+    d: FloatArray
+    multipliers: FloatArray
+
+
+def shortest_step(rows: Linearised, cost: FloatArray, damping: float) -> Step | None:
     """Return the d of least ``cost d + damping |d|^2 / 2``, or None where the linearised rows contradict.
 
     Rows that no step within the bounds can break are left out.
@@ -54,4 +69,11 @@ def shortest_step(rows: Linearised, cost: FloatArray, damping: float) -> FloatAr
     cones = [clarabel.ZeroConeT(equations), clarabel.NonnegativeConeT(len(b) - equations)]
     P = sparse.csc_matrix(sparse.identity(n) * damping)
     found = clarabel.DefaultSolver(P, cost, A, b, cones, quiet_settings(TOLERANCE)).solve()
-    return np.array(found.x) if "Solved" in str(found.status) else None
+    if "Solved" not in str(found.status):
+        return None
+    duals = np.split(np.array(found.z), np.cumsum([equations, int(below.sum()), int(above.sum())]))
+    multipliers = np.zeros(len(g))
+    multipliers[equal] = duals[0]
+    multipliers[below] -= duals[1]
+    multipliers[above] += duals[2]
+    return Step(np.array(found.x), multipliers)

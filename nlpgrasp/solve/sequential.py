@@ -63,6 +63,7 @@ def sequential_exchange(
         cuts = np.concatenate([cuts, found.directions[new_directions(bench, cuts, found.directions)]])
         if gained > 0.0:
             state.points, state.hand, state.value = trial, hand, found.value
+            state.multipliers = model.multipliers
             radius *= 1.6 if gained > 0.5 * promised else 1.0 if gained > 0.1 * promised else 0.5
             radius = min(radius, MOST_RADIUS)
         else:
@@ -90,7 +91,8 @@ class _Model:
         reached = float(np.min(WrenchSet.of(grasp, bench.problem.budget).support(cuts)[0], initial=np.inf))
         self.scale = bench.scaling.beta
         self.z[self.beta] = reached * self.scale  # all cuts hold at the start: phi_A = 1 along them
-        self.theta = slot_parameters(bench, cuts)
+        self.theta = slot_parameters(bench, faces, cuts)
+        self.multipliers = np.zeros(0)
         self.reach = np.ones(len(self.z))
         for block in compiled.program.variables:
             kind = block.name.split(" ")[0]
@@ -102,21 +104,22 @@ class _Model:
         cost = np.zeros(len(self.z))
         cost[self.beta] = -1.0
         size = np.where(np.isfinite(self.reach), radius * self.reach, BETA_STEP)
-        d = shortest_step(self._rows(self.z, size, slice(0, None)), cost, DAMPING)
-        if d is None:
+        first = shortest_step(self._rows(self.z, size, slice(0, None)), cost, DAMPING)
+        if first is None:
             return None, 0.0
-        promised = float(d[self.beta]) / self.scale
-        z = self.z + d
-        others = slice(self.compiled.program.placement.start, None)
+        self.multipliers = first.multipliers[self.compiled.program.placement]
+        promised = float(first.d[self.beta]) / self.scale
+        z = self.z + first.d
+        others = slice(self.compiled.program.contained, None)
         for _ in range(CORRECTIONS):
             rows = self._rows(z, size, others)
             broken = np.max(np.maximum(rows.lower - rows.values, rows.values - rows.upper), initial=0.0)
             if broken <= KEPT:
                 break
-            d = shortest_step(rows, np.zeros(len(z)), 1.0)
-            if d is None:
+            correction = shortest_step(rows, np.zeros(len(z)), 1.0)
+            if correction is None:
                 return None, 0.0
-            z = z + d
+            z = z + correction.d
         return z, promised
 
     def _rows(self, z: FloatArray, size: FloatArray, used: slice) -> Linearised:

@@ -26,6 +26,7 @@ CLOUD = 600  # sample points a face that contacts are drawn from
 SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes the exchange's program holds
 MESH_SAMPLES = 20000  # points of a mesh that contacts may slide to
 MESH_ANGLE = np.radians(30.0)  # most between the mesh's normal there and the smooth one: keeps off sharp edges
+POSED_ITERATIONS = 150  # most of the first program with a hand's pose: another pose is worth more then
 FEASIBLE = 1e-5  # relative to a row's scale
 
 
@@ -42,8 +43,8 @@ class Workbench:
         self.problem = problem
         self.options = options
         self.scaling = Scaling.of(problem)
-        self._vertex: dict[tuple[str, ...], CompiledProgram] = {}
-        self._cuts: dict[tuple[str, ...], CompiledProgram] = {}
+        self._first: CompiledProgram | None = None
+        self._cuts: CompiledProgram | None = None
         self._clouds: dict[tuple[str, ...], tuple[Any, FloatArray, FloatArray, cKDTree]] = {}
 
     @property
@@ -56,10 +57,22 @@ class Workbench:
         """Unit directions of the task's own axes that the first program samples, (m, axes)."""
         axes = self.problem.task.axes
         used = np.any(axes != 0.0, axis=1)
-        local = directions(int(used.sum()), self.options.shells)
+        local = directions(int(used.sum()), self.shells)
         result = np.zeros((len(local), len(axes)))
         result[:, used] = local
         return result
+
+    @property
+    def shells(self) -> int:
+        """How finely the first program samples the task."""
+        if self.options.shells is not None:
+            return self.options.shells
+        return 1 if self.follows_contacts else 0
+
+    @property
+    def follows_contacts(self) -> bool:
+        """Whether there is no hand, or one whose variables follow from the contacts."""
+        return self.problem.hand is None or self.problem.hand.follows_contacts
 
     @cached_property
     def cloud(self) -> dict[str, FloatArray]:
@@ -92,23 +105,25 @@ class Workbench:
         return np.concatenate([body.snap(f, p[None, :]) for f, p in zip(faces, points, strict=True)])
 
     def first_program(self, faces: tuple[str, ...]) -> CompiledProgram:
-        """Return the compiled first program of a start for this assignment of faces."""
-        if faces not in self._vertex:
+        """Return the compiled first program of a start; it serves every assignment of faces."""
+        if self._first is None:
             count = len(self.task_directions)
             if self.options.transcription == "vertex":
                 program = vertex_program(self.problem, faces, count)
             else:
                 program = support_program(self.problem, faces, count, eliminate=False)
             limits: dict[str, Any] = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
-            self._vertex[faces] = self._compiled(program, limits)
-        return self._vertex[faces]
+            if not self.follows_contacts:
+                limits["max_iter"] = min(self.options.max_iterations, POSED_ITERATIONS)
+            self._first = self._compiled(program, limits)
+        return self._first
 
     def cut_program(self, faces: tuple[str, ...]) -> CompiledProgram:
-        """Return the compiled program of the exchange for this assignment of faces."""
-        if faces not in self._cuts:
+        """Return the compiled program of the exchange; it serves every assignment of faces."""
+        if self._cuts is None:
             program = support_program(self.problem, faces, self.slots, eliminate=True)
-            self._cuts[faces] = self._compiled(program, {"tol": 1e-5, "mu_init": 1e-3})
-        return self._cuts[faces]
+            self._cuts = self._compiled(program, {"tol": 1e-5, "mu_init": 1e-3})
+        return self._cuts
 
     def _compiled(self, program: Program, limits: dict[str, Any]) -> CompiledProgram:
         # MUMPS scaling 7 avoids the factorizations that take 20 times as long as the rest (measured on scans)

@@ -99,19 +99,20 @@ def test_elliptic_torsion_has_no_closed_form():
 def test_vertex_program_bounds_the_measure_from_below():
     """With inradius r of the directions, a centred task has mu >= r beta at any feasible point."""
     from nlpgrasp.directions import inradius
+    from nlpgrasp.solve.candidates import Candidate
+    from nlpgrasp.solve.first import first_parameters, solve_first
     from nlpgrasp.solve.options import SolveOptions
-    from nlpgrasp.solve.start import _first, _parameters
     from nlpgrasp.solve.workbench import Workbench
 
     bench = Workbench(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)
     points = closed_ellipsoid_grasp(np.random.default_rng(1)).points
-    state, _ = _first(bench, ("surface",) * 4, points, rng)
-    beta = state.last.objective / bench.scaling.beta
+    first = solve_first(bench, [Candidate(("surface",) * 4, points, {})], rng)
+    state, beta = first.state, first.beta
     bounds = ng.mu(bench.grasp(("surface",) * 4, state.points), BALL, 0.02)
     assert beta * inradius(6, 1) <= bounds.upper
     assert bounds.lower <= beta * (1 + 1e-4)
-    assert _parameters(bench, bench.first_program(("surface",) * 4), rng).shape == (72 * 6,)
+    assert first_parameters(bench, rng).shape == (72 * 6,)
 
 
 def test_support_program_bounds_the_measure_from_above():

@@ -49,7 +49,7 @@ class EllipsoidTip(Tip):
         frame_of("EllipsoidTip", self.offset, self.rpy)
         object.__setattr__(self, "offset", tuple(np.asarray(self.offset, float).tolist()))
         object.__setattr__(self, "rpy", tuple(np.asarray(self.rpy, float).tolist()))
-        object.__setattr__(self, "angle", number("EllipsoidTip.angle", self.angle, above=0.0, at_most=np.pi))
+        object.__setattr__(self, "angle", number("EllipsoidTip.angle", self.angle, above=0.0))
         if self.facing is not None:
             direction = array("EllipsoidTip.facing", self.facing, (3,))
             length = float(np.linalg.norm(direction))

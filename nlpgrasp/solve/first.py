@@ -1,0 +1,107 @@
+"""The first program of a start: from a screened placement to contacts that resist the task."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.nlp import face_parameters
+from nlpgrasp.solve.candidates import Candidate
+from nlpgrasp.solve.exchange import ExchangeState, contacts_of, fill_start
+from nlpgrasp.solve.minimisers import weakest_directions
+from nlpgrasp.solve.workbench import FEASIBLE, Workbench
+from nlpgrasp.validation import FloatArray
+
+FIRST_BETA = 0.1  # solver units
+
+
+@dataclass(frozen=True)
+class FirstResult:
+    """What the first program found.
+
+    Parameters
+    ----------
+    faces : tuple of str
+    state : ExchangeState
+        The better of the candidate and of what the program made of it.
+    beta : float
+        The program's objective, in units of mu.
+    score : float
+        The least support ratio; negative, the violation, where constraints are broken.
+    message : str
+        The solver's own word.
+    """
+
+    faces: tuple[str, ...]
+    state: ExchangeState
+    beta: float
+    score: float
+    message: str
+
+
+def solve_first(bench: Workbench, candidates: Sequence[Candidate], rng: np.random.Generator) -> FirstResult:
+    """Solve the first program from each candidate in turn until one ends with a grasp; return the best."""
+    best: FirstResult | None = None
+    iterations, seconds, functions = 0, 0.0, 0.0
+    for candidate in candidates:
+        found = _solve(bench, candidate, rng)
+        iterations += found.state.iterations
+        seconds += found.state.solver_seconds
+        functions += found.state.function_seconds
+        if best is None or found.score > best.score:
+            best = found
+        if best.score > 0.0:
+            break
+    assert best is not None  # noqa: S101  (for the type checker: there is at least one candidate)
+    best.state.iterations, best.state.solver_seconds, best.state.function_seconds = iterations, seconds, functions
+    return best
+
+
+def _solve(bench: Workbench, begin: Candidate, rng: np.random.Generator) -> FirstResult:
+    """Solve from one candidate; fall back on it where it is the better grasp."""
+    faces = begin.faces
+    compiled = bench.first_program(faces)
+    start = fill_start(bench, compiled, faces, begin.points, begin.hand)
+    start[compiled.program.block("beta").range] = FIRST_BETA
+    parameters = np.concatenate([first_parameters(bench, rng), face_parameters(bench.problem, faces)])
+    result = compiled.solve(start, parameters)
+    options = [(begin.points, begin.hand), contacts_of(bench, compiled, faces, result.z)]
+    scores = [_score(bench, faces, points, hand, rng) for points, hand in options]
+    points, hand = options[int(np.argmax(scores))]
+    multipliers = result.multipliers[compiled.program.placement]
+    state = ExchangeState(points, 0.0, hand, multipliers, result.iterations)
+    state.solver_seconds, state.function_seconds = result.seconds, result.function_seconds
+    return FirstResult(faces, state, result.objective / bench.scaling.beta, max(scores), result.status)
+
+
+def first_parameters(bench: Workbench, rng: np.random.Generator) -> FloatArray:
+    """Return the first program's sampled wrenches or directions, turned at random in the task's own axes."""
+    task, scaling = bench.problem.task, bench.scaling
+    used = np.any(task.axes != 0.0, axis=1)
+    turn = np.zeros((len(used), len(used)))
+    turn[np.ix_(used, used)] = np.linalg.qr(rng.standard_normal((int(used.sum()),) * 2))[0]
+    local = bench.task_directions @ turn
+    if bench.options.transcription == "vertex":
+        return np.asarray((task.boundary(local) * scaling.wrench / scaling.task).ravel())
+    # directions y with L^T y along each local direction (least norm in solver units)
+    y = np.linalg.lstsq(task.axes * scaling.wrench, local.T, rcond=None)[0].T * scaling.wrench
+    reach = task.support(y)[0]
+    good = reach > 1e-9
+    y = np.where(good[:, None], y / np.where(good, reach, 1.0)[:, None], 0.0)
+    return np.concatenate([(y * scaling.task / scaling.wrench).ravel(), good.astype(float)])
+
+
+def _score(
+    bench: Workbench, faces: tuple[str, ...], points: FloatArray, hand: dict[str, FloatArray], rng: np.random.Generator
+) -> float:
+    """Return how well a placement resists the task; minus its violation where it breaks a constraint."""
+    normals = bench.inward_normals(faces, points) if np.all(np.isfinite(points)) else np.full_like(points, np.nan)
+    if not np.all(np.isfinite(normals)):
+        return -np.inf
+    violation = float(bench.violations(points[None], normals[None], {n: v[None, :] for n, v in hand.items()})[0])
+    if violation > FEASIBLE:
+        return -violation
+    none = np.zeros((0, bench.problem.dimension))
+    return weakest_directions(bench.grasp(faces, points), bench.problem.task, none, rng, bench.problem.budget).value
