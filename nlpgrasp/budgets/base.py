@@ -56,6 +56,15 @@ class ForceBudget(ABC):
         """
         return None
 
+    def pieces(
+        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
+    ) -> list[Any] | None:
+        """Return smooth functions whose largest is the support (symbolic), one a contact, or ``None``.
+
+        For supports with kinks; arguments as in :meth:`closed_form`.
+        """
+        return None
+
     def force_scale(self) -> float:
         """Return the size of force the budget allows, newtons: the program's unit of force."""
         return 1.0

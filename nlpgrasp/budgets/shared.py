@@ -41,6 +41,13 @@ class SharedBudget(ForceBudget):
         unit = np.eye(where[-1].stop + 1)
         return [unit[-1:] - unit[[r.start for r in where]].sum(axis=0, keepdims=True)]
 
+    def pieces(
+        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
+    ) -> list[Any] | None:
+        """Return the contacts' ``z_n + mu |z_t|``."""
+        parts = [c.linear_support(*w, ops) for c, w in zip(contacts, work, strict=True)]
+        return None if any(p is None for p in parts) else parts
+
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return ``sum f_n <= 1``."""
         total = sum(c.normal_force(x, n) for c, x, n in zip(contacts, forces, normals, strict=True))

@@ -3,7 +3,7 @@
 from nlpgrasp.nlp.compile import CompiledProgram, NlpResult
 from nlpgrasp.nlp.placement import Scaling, face_parameters
 from nlpgrasp.nlp.program import Block, Program
-from nlpgrasp.nlp.support import has_closed_form, support_program
+from nlpgrasp.nlp.support import has_closed_form, has_pieces, support_program
 from nlpgrasp.nlp.vertex import vertex_program
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Scaling",
     "face_parameters",
     "has_closed_form",
+    "has_pieces",
     "support_program",
     "vertex_program",
 ]

@@ -16,7 +16,9 @@ from nlpgrasp.problem import GraspProblem
 SMOOTHING = 1e-12  # under the root of |z_t|^2, for its derivative at zero
 
 
-def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eliminate: bool = True) -> Program:
+def support_program(
+    problem: GraspProblem, faces: Sequence[str], count: int, eliminate: bool = True, pieces: bool = False
+) -> Program:
     """Return: maximise beta with ``phi(y_j | G(B n K)) >= beta phi_A(y_j)`` for j = 1 ... count, (3.4-3).
 
     Directions and the task's support there are parameters, so that the program is built once and its cuts
@@ -32,6 +34,9 @@ def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eli
     eliminate : bool
         Use the closed form of the support function (3k + 1 variables) instead of one copy of the forces per
         direction. Ignored where a contact model or the budget has no closed form.
+    pieces : bool
+        Where the support is the largest of smooth pieces, require a weighted mean of them instead (parameter
+        ``pieces``, (k, count)): with all weight on the largest piece, a lower bound that is exact at the start.
 
     Returns
     -------
@@ -47,10 +52,17 @@ def support_program(problem: GraspProblem, faces: Sequence[str], count: int, eli
     directions = ca.reshape(program.parameter("directions", d * count), d, count)
     reach = program.parameter("reach", count)
     closed = support_function(problem, scaling) if eliminate else None
+    weights = None
+    if eliminate and closed is None and pieces:
+        closed = piece_function(problem, scaling)
+        k = len(problem.models)
+        weights = None if closed is None else ca.reshape(program.parameter("pieces", k * count), k, count)
     for j in range(count):
         if closed is not None:
             function, degree = closed
             value = function(directions[:, j], *contacts.positions, *contacts.normals)
+            if weights is not None:
+                value = ca.dot(weights[:, j], value)
             program.constrain(f"support, direction {j}", value - (beta * reach[j]) ** degree, 0.0, np.inf)
             continue
         forces = add_forces(program, problem, scaling, j)
@@ -69,14 +81,36 @@ def has_closed_form(problem: GraspProblem) -> bool:
     return problem.budget.closed_form(problem.models, nothing, np) is not None
 
 
+def has_pieces(problem: GraspProblem) -> bool:
+    """Return whether the grasp's support function is the largest of smooth pieces, one a contact."""
+    nothing = [(0.0, 0.0, 0.0)] * len(problem.models)
+    return problem.budget.pieces(problem.models, nothing, np) is not None
+
+
 def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
-    """Return ``(y, positions, normals) -> phi(y)`` to the power of a degree, and the degree; None without closed form.
+    """Return ``(y, positions, normals) -> phi(y)`` to the power of a degree, and the degree; None without closed form."""
+    if not has_closed_form(problem):
+        return None
+    inputs, work = _work(problem, scaling)
+    found = problem.budget.closed_form(problem.models, work, ca)
+    return None if found is None else (ca.Function("support", inputs, [found[0]]), found[1])
+
+
+def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
+    """Return ``(y, positions, normals)`` to the pieces of phi (k,), and degree 1; None where it has none."""
+    if not has_pieces(problem):
+        return None
+    inputs, work = _work(problem, scaling)
+    found = problem.budget.pieces(problem.models, work, ca)
+    return None if found is None else (ca.Function("pieces", inputs, [ca.vertcat(*found)]), 1)
+
+
+def _work(problem: GraspProblem, scaling: Scaling) -> tuple[list[Any], list[tuple[Any, Any, Any]]]:
+    """Return symbols (y, positions, normals), and each contact's work per unit of force along the twist y.
 
     ``G_i^T y`` is the velocity of the contact point under the twist y: its part along the normal, the size of
     the rest, and the spin about the normal.
     """
-    if not has_closed_form(problem):
-        return None
     space = problem.body.space
     y = ca.SX.sym("y", problem.dimension)
     positions = [ca.SX.sym("p", space) for _ in problem.models]
@@ -91,5 +125,4 @@ def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Functi
             spin = ca.sqrt((ca.dot(y[3:], n) / scaling.length) ** 2 + SMOOTHING)
         along = ca.dot(velocity, n)
         work.append((along, ca.sqrt(ca.fmax(ca.sumsqr(velocity) - along**2, 0.0) + SMOOTHING), spin))
-    found = problem.budget.closed_form(problem.models, work, ca)
-    return None if found is None else (ca.Function("support", [y, *positions, *normals], [found[0]]), found[1])
+    return [y, *positions, *normals], work

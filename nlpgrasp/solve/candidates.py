@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
 
@@ -38,7 +39,7 @@ class Candidate:
     hand: dict[str, FloatArray]
 
 
-def draw_start(bench: Workbench, rng: np.random.Generator) -> list[Candidate]:
+def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Candidate]:
     """Return the best of the screened placements; with a hand that has a pose, the best few.
 
     Face assignments are enumerated where there are few, so that each gets its share of the candidates, and
@@ -61,7 +62,7 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> list[Candidate]:
     return [Candidate(assignments[best], points[best], {name: v[best] for name, v in values.items()})]
 
 
-def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> list[Candidate]:
+def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> Sequence[Candidate]:
     """Return the best few of many random poses of a hand around the body.
 
     Each fingertip's contact is the nearest sample point of the faces it may use. Poses are ranked by how well the

@@ -188,10 +188,25 @@ def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) 
     return np.asarray(np.max(b @ a.T, axis=1) < SAME)
 
 
-def slot_parameters(bench: Workbench, faces: tuple[str, ...], cuts: FloatArray) -> FloatArray:
-    """Return the program's parameters for cuts with ``phi_A = 1``; the other slots stay empty."""
+def slot_parameters(
+    bench: Workbench, faces: tuple[str, ...], cuts: FloatArray, pieces: FloatArray | None = None
+) -> FloatArray:
+    """Return the program's parameters for cuts with ``phi_A = 1``; the other slots stay empty.
+
+    Parameters
+    ----------
+    bench : Workbench
+    faces : tuple of k str
+    cuts : (m, d) array
+    pieces : (m, k) array, optional
+        The contacts' own supports along the cuts, where the program wants the largest of them.
+    """
     directions = np.zeros((bench.slots, bench.problem.dimension))
     directions[: len(cuts)] = cuts * bench.scaling.task / bench.scaling.wrench
     reach = np.zeros(bench.slots)
     reach[: len(cuts)] = 1.0
-    return np.concatenate([directions.ravel(), reach, face_parameters(bench.problem, faces)])
+    weights = np.zeros(0)
+    if pieces is not None:
+        weights = np.zeros((bench.slots, pieces.shape[1]))
+        weights[np.arange(len(cuts)), np.argmax(pieces, axis=1)] = 1.0
+    return np.concatenate([directions.ravel(), reach, weights.ravel(), face_parameters(bench.problem, faces)])

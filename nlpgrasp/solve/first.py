@@ -41,11 +41,21 @@ class FirstResult:
     message: str
 
 
-def solve_first(bench: Workbench, candidates: Sequence[Candidate], rng: np.random.Generator) -> FirstResult:
-    """Solve the first program from each candidate in turn until one ends with a grasp; return the best."""
+def solve_first(
+    bench: Workbench, candidates: Sequence[Candidate], rng: np.random.Generator
+) -> tuple[FirstResult, Sequence[Candidate]]:
+    """Solve the first program from each candidate in turn until one ends with a grasp.
+
+    Returns
+    -------
+    FirstResult
+        The best so far.
+    sequence of Candidate
+        Those not tried yet.
+    """
     best: FirstResult | None = None
     iterations, seconds, functions = 0, 0.0, 0.0
-    for candidate in candidates:
+    for tried, candidate in enumerate(candidates, 1):  # noqa: B007  (used after the loop)
         found = _solve(bench, candidate, rng)
         iterations += found.state.iterations
         seconds += found.state.solver_seconds
@@ -56,7 +66,7 @@ def solve_first(bench: Workbench, candidates: Sequence[Candidate], rng: np.rando
             break
     assert best is not None  # noqa: S101  (for the type checker: there is at least one candidate)
     best.state.iterations, best.state.solver_seconds, best.state.function_seconds = iterations, seconds, functions
-    return best
+    return best, candidates[tried:]
 
 
 def _solve(bench: Workbench, begin: Candidate, rng: np.random.Generator) -> FirstResult:

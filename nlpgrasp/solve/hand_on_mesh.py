@@ -113,7 +113,8 @@ def touch_mesh(
     """
     compiled = bench.cut_program(faces)
     program = compiled.program
-    theta = slot_parameters(bench, faces, np.zeros((0, bench.problem.dimension)))
+    nothing = np.zeros((0, bench.problem.dimension))
+    theta = slot_parameters(bench, faces, nothing, bench.pieces(bench.grasp(faces, points), nothing))
     z = fill_start(bench, compiled, faces, points, values)
     smooth = bench.inward_normals(faces, points)
     rows = program.placement

@@ -91,7 +91,7 @@ class _Model:
         reached = float(np.min(WrenchSet.of(grasp, bench.problem.budget).support(cuts)[0], initial=np.inf))
         self.scale = bench.scaling.beta
         self.z[self.beta] = reached * self.scale  # all cuts hold at the start: phi_A = 1 along them
-        self.theta = slot_parameters(bench, faces, cuts)
+        self.theta = slot_parameters(bench, faces, cuts, bench.pieces(grasp, cuts))
         self.multipliers = np.zeros(0)
         self.reach = np.ones(len(self.z))
         for block in compiled.program.variables:

@@ -160,7 +160,7 @@ def _solution(
         forces=forces,
         moments=moments,
         constraints=best.constraints,
-        hand=best.hand,
+        hand=None if best.hand is None or problem.hand is None else problem.hand.describe(best.hand),
         surface=best.surface,
         starts=records,
     )

@@ -12,10 +12,11 @@ from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget, L2Budget
+from nlpgrasp.budgets.base import extremes
 from nlpgrasp.directions import directions
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
-from nlpgrasp.nlp import CompiledProgram, Program, Scaling, has_closed_form, support_program, vertex_program
+from nlpgrasp.nlp import CompiledProgram, Program, Scaling, has_closed_form, has_pieces, support_program, vertex_program
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.problem_rows import CLEARANCE, PlacementRows, placement_rows
 from nlpgrasp.rows import Row
@@ -75,6 +76,11 @@ class Workbench:
         return self.problem.hand is None or self.problem.hand.follows_contacts
 
     @cached_property
+    def linearises(self) -> bool:
+        """Whether the exchange goes by the program's linearisation: with a posed hand and without forces in it."""
+        return not self.follows_contacts and (has_closed_form(self.problem) or has_pieces(self.problem))
+
+    @cached_property
     def cloud(self) -> dict[str, FloatArray]:
         """Points on each face that some contact may use, the same in every process."""
         names = sorted({n for i in range(len(self.problem.models)) for n in self.problem.allowed_faces(i)})
@@ -121,7 +127,7 @@ class Workbench:
     def cut_program(self, faces: tuple[str, ...]) -> CompiledProgram:
         """Return the compiled program of the exchange; it serves every assignment of faces."""
         if self._cuts is None:
-            program = support_program(self.problem, faces, self.slots, eliminate=True)
+            program = support_program(self.problem, faces, self.slots, eliminate=True, pieces=self.linearises)
             self._cuts = self._compiled(program, {"tol": 1e-5, "mu_init": 1e-3})
         return self._cuts
 
@@ -132,6 +138,12 @@ class Workbench:
             most["max_wall_time"] = self.options.time_limit
         return CompiledProgram(program, most | limits)
 
+    def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
+        """Return the contacts' own supports along directions, (m, k), where the program is made of them."""
+        if has_closed_form(self.problem) or not self.linearises:
+            return None
+        return extremes(y @ grasp.G, grasp.contacts, self.space)[0]
+
     @property
     def screening_budget(self) -> ForceBudget:
         """The budget to rank placements by: the paper's where the problem's own needs each placement's frames."""
@@ -140,7 +152,7 @@ class Workbench:
     @property
     def slots(self) -> int:
         """Cutting planes the exchange's program holds."""
-        return SLOTS if has_closed_form(self.problem) else SLOTS_WITH_FORCES
+        return SLOTS if self.linearises or has_closed_form(self.problem) else SLOTS_WITH_FORCES
 
     @cached_property
     def constraint_rows(self) -> tuple[Row, ...]:
@@ -158,9 +170,12 @@ class Workbench:
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: dict[str, FloatArray]) -> FloatArray:
         """Return each placement's largest violation relative to the rows' scales, (b,), and of face extents not."""
-        values = self.constraint_values(points, normals, hand)
+        return self.excess(self.constraint_values(points, normals, hand))
+
+    def excess(self, values: FloatArray) -> FloatArray:
+        """Return the largest violation of rows' values (b, m), relative to the rows' scales, (b,)."""
         if not values.shape[1]:
-            return np.zeros(len(points))
+            return np.zeros(len(values))
         lower = np.array([r.lower for r in self.constraint_rows])
         upper = np.array([r.upper for r in self.constraint_rows])
         scale = np.array([r.scale for r in self.constraint_rows])

@@ -1,0 +1,72 @@
+"""The last step of a start: contacts on the body itself, and how well the constraints are kept there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.solution import SurfaceMatch
+from nlpgrasp.solve.exchange import ExchangeState
+from nlpgrasp.solve.hand_on_mesh import hand_onto_mesh
+from nlpgrasp.solve.on_mesh import slide_onto_mesh
+from nlpgrasp.solve.stop import Stop
+from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class OnBody:
+    """A grasp of the body itself.
+
+    Parameters
+    ----------
+    grasp : Grasp
+    hand : dict or None
+        Values of the hand's variables.
+    values : (m,) array
+        Of the rows of constraints and hand, in their own units; distances from the mesh are the mesh's own.
+    violation : float
+        Largest violation of these rows, relative to their scales.
+    surface : SurfaceMatch or None
+        For meshes.
+    """
+
+    grasp: Grasp
+    hand: dict[str, FloatArray] | None
+    values: FloatArray
+    violation: float
+    surface: SurfaceMatch | None = None
+
+
+def put_on_body(
+    bench: Workbench, faces: tuple[str, ...], state: ExchangeState, rng: np.random.Generator, stop: Stop
+) -> OnBody:
+    """Return the grasp on the body itself; for meshes with how far that is from the solver's surface."""
+    body, hand = bench.problem.body, bench.problem.hand
+    values = state.hand
+    if not isinstance(body, Mesh):
+        return _kept(bench, bench.grasp(faces, state.points), values, None)
+    if hand is None or hand.follows_contacts:
+        grasp = slide_onto_mesh(bench, body, state.points, values, rng, stop)
+    else:
+        touching = hand_onto_mesh(bench, body, hand, faces, state, stop)
+        values = touching.hand
+        grasp = Grasp(touching.points, touching.normals, bench.problem.models, bench.problem.origin)
+    smooth = bench.inward_normals(faces, grasp.points)
+    cosines = np.clip(np.sum(smooth * grasp.normals, axis=1), -1.0, 1.0)
+    moved = np.linalg.norm(grasp.points - state.points, axis=1)
+    match = SurfaceMatch(body.closest(state.points)[2], np.arccos(cosines), moved)
+    return _kept(bench, grasp, values, match)
+
+
+def _kept(bench: Workbench, grasp: Grasp, hand: dict[str, FloatArray], surface: SurfaceMatch | None) -> OnBody:
+    batched = {name: v[None, :] for name, v in hand.items()}
+    values = bench.constraint_values(grasp.points[None], grasp.normals[None], batched)
+    body = bench.problem.body
+    if isinstance(body, Mesh) and len(bench.clearance_rows):
+        values[0, bench.clearance_rows] = bench.mesh_clearances(body, hand)
+    violation = float(bench.excess(values)[0])
+    return OnBody(grasp, hand or None, values[0], violation, surface)
