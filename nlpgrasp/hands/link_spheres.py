@@ -9,7 +9,8 @@ grows until they are few enough. So nothing of the link sticks out of its sphere
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import trimesh
@@ -20,8 +21,9 @@ from nlpgrasp.validation import FloatArray
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
-SURFACE, INSIDE = 1500, 800  # samples a link
+SURFACE, INSIDE = 900, 400  # samples a link
 SWEEPS = 30
+INSETS = (1.0, 1.3, 1.7, 2.2)  # of half a cell: how far the outer spheres are from the ends
 FIRST_ERROR, GROWTH = 0.05, 1.25  # first error, of the link's size; its growth
 MARGIN = 0.25  # of the samples' spacing, kept at each sample for what is between them
 
@@ -58,6 +60,11 @@ def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
     """Return at most ``most`` spheres around the shapes of one link (one a shape where all are spheres)."""
     if all(s.centre is not None for s in shapes):
         return SphereFit(np.array([s.centre for s in shapes]), np.array([s.radius for s in shapes]), 0.0)
+    return min((_chosen(shapes, most), _regular(shapes, most)), key=lambda fit: fit.error)
+
+
+def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
+    """Return spheres chosen among many, each moved to where it covers its share best."""
     rng = np.random.default_rng(0)
     surface, spacing = _surface(shapes, rng)
     inner, depth = _inside(shapes, rng)
@@ -73,6 +80,31 @@ def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
     best, reach = _improved(apart, depth, chosen)
     kept = reach > 0.0
     return SphereFit(inner[best][kept], reach[kept], float(np.max((reach - depth[best])[kept], initial=0.0)))
+
+
+def _regular(shapes: Sequence[Shape], most: int) -> SphereFit:
+    """Return the best regular arrangement of spheres in the box around the shapes: best for boxes and fingers."""
+    surface, spacing = _surface(shapes, np.random.default_rng(0))
+    low, high = surface.min(axis=0), surface.max(axis=0)
+    best: SphereFit | None = None
+    for counts in product(range(1, most + 1), repeat=3):
+        if np.prod(counts) > most or np.prod(counts) < most / 2:
+            continue
+        for inset in INSETS:
+            half = (high - low) / 2.0 / np.array(counts)
+            ends = np.minimum((high - low) / 2.0, np.where(np.array(counts) > 1, inset * half, (high - low) / 2.0))
+            axes = [np.linspace(low[a] + ends[a], high[a] - ends[a], counts[a]) for a in range(3)]
+            centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+            apart = np.linalg.norm(centres[:, None] - surface[None], axis=2) + MARGIN * spacing
+            radius = float(np.max(np.min(apart, axis=0)))
+            owner = np.argmin(apart, axis=0)
+            radii = np.array([np.max(apart[i][owner == i], initial=0.0) for i in range(len(centres))])
+            if best is None or radius < float(np.max(best.radii)):
+                best = SphereFit(centres[radii > 0.0], radii[radii > 0.0], 0.0)
+    if best is None:
+        return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)
+    depth = np.max([s.depth(best.centres) for s in shapes], axis=0)
+    return replace(best, error=float(np.max(best.radii - depth)))
 
 
 def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:

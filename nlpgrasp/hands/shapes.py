@@ -48,6 +48,11 @@ class Shape:
         """Return a box at a pose (4, 4)."""
         return cls("box", trimesh.creation.box(size, transform=pose))
 
+    @property
+    def fingerprint(self) -> bytes:
+        """The same for shapes that are alike."""
+        return np.asarray(self.mesh.vertices, dtype=float).round(9).tobytes()
+
     def depth(self, points: FloatArray) -> FloatArray:
         """Return how deep points (m, 3) are inside, metres, negative outside."""
         if self.centre is not None:

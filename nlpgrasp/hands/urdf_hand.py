@@ -25,7 +25,7 @@ from nlpgrasp.hands.urdf_file import read_urdf
 from nlpgrasp.rows import LinkSphere, PalmPose, Placement, Row
 from nlpgrasp.validation import FloatArray, array, integer, number
 
-PALM_SHARE = 3  # the palm is broad: it gets so many times the spheres of a finger's link
+PALM_SHARE = 5  # the palm is broad: it gets so many times the spheres of a finger's link
 TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact
 MIDDLE = (0.1, 0.7)  # share of the joint ranges that random starts are drawn from
 
@@ -102,7 +102,7 @@ class URDFHand(Hand):
         clearance : float
             Least distance between the links and the body, metres.
         spheres_per_link : int
-            Most spheres that stand for a link (three times as many for the palm): more are closer to its shape,
+            Most spheres that stand for a link (five times as many for the palm): more are closer to its shape,
             and cost time.
         self_collision : bool
             Keep the links from each other.
@@ -207,8 +207,13 @@ class URDFHand(Hand):
     def fits(self) -> dict[str, SphereFit]:
         """Spheres around each link; those beside a fingertip are as small as lets it touch."""
         result = {}
+        known: dict[tuple[bytes, int], SphereFit] = {}
         for link, shapes in self.robot.shapes.items():
-            fit = fit_spheres(shapes, (PALM_SHARE if link == self.robot.root else 1) * self.spheres_per_link)
+            most = (PALM_SHARE if link == self.robot.root else 1) * self.spheres_per_link
+            key = (b"".join(shape.fingerprint for shape in shapes), most)  # fingers are often alike
+            if key not in known:
+                known[key] = fit_spheres(shapes, most)
+            fit = known[key]
             for other, tip in self.tips:
                 transform = self._rigid(link, other)
                 if transform is not None:

@@ -19,6 +19,7 @@ ENUMERATE_BELOW = 64
 POSES_A_CANDIDATE, CHECKED = 8, 48  # random hand poses a candidate; the best of them whose clearances are computed
 BLOCKED = 0.2  # weight of the links' mean overlap, over the body's size
 TRIES = 3  # poses a start may begin from, one after another
+MANY, MANY_TRIES = 6, 32  # contacts from which poses are first moved to where all can touch, and poses then
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 
 
@@ -89,7 +90,8 @@ def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> 
     order = np.argsort(-score)[:CHECKED]
     chosen = {name: v[order] for name, v in values.items()}
     blocked = bench.blocked(points[order], normals[order], chosen)
-    best = order[np.argsort(BLOCKED * blocked - score[order], kind="stable")[:TRIES]]
+    tries = TRIES if hand.count < MANY else MANY_TRIES
+    best = order[np.argsort(BLOCKED * blocked - score[order], kind="stable")[:tries]]
     return [Candidate(tuple(faces[i]), points[i], {name: v[i] for name, v in values.items()}) for i in best]
 
 

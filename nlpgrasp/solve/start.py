@@ -11,11 +11,12 @@ from threadpoolctl import threadpool_limits
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality import mu
 from nlpgrasp.solution import ConstraintReport, StartRecord, Status, SurfaceMatch
-from nlpgrasp.solve.candidates import draw_start
+from nlpgrasp.solve.candidates import MANY, draw_start
 from nlpgrasp.solve.exchange import exchange
 from nlpgrasp.solve.first import FirstResult, solve_first
 from nlpgrasp.solve.on_body import put_on_body
 from nlpgrasp.solve.reports import constraint_reports
+from nlpgrasp.solve.restore import touching_candidates
 from nlpgrasp.solve.sequential import sequential_exchange
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import FEASIBLE, Workbench
@@ -70,6 +71,8 @@ def _run(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResult:
     result: StartResult | None = None
     try:
         candidates = draw_start(bench, rng)
+        if not bench.follows_contacts and len(bench.problem.models) >= MANY:
+            candidates = touching_candidates(bench, candidates, stop)
         clock.mark("screen")
         while candidates and not (result is not None and (result.solved or stop.requested())):
             first, candidates = solve_first(bench, candidates, rng)
