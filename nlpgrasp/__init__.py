@@ -14,7 +14,18 @@ from nlpgrasp.bodies import (
     Torus,
 )
 from nlpgrasp.budgets import JointTorqueLimits
-from nlpgrasp.constraints import BoxRegion, Constraint, Forbid, HalfSpace, Spread, Table
+from nlpgrasp.constraints import (
+    Approach,
+    BoxRegion,
+    Constraint,
+    Forbid,
+    HalfSpace,
+    Obstacle,
+    Spread,
+    Symmetric,
+    Table,
+    Workspace,
+)
 from nlpgrasp.contacts import (
     BilateralContact,
     FrictionContact,
@@ -26,7 +37,7 @@ from nlpgrasp.contacts import (
 from nlpgrasp.errors import InputError, NlpgraspError, NoGraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
-from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, SphereTip, URDFHand
+from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import (
     Bounds,
@@ -58,6 +69,7 @@ from nlpgrasp.verify import Verification, verify
 from nlpgrasp.version import __version__
 
 __all__ = [
+    "Approach",
     "BilateralContact",
     "Bounds",
     "Box",
@@ -84,6 +96,8 @@ __all__ = [
     "Mesh",
     "NlpgraspError",
     "NoGraspError",
+    "Obstacle",
+    "ParallelJaw",
     "PlanarImplicit",
     "PlaneContact",
     "PointContact",
@@ -98,6 +112,7 @@ __all__ = [
     "StackBounds",
     "Status",
     "Superquadric",
+    "Symmetric",
     "Table",
     "TaskEllipsoid",
     "TaskSet",
@@ -105,6 +120,7 @@ __all__ = [
     "URDFHand",
     "Verification",
     "Volume",
+    "Workspace",
     "__version__",
     "allowed_twists",
     "delta",

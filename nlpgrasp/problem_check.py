@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.rows import Placement, Row
+from nlpgrasp.problem_rows import placement_of
+from nlpgrasp.rows import Clearance, Row
 from nlpgrasp.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -27,13 +28,15 @@ def check_placements(problem: GraspProblem) -> None:
         Naming the contact and the constraints that exclude every sampled point of its faces by a wide margin,
         or a least distance between contacts that the faces are too small for.
     """
-    k, space = len(problem.models), problem.body.space
+    k, space, hand = len(problem.models), problem.body.space, problem.hand
     p = [ca.SX.sym("p", space) for _ in range(k)]
     n = [ca.SX.sym("n", space) for _ in range(k)]
-    radii = (0.0,) * k if problem.hand is None else problem.hand.tip_radii
-    placement = Placement(p, n, radii, problem.body.size)
+    variables = [] if hand is None else hand.variables(problem.body.bounds)
+    symbols = {v.name: ca.SX.sym(v.name, len(v.lower)) for v in variables}
+    placement = placement_of(hand, p, n, symbols, problem.body.size)
     found = [row for constraint in problem.constraints for row in constraint.rows(placement)]
-    rows = [row for row in found if isinstance(row, Row)]
+    converted = [row.as_row() if isinstance(row, Clearance) else row for row in found]
+    rows = [row for row in converted if row is not None]
     if not rows and problem.hand is None:
         return
     rng = np.random.default_rng(0)

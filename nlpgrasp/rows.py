@@ -4,11 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 Expression = Any  # casadi.SX
+
+
+@runtime_checkable
+class Solid(Protocol):
+    """What constraints know of a body."""
+
+    @property
+    def space(self) -> int:
+        """2 or 3."""
+
+    @property
+    def distance_function(self) -> Any:
+        """A ``casadi.Function`` from a point to the signed distance, metres."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the body as JSON data."""
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,27 @@
 """Constraints: where contacts must not be."""
 
+from nlpgrasp.constraints.approach import Approach
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.expression import Constraint
 from nlpgrasp.constraints.forbid import Forbid
+from nlpgrasp.constraints.obstacle import Obstacle
 from nlpgrasp.constraints.regions import BoxRegion, HalfSpace, Region
 from nlpgrasp.constraints.spread import Spread
+from nlpgrasp.constraints.symmetric import Symmetric
 from nlpgrasp.constraints.table import Table
+from nlpgrasp.constraints.workspace import Workspace
 
 __all__ = [
+    "Approach",
     "BoxRegion",
     "Constraint",
     "Forbid",
     "HalfSpace",
+    "Obstacle",
     "PlacementConstraint",
     "Region",
     "Spread",
+    "Symmetric",
     "Table",
+    "Workspace",
 ]

@@ -123,9 +123,12 @@ class ExpressionRegion(Region):
     ----------
     expression : callable
         ``expression(p)`` of a CasADi point: positive inside the region.
+    field : str
+        What messages call it.
     """
 
     expression: Callable[[Expression], Expression]
+    field: str = "Forbid.region"
 
     def inside(self, p: Expression) -> Expression:
         """Return the user's expression, refusing anything but a scalar."""
@@ -135,11 +138,9 @@ class ExpressionRegion(Region):
             raise
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
-            raise InputError("Forbid.region", reason, "CasADi operations on a point of the body's dimension") from None
+            raise InputError(self.field, reason, "CasADi operations on a point of the body's dimension") from None
         if getattr(value, "shape", None) != (1, 1):
-            raise InputError(
-                "Forbid.region", type(value).__name__, "a function that returns a scalar CasADi expression"
-            )
+            raise InputError(self.field, type(value).__name__, "a function that returns a scalar CasADi expression")
         return value
 
     def _text(self) -> str:

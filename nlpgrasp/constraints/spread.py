@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -10,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.constraints.workspace import check_fingers, finger_numbers
 from nlpgrasp.errors import InputError
 from nlpgrasp.rows import Placement, Row
 from nlpgrasp.validation import number
@@ -17,7 +19,7 @@ from nlpgrasp.validation import number
 
 @dataclass(frozen=True)
 class Spread(PlacementConstraint):
-    """Every two contacts are at least ``min`` and at most ``max`` apart.
+    """Every two contacts, or every two of some, are at least ``min`` and at most ``max`` apart.
 
     Parameters
     ----------
@@ -25,10 +27,13 @@ class Spread(PlacementConstraint):
         Metres, at least zero.
     max : float, optional
         Metres, greater than ``min``; no limit when left out.
+    fingers : sequence of int, optional
+        Which contacts; all when left out.
     """
 
     min: float = 0.0
     max: float | None = None
+    fingers: Sequence[int] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "min", number("Spread.min", self.min, at_least=0.0))
@@ -36,15 +41,18 @@ class Spread(PlacementConstraint):
             object.__setattr__(self, "max", number("Spread.max", self.max, above=self.min))
         if self.min == 0.0 and self.max is None:
             raise InputError("Spread", "neither min nor max", "a least or a greatest distance")
+        if self.fingers is not None:
+            object.__setattr__(self, "fingers", finger_numbers("Spread.fingers", self.fingers))
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse a least distance longer than the body."""
+        """Refuse a least distance longer than the body, and fingers there are not."""
+        check_fingers("Spread.fingers", self.fingers, contacts)
         if contacts > 1 and self.min > 2.0 * size:
             raise InputError("Spread.min", f"{self.min:g} m", f"at most the body's diagonal, {2.0 * size:.3g} m")
 
     def least_distance(self) -> float:
-        """Return ``min``."""
-        return self.min
+        """Return ``min``, where it is about all contacts."""
+        return self.min if self.fingers is None else 0.0
 
     def rows(self, placement: Placement) -> list[Row]:
         """Return one row a pair: the squared distance within the squared limits."""
@@ -52,8 +60,10 @@ class Spread(PlacementConstraint):
         return [
             Row(f"spread, fingers {i} and {j}", ca.sumsqr(p - q), self.min**2, upper, placement.size**2)
             for (i, p), (j, q) in combinations(enumerate(placement.positions), 2)
+            if self.fingers is None or {i, j} <= set(self.fingers)
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return both limits."""
-        return {"type": "spread", "min": self.min, "max": self.max}
+        """Return both limits, and the fingers."""
+        fingers = None if self.fingers is None else list(self.fingers)
+        return {"type": "spread", "min": self.min, "max": self.max, "fingers": fingers}

@@ -2,6 +2,7 @@
 
 from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.fingertips import Fingertips
+from nlpgrasp.hands.parallel_jaw import ParallelJaw
 from nlpgrasp.hands.tips import CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf_hand import URDFHand
 
@@ -12,6 +13,7 @@ __all__ = [
     "FlatTip",
     "Hand",
     "HandVariable",
+    "ParallelJaw",
     "SphereTip",
     "Tip",
     "URDFHand",

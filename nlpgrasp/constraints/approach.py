@@ -1,0 +1,58 @@
+"""From where the palm comes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.errors import InputError
+from nlpgrasp.rows import Placement, Row
+from nlpgrasp.validation import array, number
+
+
+@dataclass(frozen=True)
+class Approach(PlacementConstraint):
+    """The palm faces a direction to within an angle: the approach cone.
+
+    Parameters
+    ----------
+    direction : (3,) array
+        In which the palm faces, body frame: (0, 0, -1) for a hand that comes from above.
+    angle : float
+        Half the cone's opening, radians, greater than zero and at most pi.
+    """
+
+    direction: ArrayLike
+    angle: float
+
+    def __post_init__(self) -> None:
+        direction = array("Approach.direction", self.direction, (3,))
+        size = float(np.linalg.norm(direction))
+        if size == 0.0:
+            raise InputError("Approach.direction", self.direction, "a direction")
+        object.__setattr__(self, "direction", tuple((direction / size).tolist()))
+        angle = number("Approach.angle", self.angle, above=0.0)
+        if angle > np.pi:
+            raise InputError("Approach.angle", self.angle, "an angle of at most pi")
+        object.__setattr__(self, "angle", angle)
+
+    def check(self, space: int, size: float, contacts: int) -> None:
+        """Refuse planar bodies."""
+        if space != 3:
+            raise InputError("Approach.direction", "a planar body", "a body in space")
+
+    def rows(self, placement: Placement) -> list[Row]:
+        """Return ``a . d >= cos(angle)`` with the palm's direction a."""
+        if placement.palm is None:
+            raise InputError("Approach", "no palm", "a hand with a palm, such as ng.URDFHand")
+        along = ca.dot(placement.palm.approach, ca.DM(np.asarray(self.direction)))
+        return [Row("approach, palm", along, float(np.cos(self.angle)))]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return direction and angle."""
+        return {"type": "approach", "direction": list(np.asarray(self.direction, float)), "angle": self.angle}

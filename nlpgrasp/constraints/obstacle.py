@@ -1,0 +1,105 @@
+"""Something else in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.errors import InputError
+from nlpgrasp.rows import Clearance, Placement, Row, Solid
+from nlpgrasp.validation import FloatArray, array, number
+
+
+@dataclass(frozen=True)
+class Obstacle(PlacementConstraint):
+    """Fingertips and links stay away from another body.
+
+    Parameters
+    ----------
+    body : Body
+        Any body of the same dimension.
+    clearance : float
+        Least distance, metres, at least zero.
+    position : (space,) array, optional
+        Where the obstacle's frame is in the held body's, metres; the same place when left out.
+    quaternion : (4,) array, optional
+        How it is turned, (w, x, y, z); as the held body when left out. Bodies in space only.
+    name : str
+        Shown in reports.
+    """
+
+    body: Solid
+    clearance: float = 0.0
+    position: ArrayLike | None = None
+    quaternion: ArrayLike | None = None
+    name: str = "obstacle"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.body, Solid):
+            raise InputError("Obstacle.body", self.body, "a body such as ng.Box or ng.Mesh")
+        object.__setattr__(self, "clearance", number("Obstacle.clearance", self.clearance, at_least=0.0))
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError("Obstacle.name", self.name, "a non-empty name")
+        if self.position is not None:
+            object.__setattr__(self, "position", _listed("Obstacle.position", self.position, self.body.space))
+        if self.quaternion is not None:
+            if self.body.space == 2:
+                raise InputError("Obstacle.quaternion", self.quaternion, "none for a planar body")
+            quaternion = np.array(_listed("Obstacle.quaternion", self.quaternion, 4))
+            size = float(np.linalg.norm(quaternion))
+            if size == 0.0:
+                raise InputError("Obstacle.quaternion", self.quaternion, "a quaternion that is not zero")
+            object.__setattr__(self, "quaternion", tuple((quaternion / size).tolist()))
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Axes of the obstacle's frame in the held body's, as columns."""
+        if self.quaternion is None:
+            return np.eye(self.body.space)
+        return np.asarray(Rotation.from_quat(np.asarray(self.quaternion), scalar_first=True).as_matrix())
+
+    def check(self, space: int, size: float, contacts: int) -> None:
+        """Refuse an obstacle of another dimension than the held body."""
+        if self.body.space != space:
+            raise InputError("Obstacle.body", f"a body of {self.body.space} dimensions", f"one of {space}")
+
+    def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
+        """Return one row a fingertip and one a link's sphere."""
+        parts = [(f"{self.name}, finger {i}", tip, r) for i, (tip, r) in _counted(placement)]
+        parts += [(f"{self.name}, {s.name}", s.centre, s.radius) for s in placement.links]
+        return [
+            Clearance(name, self.body.distance_function, self._local(point), radius + self.clearance, placement.size)
+            for name, point, radius in parts
+        ]
+
+    def _local(self, point: Any) -> Any:
+        """Return a point in the obstacle's frame."""
+        if self.position is not None:
+            point = point - ca.DM(np.asarray(self.position))
+        return point if self.quaternion is None else ca.mtimes(ca.DM(self.rotation.T), point)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the body, its pose and the clearance."""
+        return {
+            "type": "obstacle",
+            "name": self.name,
+            "body": self.body.to_dict(),
+            "clearance": self.clearance,
+            "position": None if self.position is None else list(np.asarray(self.position, float)),
+            "quaternion_wxyz": None if self.quaternion is None else list(np.asarray(self.quaternion, float)),
+        }
+
+
+def _counted(placement: Placement) -> Any:
+    return enumerate(zip(placement.tips, placement.radii, strict=True))
+
+
+def _listed(field: str, value: ArrayLike, size: int) -> tuple[float, ...]:
+    return tuple(array(field, value, (size,)).tolist())

@@ -1,0 +1,81 @@
+"""Contacts that mirror each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.constraints.workspace import check_fingers, finger_numbers
+from nlpgrasp.errors import InputError
+from nlpgrasp.rows import Placement, Row
+from nlpgrasp.validation import array, number
+
+
+@dataclass(frozen=True)
+class Symmetric(PlacementConstraint):
+    """One contact is the mirror image of another in a plane, to within a distance.
+
+    Parameters
+    ----------
+    fingers : (int, int)
+        The two contacts.
+    normal : (space,) array
+        Of the mirror plane, body frame.
+    offset : float
+        ``normal . p`` on the plane, for a unit normal, metres.
+    tolerance : float
+        Metres, greater than zero: how far from the mirror image the contact may be. On a body that is symmetric
+        itself exact equality would say twice that the image is on the surface.
+    """
+
+    fingers: Sequence[int]
+    normal: ArrayLike
+    offset: float = 0.0
+    tolerance: float = 1e-4
+
+    def __post_init__(self) -> None:
+        fingers = finger_numbers("Symmetric.fingers", self.fingers)
+        if len(fingers) != 2:
+            raise InputError("Symmetric.fingers", self.fingers, "two fingers")
+        object.__setattr__(self, "fingers", fingers)
+        normal = array("Symmetric.normal", self.normal, (None,))
+        size = float(np.linalg.norm(normal))
+        if size == 0.0:
+            raise InputError("Symmetric.normal", self.normal, "a direction")
+        object.__setattr__(self, "normal", tuple((normal / size).tolist()))
+        object.__setattr__(self, "offset", number("Symmetric.offset", self.offset))
+        object.__setattr__(self, "tolerance", number("Symmetric.tolerance", self.tolerance, above=0.0))
+
+    def check(self, space: int, size: float, contacts: int) -> None:
+        """Refuse a plane of another dimension, and fingers there are not."""
+        if np.size(self.normal) != space:
+            raise InputError("Symmetric.normal", f"{np.size(self.normal)} numbers", f"{space} numbers")
+        check_fingers("Symmetric.fingers", self.fingers, contacts)
+
+    def rows(self, placement: Placement) -> list[Row]:
+        """Return one row a coordinate: image less contact, within the tolerance."""
+        a, b = (placement.positions[i] for i in self.fingers)
+        n = ca.DM(np.asarray(self.normal))
+        apart = a - 2.0 * (ca.dot(n, a) - self.offset) * n - b
+        i, j = self.fingers
+        name = f"symmetric, fingers {i} and {j}"
+        return [
+            Row(f"{name}, {axis}", apart[c], -self.tolerance, self.tolerance, placement.size)
+            for c, axis in zip(range(apart.shape[0]), "xyz", strict=False)
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return fingers, plane and tolerance."""
+        return {
+            "type": "symmetric",
+            "fingers": list(self.fingers),
+            "normal": list(np.asarray(self.normal, float)),
+            "offset": self.offset,
+            "tolerance": self.tolerance,
+        }

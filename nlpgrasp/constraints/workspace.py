@@ -1,0 +1,94 @@
+"""Where contacts must be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.constraints.regions import BoxRegion, ExpressionRegion, Region
+from nlpgrasp.errors import InputError
+from nlpgrasp.rows import Placement, Row
+
+
+@dataclass(frozen=True)
+class Workspace(PlacementConstraint):
+    """Contacts stay inside a region; with ``palm=True`` the palm's origin does instead.
+
+    Parameters
+    ----------
+    region : Region or callable
+        A :class:`BoxRegion`, a :class:`HalfSpace`, or a function of a CasADi point that is positive inside.
+    fingers : sequence of int, optional
+        Which contacts; all when left out.
+    palm : bool
+        Constrain the palm's origin, of a hand that has one.
+    """
+
+    region: Region | Callable[[Any], Any]
+    fingers: Sequence[int] | None = None
+    palm: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.region, Region):
+            if not callable(self.region):
+                raise InputError("Workspace.region", self.region, "a region or a function of a point")
+            object.__setattr__(self, "region", ExpressionRegion(self.region, "Workspace.region"))
+        if self.fingers is not None:
+            object.__setattr__(self, "fingers", finger_numbers("Workspace.fingers", self.fingers))
+
+    def check(self, space: int, size: float, contacts: int) -> None:
+        """Refuse a region of another dimension than the body's, and fingers there are not."""
+        assert isinstance(self.region, Region)  # noqa: S101  (for the type checker)
+        if self.region.dimension() not in (None, space):
+            raise InputError("Workspace.region", f"{self.region.dimension()} coordinates", f"{space} coordinates")
+        check_fingers("Workspace.fingers", self.fingers, contacts)
+
+    def rows(self, placement: Placement) -> list[Row]:
+        """Return the rows of each point: one a coordinate for a box, otherwise one."""
+        if self.palm:
+            if placement.palm is None:
+                raise InputError("Workspace.palm", True, "a hand with a palm")
+            return self._inside("workspace, palm", placement.palm.position, placement.size)
+        used = range(len(placement.positions)) if self.fingers is None else self.fingers
+        return [
+            row for i in used for row in self._inside(f"workspace, finger {i}", placement.positions[i], placement.size)
+        ]
+
+    def _inside(self, name: str, p: Any, size: float) -> list[Row]:
+        region = self.region
+        if isinstance(region, BoxRegion):
+            limits = zip("xyz", np.asarray(region.lower), np.asarray(region.upper), strict=False)
+            return [
+                Row(f"{name}, {axis}", p[i], float(low), float(high), size)
+                for i, (axis, low, high) in enumerate(limits)
+            ]
+        assert isinstance(region, Region)  # noqa: S101  (for the type checker)
+        return [Row(name, region.inside(p), 0.0, scale=size)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the region, and what has to be in it."""
+        assert isinstance(self.region, Region)  # noqa: S101  (for the type checker)
+        fingers = None if self.fingers is None else list(self.fingers)
+        return {"type": "workspace", "region": self.region.to_dict(), "fingers": fingers, "palm": self.palm}
+
+
+def finger_numbers(field: str, fingers: Sequence[int]) -> tuple[int, ...]:
+    """Return numbers of fingers, refusing what is none, and twins."""
+    try:
+        numbers = tuple(int(i) for i in fingers)
+        good = all(isinstance(i, int | np.integer) and not isinstance(i, bool) for i in fingers)
+    except (TypeError, ValueError):
+        numbers, good = (), False
+    if not good or not numbers or min(numbers) < 0 or len(set(numbers)) != len(numbers):
+        raise InputError(field, fingers, "different numbers of fingers, from 0")
+    return numbers
+
+
+def check_fingers(field: str, fingers: Sequence[int] | None, contacts: int) -> None:
+    """Refuse fingers that a problem does not have."""
+    if fingers is not None and max(fingers) >= contacts:
+        raise InputError(field, list(fingers), f"fingers 0 to {contacts - 1}")

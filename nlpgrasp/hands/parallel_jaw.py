@@ -1,0 +1,75 @@
+"""Two opposed jaws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.base import Expression, Hand, HandVariable
+from nlpgrasp.rows import Placement, Row
+from nlpgrasp.validation import FloatArray, number
+
+
+@dataclass(frozen=True)
+class ParallelJaw(Hand):
+    """Two flat jaws that face each other, for two contacts (usually soft ones).
+
+    The line between the contacts is within an angle of both inward normals: jaws close along one line and touch
+    flat. The opening is the distance of the contacts along it.
+
+    Parameters
+    ----------
+    opening : float
+        Greatest distance between the jaws, metres.
+    closed : float
+        Least distance between them, metres.
+    tilt : float
+        Most between a contact's normal and the closing direction, radians: compliant pads give a little.
+    """
+
+    opening: float
+    closed: float = 0.0
+    tilt: float = 0.05
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "closed", number("ParallelJaw.closed", self.closed, at_least=0.0))
+        object.__setattr__(self, "opening", number("ParallelJaw.opening", self.opening, above=self.closed))
+        tilt = number("ParallelJaw.tilt", self.tilt, above=0.0)
+        if tilt >= np.pi / 2.0:
+            raise InputError("ParallelJaw.tilt", self.tilt, "an angle below a right angle")
+        object.__setattr__(self, "tilt", tilt)
+
+    @property
+    def count(self) -> int:  # type: ignore[override]  # fixed, where other hands have a field
+        """2."""
+        return 2
+
+    @property
+    def tip_radii(self) -> tuple[float, ...]:
+        """Zero: flat pads."""
+        return (0.0, 0.0)
+
+    def variables(self, bounds: FloatArray) -> list[HandVariable]:
+        """Return none: the jaws are where the contacts are."""
+        return []
+
+    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
+        """Return the opening, and that each jaw faces along the line between the contacts."""
+        (p, q), (m, n) = placement.positions, placement.normals
+        between = q - p
+        squared = ca.sumsqr(between)
+        length = ca.sqrt(squared + 1e-12 * placement.size**2)
+        cosine = float(np.cos(self.tilt))
+        return [
+            Row("opening of the jaws", squared, self.closed**2, self.opening**2, placement.size**2),
+            Row("facing, jaw 0", ca.dot(m, between) - cosine * length, 0.0, scale=placement.size),
+            Row("facing, jaw 1", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size),
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the settings."""
+        return {"type": "parallel_jaw", "opening": self.opening, "closed": self.closed, "tilt": self.tilt}
