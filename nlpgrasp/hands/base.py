@@ -90,6 +90,10 @@ class Hand(ABC):
         """Return the centres of round fingertips, body frame; None for the others and where the contacts decide."""
         return [None] * self.count
 
+    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
+        """Return a point of each fingertip, body frame, of a hand that has a pose."""
+        raise NotImplementedError
+
     def palm(self, variables: dict[str, Expression]) -> PalmPose | None:
         """Return the palm's pose, where the hand has one."""
         return None

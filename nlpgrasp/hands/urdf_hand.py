@@ -188,6 +188,15 @@ class URDFHand(Hand):
         poses = self._poses(variables)
         return [tip.ball_centre(poses[link], slide) for link, tip, slide in self._tips_with_slides(variables)]
 
+    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
+        """Return the fingertips' centres in the body's frame."""
+        poses = self._poses(variables)
+        found = zip(self.tips, self.tip_centres(variables), strict=True)
+        return [
+            poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(tip.centre)) if centre is None else centre
+            for (link, tip), centre in found
+        ]
+
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
         """Return the links' spheres in the body's frame."""
         poses = self._poses(variables)
