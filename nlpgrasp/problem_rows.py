@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.constraints import PlacementConstraint
@@ -26,10 +25,13 @@ class PlacementRows:
     ----------
     rows : tuple of Row
     clearances : tuple of Clearance
+    sources : tuple of tuple of int
+        Which rows of :attr:`named` each constraint gave, in order; then the hand's, then the links' clearance.
     """
 
     rows: tuple[Row, ...]
     clearances: tuple[Clearance, ...] = ()
+    sources: tuple[tuple[int, ...], ...] = ()
 
     @property
     def named(self) -> tuple[Row, ...]:
@@ -72,21 +74,42 @@ def placement_rows(
         The hand's variables by name, in the hand's units.
     """
     placement = placement_of(hand, positions, normals, variables, body.size)
-    given: list[Row | Clearance] = [row for c in constraints for row in c.rows(placement)]
+    return collected(given_rows(body, constraints, hand, placement, variables), bool(placement.spheres))
+
+
+def given_rows(
+    body: Body,
+    constraints: Sequence[PlacementConstraint],
+    hand: Hand | None,
+    placement: Placement,
+    variables: dict[str, Expression],
+) -> list[Sequence[Row | Clearance]]:
+    """Return the rows of each constraint, then those of the hand, then those of the links' clearance."""
+    given = [c.rows(placement) for c in constraints]
     if hand is not None:
-        given += hand.rows(placement, variables)
-        given += [_clear(body, sphere) for sphere in placement.spheres if np.isfinite(sphere.clearance)]
-    rows, clearances = [], []
-    for item in given:
-        if isinstance(item, Clearance):
-            row = item.as_row()
-            if row is None:
+        given.append(hand.rows(placement, variables))
+        given.append([_clear(body, sphere) for sphere in placement.spheres])
+    return given
+
+
+def collected(given: Sequence[Sequence[Row | Clearance]], shared: bool) -> PlacementRows:
+    """Return all rows in the program's order: those through the distance to a mesh last."""
+    rows: list[Row] = []
+    clearances: list[Clearance] = []
+    places: list[list[tuple[bool, int]]] = []
+    for part in given:
+        places.append([])
+        for item in part:
+            row = item.as_row() if isinstance(item, Clearance) else item
+            if row is not None:
+                places[-1].append((True, len(rows)))
+                rows.append(row)
+            elif isinstance(item, Clearance):
+                places[-1].append((False, len(clearances)))
                 clearances.append(item)
-                continue
-            rows.append(row)
-        else:
-            rows.append(item)
-    return _shared(rows, clearances) if placement.spheres else PlacementRows(tuple(rows), tuple(clearances))
+    sources = tuple(tuple(i if scalar else len(rows) + i for scalar, i in part) for part in places)
+    found = _shared(rows, clearances) if shared else PlacementRows(tuple(rows), tuple(clearances))
+    return replace(found, sources=sources)
 
 
 def _clear(body: Body, sphere: LinkSphere) -> Clearance:

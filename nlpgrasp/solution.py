@@ -89,6 +89,34 @@ class ConstraintReport:
 
 
 @dataclass(frozen=True)
+class ShadowPrice:
+    """What a little more of a limit would buy.
+
+    Parameters
+    ----------
+    name : str
+        The limit, for example ``"Spread.max"``.
+    value : float
+        As it is, SI units.
+    step : float
+        How much more, SI units.
+    unit : str
+        The step in words, for example ``"1 mm"``.
+    gain : float
+        By how much mu rises with the step, to first order, on the solver's surface.
+    """
+
+    name: str
+    value: float
+    step: float
+    unit: str
+    gain: float
+
+    def __str__(self) -> str:
+        return f"{self.unit} more of {self.name} changes mu by {self.gain:+.3g}"
+
+
+@dataclass(frozen=True)
 class SurfaceMatch:
     """How far the solver's smooth surface is from the mesh at each contact.
 
@@ -135,8 +163,10 @@ class GraspSolution:
     moments : sequence of (k, d - space) array
         The moments about the contact points that go with the forces; empty when no contact exerts any.
     constraints : tuple of ConstraintReport
+    prices : tuple of ShadowPrice
+        What limits cost, those that bind first.
     hand : mapping or None
-        The hand's variables at the solution.
+        The hand at the solution: a URDF hand's joint positions, palm pose and pregrasp.
     surface : SurfaceMatch or None
         For meshes.
     starts : tuple of StartRecord
@@ -157,6 +187,7 @@ class GraspSolution:
     forces: Sequence[tuple[FloatArray, FloatArray]] = ()
     moments: Sequence[FloatArray] = ()
     constraints: tuple[ConstraintReport, ...] = ()
+    prices: tuple[ShadowPrice, ...] = ()
     hand: Mapping[str, Any] | None = None
     surface: SurfaceMatch | None = None
     starts: tuple[StartRecord, ...] = ()

@@ -53,6 +53,11 @@ class Joint:
     mimic: Mimic | None = None
 
     @property
+    def turns(self) -> bool:
+        """Whether its position is an angle."""
+        return self.kind != "prismatic"
+
+    @property
     def moves(self) -> bool:
         """Whether this joint is not fixed."""
         return self.kind in MOVABLE

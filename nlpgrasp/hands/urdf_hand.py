@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Mapping, Sequence
+from copy import copy
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Expression, Hand, HandVariable, Values
 from nlpgrasp.hands.kinematics import link_poses, rotation_of
 from nlpgrasp.hands.link_spheres import SphereFit, fit_spheres
-from nlpgrasp.hands.robot import Robot
+from nlpgrasp.hands.robot import Joint, Robot
 from nlpgrasp.hands.self_collision import colliding_pairs
 from nlpgrasp.hands.tips import SphereTip, Tip, Touch
 from nlpgrasp.hands.urdf_file import read_urdf
@@ -144,6 +145,18 @@ class URDFHand(Hand):
         return False
 
     @property
+    def joints(self) -> tuple[Joint, ...]:
+        """The joints that are variables of the program."""
+        return self.robot.free_joints
+
+    def with_clearance(self, clearance: float) -> URDFHand:
+        """Return the same hand with another clearance of its links from the body."""
+        result = copy(self)
+        result.__dict__.pop("fits", None)
+        result.clearance = clearance
+        return result
+
+    @property
     def joint_limits(self) -> FloatArray:
         """Lower and upper limits of the free joints, (2, m), those of joints that follow them included."""
         free = {j.name: [j.lower, j.upper] for j in self.robot.free_joints}
@@ -216,13 +229,7 @@ class URDFHand(Hand):
     def fits(self) -> dict[str, SphereFit]:
         """Spheres around each link; those beside a fingertip are as small as lets it touch."""
         result = {}
-        known: dict[tuple[bytes, int], SphereFit] = {}
-        for link, shapes in self.robot.shapes.items():
-            most = (PALM_SHARE if link == self.robot.root else 1) * self.spheres_per_link
-            key = (b"".join(shape.fingerprint for shape in shapes), most)  # fingers are often alike
-            if key not in known:
-                known[key] = fit_spheres(shapes, most)
-            fit = known[key]
+        for link, fit in self.whole_fits.items():
             for other, tip in self.tips:
                 transform = self._rigid(link, other)
                 if transform is not None:
@@ -231,6 +238,19 @@ class URDFHand(Hand):
                     fit = fit.limited(tip.most_radius(there) - self.clearance, inside)
             if len(fit.radii):
                 result[link] = fit
+        return result
+
+    @cached_property
+    def whole_fits(self) -> dict[str, SphereFit]:
+        """Spheres around each link, before those beside fingertips are made smaller."""
+        result = {}
+        known: dict[tuple[bytes, int], SphereFit] = {}
+        for link, shapes in self.robot.shapes.items():
+            most = (PALM_SHARE if link == self.robot.root else 1) * self.spheres_per_link
+            key = (b"".join(shape.fingerprint for shape in shapes), most)  # fingers are often alike
+            if key not in known:
+                known[key] = fit_spheres(shapes, most)
+            result[link] = known[key]
         return result
 
     @cached_property

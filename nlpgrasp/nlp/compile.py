@@ -25,6 +25,8 @@ class NlpResult:
         Variables, solver units.
     multipliers : (m,) array
         Of the rows: positive where the upper limit is active, negative where the lower one is.
+    bound_multipliers : (n,) array
+        Of the variables' bounds, with the same signs.
     objective : float
         The maximised value.
     status : str
@@ -37,6 +39,7 @@ class NlpResult:
 
     z: FloatArray
     multipliers: FloatArray
+    bound_multipliers: FloatArray
     objective: float
     status: str
     success: bool
@@ -90,6 +93,7 @@ class CompiledProgram:
         return NlpResult(
             z=np.asarray(found["x"].full()).ravel(),
             multipliers=np.asarray(found["lam_g"].full()).ravel(),
+            bound_multipliers=np.asarray(found["lam_x"].full()).ravel(),
             objective=-float(found["f"]),
             status=str(stats["return_status"]),
             success=bool(stats["success"]),

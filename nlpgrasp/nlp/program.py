@@ -129,6 +129,10 @@ class Program:
         """Return whether there is a variable block of this name."""
         return any(b.name == name for b in self.variables)
 
+    def rows_named(self, beginning: str) -> list[int]:
+        """Return the rows of the blocks whose names begin so."""
+        return [i for b in self.rows if b.name.startswith(beginning) for i in range(b.start, b.stop)]
+
     def row_name(self, row: int) -> str:
         """Return the name of a row, with its index in the block when that has several."""
         block = next(b for b in self.rows if b.start <= row < b.stop)

@@ -88,7 +88,7 @@ def has_pieces(problem: GraspProblem) -> bool:
 
 
 def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
-    """Return ``(y, positions, normals) -> phi(y)`` to the power of a degree, and the degree; None without closed form."""
+    """Return ``(y, positions, normals)`` to a power of phi(y), and the power; None without closed form."""
     if not has_closed_form(problem):
         return None
     inputs, work = _work(problem, scaling)

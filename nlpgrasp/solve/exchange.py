@@ -66,7 +66,7 @@ def exchange(
     while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
         state.rounds += 1
         cuts = most_relevant(bench, faces, state.points, cuts)
-        result = compiled.solve(*_start(bench, compiled, faces, state, cuts, radius))
+        result = compiled.solve(*trust_region(bench, compiled, faces, state, cuts, radius))
         state.multipliers = result.multipliers[compiled.program.placement]
         state.iterations += result.iterations
         state.function_seconds += result.function_seconds
@@ -132,7 +132,7 @@ def fill_start(
     return z
 
 
-def _start(
+def trust_region(
     bench: Workbench,
     compiled: CompiledProgram,
     faces: tuple[str, ...],
@@ -167,6 +167,7 @@ def evaluated(
     hand: dict[str, FloatArray],
     cuts: FloatArray,
     rng: np.random.Generator,
+    allowed: float = FEASIBLE,
 ) -> Weakest | None:
     """Return the weakest directions of trial contacts, or None when they break a constraint."""
     if not np.all(np.isfinite(points)):
@@ -175,7 +176,7 @@ def evaluated(
     if not np.all(np.isfinite(normals)):
         return None
     batched = {name: v[None, :] for name, v in hand.items()}
-    if bench.violations(points[None], normals[None], batched)[0] > FEASIBLE:
+    if bench.violations(points[None], normals[None], batched)[0] > allowed:
         return None
     return weakest_directions(bench.grasp(faces, points), bench.problem.task, cuts, rng, bench.problem.budget, 60, 30)
 
