@@ -61,8 +61,8 @@ from nlpgrasp.quality import (
     screen,
     smallest_singular_value,
 )
-from nlpgrasp.solution import GraspSolution, Status
-from nlpgrasp.solve import SolveOptions, solve
+from nlpgrasp.solution import GraspSolution, ShadowPrice, Status, WhyNot
+from nlpgrasp.solve import FineManipulation, SolveOptions, fine_manipulation, solve
 from nlpgrasp.spatial import move_torque_origin, rotate_body_frame
 from nlpgrasp.tasks import TaskEllipsoid, TaskSet
 from nlpgrasp.verify import Verification, verify
@@ -79,6 +79,7 @@ __all__ = [
     "CylinderTip",
     "Ellipsoid",
     "EllipsoidTip",
+    "FineManipulation",
     "FingerForces",
     "Fingertips",
     "FlatTip",
@@ -103,6 +104,7 @@ __all__ = [
     "PointContact",
     "Polygon",
     "Prism",
+    "ShadowPrice",
     "SoftContact",
     "SolveOptions",
     "Sphere",
@@ -120,12 +122,14 @@ __all__ = [
     "URDFHand",
     "Verification",
     "Volume",
+    "WhyNot",
     "Workspace",
     "__version__",
     "allowed_twists",
     "delta",
     "equivalence_constants",
     "ferrari_canny",
+    "fine_manipulation",
     "finger_forces",
     "is_stable",
     "isotropy",

@@ -41,6 +41,8 @@ class Row:
         In the expression's own unit.
     scale : float
         Typical size of the expression, for the solver's scaling.
+    squared : bool
+        Whether the expression is the square of a length.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Row:
     lower: float = -np.inf
     upper: float = np.inf
     scale: float = 1.0
+    squared: bool = False
 
 
 @dataclass(frozen=True)

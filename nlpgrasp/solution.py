@@ -28,6 +28,10 @@ class Status(Enum):
     )
     TIME_LIMIT = "Time limit: stopped before all starts were done; the result is the best grasp so far, if any."
     INTERRUPTED = "Interrupted: stopped by the user; the result is the best grasp so far, if any."
+    LOCALLY_INFEASIBLE = (
+        "Locally infeasible: from no start could all constraints be kept at once; the result names those that "
+        "contradict each other. This is not a proof that they do everywhere."
+    )
     FAILED = "Failed: every start ended with an error; the starts' messages in the result name it."
 
 
@@ -117,6 +121,75 @@ class ShadowPrice:
 
 
 @dataclass(frozen=True)
+class Conflict:
+    """A constraint that could not be kept with the others.
+
+    Parameters
+    ----------
+    name : str
+        The constraint.
+    row : str
+        Its row that is broken most.
+    value, bound : float
+        What the row is in the nearest miss, and its limit.
+    is_least : bool
+        Whether the bound is a lower one.
+    unit : str
+        ``"m"`` for lengths, otherwise empty.
+    """
+
+    name: str
+    row: str
+    value: float
+    bound: float
+    is_least: bool
+    unit: str = ""
+
+    @property
+    def excess(self) -> float:
+        """How far the value is beyond the bound."""
+        return abs(self.value - self.bound)
+
+    @property
+    def amount(self) -> str:
+        """The excess with its unit, lengths in millimetres."""
+        return f"{1e3 * self.excess:.3g} mm" if self.unit == "m" else f"{self.excess:.3g}"
+
+    def __str__(self) -> str:
+        relation = "at least" if self.is_least else "at most"
+        if self.bound == self.value:
+            relation = "exactly"
+        scale, unit = (1e3, " mm") if self.unit == "m" else (1.0, "")
+        return f"{self.row}: {scale * self.value:.4g}{unit}, wanted {relation} {scale * self.bound:.4g}{unit}."
+
+
+@dataclass(frozen=True)
+class WhyNot:
+    """Why no grasp was found.
+
+    Parameters
+    ----------
+    conflicts : tuple of Conflict
+        A least set of constraints that had to be broken; empty where all can be kept.
+    direction : (d,) array or None
+        Where the constraints can be kept: a direction y in which no finger force works.
+    reasons, advice : tuple of str
+        Sentences.
+    locally_infeasible : bool
+        Whether the constraints could not be kept from any start.
+    """
+
+    conflicts: tuple[Conflict, ...] = ()
+    direction: FloatArray | None = None
+    reasons: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
+    locally_infeasible: bool = False
+
+    def __str__(self) -> str:
+        return "\n".join([*self.reasons, *self.advice])
+
+
+@dataclass(frozen=True)
 class SurfaceMatch:
     """How far the solver's smooth surface is from the mesh at each contact.
 
@@ -165,6 +238,8 @@ class GraspSolution:
     constraints : tuple of ConstraintReport
     prices : tuple of ShadowPrice
         What limits cost, those that bind first.
+    why_not : WhyNot or None
+        Where no grasp was found.
     hand : mapping or None
         The hand at the solution: a URDF hand's joint positions, palm pose and pregrasp.
     surface : SurfaceMatch or None
@@ -188,6 +263,7 @@ class GraspSolution:
     moments: Sequence[FloatArray] = ()
     constraints: tuple[ConstraintReport, ...] = ()
     prices: tuple[ShadowPrice, ...] = ()
+    why_not: WhyNot | None = None
     hand: Mapping[str, Any] | None = None
     surface: SurfaceMatch | None = None
     starts: tuple[StartRecord, ...] = ()
@@ -225,4 +301,7 @@ class GraspSolution:
             for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
                 position, normal = (np.array2string(v, precision=5, suppress_small=True) for v in (p, n))
                 lines.append(f"  contact {i} on {face}: position {position} m, inward normal {normal}")
+        lines += [f"  {price}" for price in self.prices[:3]]
+        if self.why_not is not None:
+            lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]
         return "\n".join(lines)

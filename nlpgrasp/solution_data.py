@@ -16,9 +16,10 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality_data import bounds_data, check_interval, delta_of, measure_data, nu_of
 from nlpgrasp.schema import SCHEMA_NAME
-from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status, SurfaceMatch
+from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, ShadowPrice, StartRecord, Status, SurfaceMatch
 from nlpgrasp.tasks import TaskEllipsoid
 from nlpgrasp.validation import array
+from nlpgrasp.why_not_data import why_not_data, why_not_of
 
 
 def to_data(solution: GraspSolution) -> dict[str, Any]:
@@ -56,6 +57,8 @@ def to_data(solution: GraspSolution) -> dict[str, Any]:
             }
             for c in solution.constraints
         ],
+        "shadow_prices": [asdict(p) for p in solution.prices],
+        "why_not": why_not_data(solution.why_not),
         "solver": {
             **{k: v for k, v in solution.solver.items() if k != "versions"},
             "starts": [_start_data(s) for s in solution.starts],
@@ -99,6 +102,8 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
             (array(f"{name}: direction", f["direction"], (None,)), array(f"{name}: forces", f["forces"], (None, None)))
             for f in data.get("forces", [])
         )
+        prices = tuple(ShadowPrice(**p) for p in data.get("shadow_prices", []))
+        why_not = why_not_of(data.get("why_not"))
         given = [f["moments"] for f in data.get("forces", []) if "moments" in f]
         moments = tuple(array(f"{name}: moments", m, (None, None)) for m in given)
         if given and len(given) != len(forces):
@@ -120,6 +125,8 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
         forces=forces,
         moments=moments,
         constraints=constraints,
+        prices=prices,
+        why_not=why_not,
         hand=data.get("hand"),
         surface=surface,
         starts=starts,

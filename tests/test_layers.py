@@ -16,7 +16,7 @@ LAYERS = [
     ["problem_rows", "quality_data"],
     ["problem_check"],
     ["problem"],
-    ["solution", "solution_data", "solution_file"],
+    ["solution", "solution_data", "solution_file", "why_not_data"],
     ["nlp", "verify"],
     ["solve"],
     ["cli"],
@@ -30,6 +30,8 @@ ALLOWED = {
     ("solution_file", "solution"),
     ("solution_file", "solution_data"),
     ("solution_data", "solution"),
+    ("solution_data", "why_not_data"),
+    ("why_not_data", "solution"),
     ("problem_check", "problem"),
 }
 

@@ -73,7 +73,13 @@ class Fingertips(Hand):
         rows = []
         if self.reach is not None:
             rows += [
-                Row(f"reach, finger {i}", ca.sumsqr(tip - variables["palm"]), upper=self.reach**2, scale=size2)
+                Row(
+                    f"reach, finger {i}",
+                    ca.sumsqr(tip - variables["palm"]),
+                    upper=self.reach**2,
+                    scale=size2,
+                    squared=True,
+                )
                 for i, tip in enumerate(tips)
             ]
         low, high = self.spread if self.spread is not None else (0.0, np.inf)  # type: ignore[misc]
@@ -86,6 +92,7 @@ class Fingertips(Hand):
                     low**2,
                     float(high) ** 2,
                     size2,
+                    squared=True,
                 )
                 for (i, p), (j, q) in combinations(enumerate(tips), 2)
             ]

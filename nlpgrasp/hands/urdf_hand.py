@@ -367,7 +367,9 @@ class URDFHand(Hand):
         for a, b in self._pairs:
             apart = spheres[a].radius + spheres[b].radius
             name = f"self-collision, {a} and {b}"
-            rows.append(Row(name, ca.sumsqr(spheres[a].centre - spheres[b].centre), apart**2, scale=size2))
+            rows.append(
+                Row(name, ca.sumsqr(spheres[a].centre - spheres[b].centre), apart**2, scale=size2, squared=True)
+            )
         return rows
 
     @cached_property

@@ -32,6 +32,10 @@ class SolveOptions:
         Relative gap of each start's certificate.
     final_rtol : float
         Relative gap of the answer's certificate.
+    pregrasp_clearance : float
+        How far the fingers of a hand with a pose open for the pregrasp, metres.
+    shadow_prices : bool
+        Compute what limits cost, of the best start.
     time_limit : float, optional
         Seconds of wall time for the whole solve; the best grasp so far is returned.
     workers : int, optional
@@ -47,6 +51,8 @@ class SolveOptions:
     candidates: int = 64
     rtol: float = 0.02
     final_rtol: float = 0.01
+    pregrasp_clearance: float = 0.01
+    shadow_prices: bool = True
     time_limit: float | None = None
     workers: int | None = None
     max_iterations: int = 300
@@ -58,7 +64,7 @@ class SolveOptions:
             raise InputError("SolveOptions.shells", self.shells, "0, 1 or 2")
         for name in ("exchange_rounds", "candidates", "max_iterations"):
             object.__setattr__(self, name, integer(f"SolveOptions.{name}", getattr(self, name), at_least=1))
-        for name in ("rtol", "final_rtol"):
+        for name in ("rtol", "final_rtol", "pregrasp_clearance"):
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), above=0.0))
         if self.time_limit is not None:
             limit = number("SolveOptions.time_limit", self.time_limit, above=0.0)
@@ -66,8 +72,9 @@ class SolveOptions:
         if self.workers is not None:
             workers = integer("SolveOptions.workers", self.workers, at_least=1, at_most=1024)
             object.__setattr__(self, "workers", workers)
-        if not isinstance(self.exchange, bool):
-            raise InputError("SolveOptions.exchange", self.exchange, "True or False")
+        for name in ("exchange", "shadow_prices"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the options as JSON data."""

@@ -8,7 +8,7 @@ import signal
 import sys
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from typing import Any
 
@@ -19,6 +19,7 @@ from loky.process_executor import BrokenProcessPool
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.solution import StartRecord, Status
+from nlpgrasp.solve.aftermath import Aftermath, look_back
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start import StartResult, run_start
 from nlpgrasp.solve.stop import Stop
@@ -29,66 +30,108 @@ GRACE = 10.0  # seconds in-flight starts get to finish after a stop
 _benches: dict[str, Workbench] = {}
 
 
-def run_starts(
-    problem: GraspProblem, options: SolveOptions, starts: int, seed: int, stop: Stop
-) -> Iterator[StartResult]:
-    """Yield each start's result as it is done, in any order.
+class Runner:
+    """Runs the starts of one problem, and looks back at them, where the problem's programs are.
 
     loky's workers are fresh interpreters that never import the caller's main module: notebooks and scripts
     without a main guard work. A worker that dies costs the starts in flight, which are reported as failed.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    options : SolveOptions
+    starts : int
     """
-    workers = min(options.workers or _cores(), starts)
-    if workers == 1:
-        yield from _here(problem, options, starts, seed, stop)
-    else:
-        yield from _in_processes(problem, options, starts, seed, stop, workers)
 
+    def __init__(self, problem: GraspProblem, options: SolveOptions, starts: int) -> None:
+        self.problem, self.options, self.count = problem, options, starts
+        self.workers = min(options.workers or _cores(), starts)
+        self._bench: Workbench | None = None
+        self._payload: tuple[list[str], bytes] | None = None
+        self._token = uuid.uuid4().hex
 
-def _here(problem: GraspProblem, options: SolveOptions, starts: int, seed: int, stop: Stop) -> Iterator[StartResult]:
-    """Run the starts in this process; once a stop is requested the running start finishes with what it has."""
-    bench = Workbench(problem, options)
-    for index in range(starts):
-        if stop.requested():
-            break
-        yield run_start(bench, index, seed, stop)
+    def starts(self, seed: int, stop: Stop) -> Iterator[StartResult]:
+        """Yield each start's result as it is done, in any order."""
+        if self.workers == 1:
+            yield from self._here(seed, stop)
+        else:
+            yield from self._in_processes(seed, stop)
 
+    def look_back(self, best: StartResult | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:
+        """Return what is worth knowing after the starts; nothing where a worker ends over it."""
+        if self._payload is None:
+            return look_back(self._workbench(), best, results, seed, stop)
+        executor = get_reusable_executor(max_workers=self.workers, timeout=300, initializer=_ignore_interrupt)
+        seen = [] if best is not None else list(results)
+        try:
+            future = executor.submit(_look_back, self._token, self._payload, best, seen, seed, stop)
+            found: Aftermath = future.result()
+        except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
+            return Aftermath()
+        return found
 
-def _in_processes(
-    problem: GraspProblem, options: SolveOptions, starts: int, seed: int, stop: Stop, workers: int
-) -> Iterator[StartResult]:
-    try:
-        payload = (list(sys.path), cloudpickle.dumps((problem, options)))
-    except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
-        reason = f"{type(error).__name__}: {error}"
-        raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
-    token = uuid.uuid4().hex
-    executor = get_reusable_executor(max_workers=workers, timeout=300, initializer=_ignore_interrupt)
-    pending: dict[Future[Any], int] = {
-        executor.submit(_work, token, payload, index, seed, stop): index for index in range(starts)
-    }
-    give_up = None
-    while pending:
-        done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-        for future in done:
-            yield _result(future, pending.pop(future))
-        if stop.requested() and pending:
-            give_up = give_up or time.monotonic() + GRACE
-            for future in [f for f in pending if f.cancel()]:
-                pending.pop(future)
-            if time.monotonic() > give_up:
-                executor.shutdown(wait=True, kill_workers=True)
+    def _workbench(self) -> Workbench:
+        if self._bench is None:
+            self._bench = Workbench(self.problem, self.options)
+        return self._bench
+
+    def _here(self, seed: int, stop: Stop) -> Iterator[StartResult]:
+        """Run the starts in this process; once a stop is requested the running start finishes with what it has."""
+        for index in range(self.count):
+            if stop.requested():
                 break
+            yield run_start(self._workbench(), index, seed, stop)
+
+    def _in_processes(self, seed: int, stop: Stop) -> Iterator[StartResult]:
+        try:
+            self._payload = (list(sys.path), cloudpickle.dumps((self.problem, self.options)))
+        except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
+        executor = get_reusable_executor(max_workers=self.workers, timeout=300, initializer=_ignore_interrupt)
+        pending: dict[Future[Any], int] = {
+            executor.submit(_work, self._token, self._payload, index, seed, stop): index for index in range(self.count)
+        }
+        give_up = None
+        while pending:
+            done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield _result(future, pending.pop(future))
+            if stop.requested() and pending:
+                give_up = give_up or time.monotonic() + GRACE
+                for future in [f for f in pending if f.cancel()]:
+                    pending.pop(future)
+                if time.monotonic() > give_up:
+                    executor.shutdown(wait=True, kill_workers=True)
+                    break
 
 
 def _work(token: str, payload: tuple[list[str], bytes], index: int, seed: int, stop: Stop) -> StartResult | None:
-    """Run one start in a worker, building the problem's workbench on the first one it sees."""
+    """Run one start in a worker."""
     if stop.requested():
         return None
+    return run_start(_bench_of(token, payload), index, seed, stop)
+
+
+def _look_back(
+    token: str,
+    payload: tuple[list[str], bytes],
+    best: StartResult | None,
+    results: list[StartResult],
+    seed: int,
+    stop: Stop,
+) -> Aftermath:
+    """Look back at the starts in a worker."""
+    return look_back(_bench_of(token, payload), best, results, seed, stop)
+
+
+def _bench_of(token: str, payload: tuple[list[str], bytes]) -> Workbench:
+    """Return the problem's workbench in this worker, building it on the first call."""
     if token not in _benches:
         _benches.clear()
         problem, options = _loaded(payload)
         _benches[token] = Workbench(problem, options)
-    return run_start(_benches[token], index, seed, stop)
+    return _benches[token]
 
 
 def _loaded(payload: tuple[list[str], bytes]) -> tuple[GraspProblem, SolveOptions]:

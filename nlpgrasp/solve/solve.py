@@ -22,9 +22,10 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, finger_forces, mu, nu
 from nlpgrasp.solution import GraspSolution, StartRecord, Status
+from nlpgrasp.solve.aftermath import Aftermath
 from nlpgrasp.solve.interrupt import Interrupt
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.parallel import NOT_BEGUN, run_starts
+from nlpgrasp.solve.parallel import NOT_BEGUN, Runner
 from nlpgrasp.solve.start import StartResult
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.validation import FloatArray, integer
@@ -83,8 +84,9 @@ def solve(
     results: list[StartResult] = []
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         stop = Stop(deadline, Path(folder) / "stop")
+        runner = Runner(problem, options, starts)
         with Interrupt(stop) as interrupt, threadpool_limits(1):
-            for result in run_starts(problem, options, starts, seed, stop):
+            for result in runner.starts(seed, stop):
                 results.append(result)
                 if progress is not None:
                     best = _best(results)
@@ -92,7 +94,10 @@ def solve(
             results.sort(key=lambda r: r.record.index)
             begun_all = len(results) == starts and all(r.record.message != NOT_BEGUN for r in results)
             cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
-            solution = _solution(problem, options, seed, results, cut_short, deadline)
+            after = Aftermath()
+            if not stop.requested() and any(r.grasp is not None for r in results):
+                after = runner.look_back(_best(results), results, seed, stop)
+            solution = _solution(problem, options, seed, results, cut_short, deadline, after)
     solution = replace(solution, solver=_solver_record(options, seed, results, time.monotonic() - begun))
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
@@ -128,6 +133,7 @@ def _solution(
     results: list[StartResult],
     cut_short: Status | None,
     deadline: float | None,
+    after: Aftermath,
 ) -> GraspSolution:
     records = tuple(r.record for r in results)
     kind = "mu" if problem.task.is_centred else "mu_tilde"
@@ -135,8 +141,11 @@ def _solution(
     data = problem.to_dict()
     if best is None or best.grasp is None:
         failed = bool(records) and all(r.status is Status.FAILED for r in records)
-        status = cut_short or (Status.FAILED if failed else Status.NO_GRASP)
-        return GraspSolution(status, problem.name, data, kind=kind, starts=records)
+        found = Status.FAILED if failed else Status.NO_GRASP
+        if after.why_not is not None and after.why_not.locally_infeasible:
+            found = Status.LOCALLY_INFEASIBLE
+        status = cut_short or found
+        return GraspSolution(status, problem.name, data, kind=kind, why_not=after.why_not, starts=records)
     limit = None if deadline is None and cut_short is None else max(deadline or 0.0, time.monotonic() + FINAL_GRACE)
     bounds = mu(best.grasp, problem.task, options.final_rtol, force_budget=problem.budget, seed=seed, deadline=limit)
     bounds = Bounds(
@@ -160,10 +169,22 @@ def _solution(
         forces=forces,
         moments=moments,
         constraints=best.constraints,
-        hand=None if best.hand is None or problem.hand is None else problem.hand.describe(best.hand),
+        prices=after.prices,
+        hand=_hand_data(problem, best, after),
         surface=best.surface,
         starts=records,
     )
+
+
+def _hand_data(problem: GraspProblem, best: StartResult, after: Aftermath) -> dict[str, Any] | None:
+    """Return the hand in the grasp, and where it is just before."""
+    hand = problem.hand
+    if hand is None or best.hand is None:
+        return None
+    data = hand.describe(best.hand)
+    if after.pregrasp is not None:
+        data["pregrasp"] = {"clearance": after.pregrasp.clearance, **hand.describe(after.pregrasp.hand)}
+    return data
 
 
 def _volume(grasp: Grasp, scale: float, problem: GraspProblem) -> Volume | None:

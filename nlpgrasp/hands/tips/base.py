@@ -14,6 +14,7 @@ from nlpgrasp.rows import Row
 from nlpgrasp.validation import FloatArray, array
 
 Expression = Any  # casadi.SX
+SLACK = 2e-4  # metres that spheres of a touching link stay behind its patch: the contact itself keeps them off
 TILT = np.sin(np.radians(20.0))  # a finger may lean this far over before its own link is in the way
 
 

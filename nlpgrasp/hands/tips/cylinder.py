@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.tips.base import Expression, Tip, Touch, equal
+from nlpgrasp.hands.tips.base import SLACK, Expression, Tip, Touch, equal
 from nlpgrasp.rows import Row
 from nlpgrasp.validation import FloatArray, array, number
 
@@ -79,7 +79,7 @@ class CylinderTip(Tip):
         a, b = self.ends
         t = np.clip((centres - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
         off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)
-        return np.asarray(np.maximum(self.radius - off, 0.0))
+        return np.asarray(np.maximum(self.radius - off - SLACK, 0.0))
 
     def to_dict(self) -> dict[str, Any]:
         """Return radius and ends."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.tips.base import Tip, Touch, frame_of
+from nlpgrasp.hands.tips.base import SLACK, Tip, Touch, frame_of
 from nlpgrasp.rows import Row
 from nlpgrasp.validation import FloatArray, array
 
@@ -69,7 +69,7 @@ class FlatTip(Tip):
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return the distance behind the pad's plane."""
         frame = self.frame
-        return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2], 0.0))
+        return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2] - SLACK, 0.0))
 
     def to_dict(self) -> dict[str, Any]:
         """Return extents and pose."""

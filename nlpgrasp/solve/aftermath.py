@@ -1,0 +1,65 @@
+"""What is worth knowing once all starts are done: prices of limits, the pregrasp, or why there is no grasp."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from nlpgrasp.solution import ShadowPrice, WhyNot
+from nlpgrasp.solve.pregrasp import Pregrasp, pregrasp
+from nlpgrasp.solve.shadow import shadow_prices
+from nlpgrasp.solve.start import StartResult
+from nlpgrasp.solve.stop import Stop
+from nlpgrasp.solve.why_not import why_not
+from nlpgrasp.solve.workbench import Workbench
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Aftermath:
+    """What was found out after the starts.
+
+    Parameters
+    ----------
+    prices : tuple of ShadowPrice
+    pregrasp : Pregrasp or None
+        With a hand that has a pose.
+    why_not : WhyNot or None
+        Without a grasp.
+    """
+
+    prices: tuple[ShadowPrice, ...] = ()
+    pregrasp: Pregrasp | None = None
+    why_not: WhyNot | None = None
+
+
+def look_back(
+    bench: Workbench, best: StartResult | None, results: Sequence[StartResult], seed: int, stop: Stop
+) -> Aftermath:
+    """Return prices and pregrasp of the best start, or without one the diagnosis.
+
+    A numerical failure here leaves a part out: it never costs the grasp.
+    """
+    with threadpool_limits(1):
+        if best is None:
+            return Aftermath(why_not=_attempted(lambda: why_not(bench, list(results), seed, stop)))
+        hand = bench.problem.hand
+        opened = None
+        if not bench.follows_contacts and hand is not None and best.grasp is not None and best.hand is not None:
+            faces, grasp, values = best.record.faces, best.grasp, best.hand
+            opened = _attempted(lambda: pregrasp(bench, hand, faces, grasp, values, bench.options.pregrasp_clearance))
+        prices = _attempted(lambda: shadow_prices(bench, best, stop)) if bench.options.shadow_prices else None
+        return Aftermath(prices or (), opened)
+
+
+def _attempted(work: Callable[[], T]) -> T | None:
+    """Return what the work returns, or None where it fails numerically."""
+    try:
+        return work()
+    except (RuntimeError, ArithmeticError, np.linalg.LinAlgError):
+        return None
