@@ -34,9 +34,9 @@ def in_the_hand(constraints=()) -> ng.GraspProblem:
     """Return the problem: carry a weight of up to 4 N either way, push and turn a little."""
     return ng.GraspProblem(
         body=ng.Implicit(surface, [[-0.05, -0.03, -0.03], [0.05, 0.03, 0.03]]),
-        contacts=[ng.FrictionContact(0.5)] * 4,
+        contacts=[ng.FrictionContact(0.5)] * 5,
         task=ng.TaskEllipsoid([1.0, 1.0, 4.0, 0.02, 0.02, 0.02]),
-        hand=ng.Fingertips(count=4, radius=0.007, reach=0.06),
+        hand=ng.Fingertips(count=5, radius=0.007, reach=0.06),
         constraints=constraints,
         torque_origin=[0.0, 0.0, 0.0],
         name="odd object on a table" if constraints else "odd object in the hand",
