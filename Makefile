@@ -31,7 +31,7 @@ lock:
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/pip install --quiet pip-tools
 	$(VENV)-lock/bin/pip-compile --quiet --strip-extras --no-emit-index-url --no-emit-find-links --no-emit-trusted-host \
-	  --no-header --extra dev --output-file requirements.lock pyproject.toml
+	  --no-header --extra hands --extra dev --output-file requirements.lock pyproject.toml
 	rm -rf $(VENV)-lock
 
 $(READY): pyproject.toml requirements.lock

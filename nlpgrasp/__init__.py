@@ -35,6 +35,7 @@ from nlpgrasp.contacts import (
     SoftContact,
 )
 from nlpgrasp.errors import InputError, NlpgraspError, NoGraspError
+from nlpgrasp.findings import ShadowPrice, WhyNot
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
@@ -61,7 +62,7 @@ from nlpgrasp.quality import (
     screen,
     smallest_singular_value,
 )
-from nlpgrasp.solution import GraspSolution, ShadowPrice, Status, WhyNot
+from nlpgrasp.solution import GraspSolution, Status
 from nlpgrasp.solve import FineManipulation, SolveOptions, fine_manipulation, solve
 from nlpgrasp.spatial import move_torque_origin, rotate_body_frame
 from nlpgrasp.tasks import TaskEllipsoid, TaskSet

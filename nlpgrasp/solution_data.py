@@ -12,11 +12,12 @@ import numpy as np
 from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
+from nlpgrasp.findings import ShadowPrice
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality_data import bounds_data, check_interval, delta_of, measure_data, nu_of
 from nlpgrasp.schema import SCHEMA_NAME
-from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, ShadowPrice, StartRecord, Status, SurfaceMatch
+from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status, SurfaceMatch
 from nlpgrasp.tasks import TaskEllipsoid
 from nlpgrasp.validation import array
 from nlpgrasp.why_not_data import why_not_data, why_not_of

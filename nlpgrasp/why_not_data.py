@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.solution import Conflict, WhyNot
+from nlpgrasp.findings import Conflict, WhyNot
 
 
 def why_not_data(found: WhyNot | None) -> dict[str, Any] | None:

@@ -16,6 +16,7 @@ LAYERS = [
     ["problem_rows", "quality_data"],
     ["problem_check"],
     ["problem"],
+    ["findings"],
     ["solution", "solution_data", "solution_file", "why_not_data"],
     ["nlp", "verify"],
     ["solve"],
@@ -31,7 +32,6 @@ ALLOWED = {
     ("solution_file", "solution_data"),
     ("solution_data", "solution"),
     ("solution_data", "why_not_data"),
-    ("why_not_data", "solution"),
     ("problem_check", "problem"),
 }
 

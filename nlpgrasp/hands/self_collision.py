@@ -9,33 +9,23 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.hands.link_spheres import SphereFit
-from nlpgrasp.hands.robot import Robot
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.hands.link_tree import LinkTree
+from nlpgrasp.rows import LinkSphere, Row
 
 SAMPLES = 1500
 ALWAYS = 0.95  # links that collide in this share of positions do so by construction
 NEVER = 0.002  # spheres that meet in fewer than this are not watched
 
 
-def colliding_pairs(
-    robot: Robot, fits: Mapping[str, SphereFit], links: ca.Function, names: Sequence[str], limits: FloatArray
-) -> list[tuple[str, str]]:
+def colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple[str, str]]:
     """Return the pairs of spheres, as ``"link/number"``, that meet in some random joint positions.
 
     Neighbours in the chain are left out, as are links that overlap in nearly all positions.
-
-    Parameters
-    ----------
-    robot : Robot
-    fits : mapping of str to SphereFit
-    links : casadi.Function
-        Joints to the poses of the named links, side by side.
-    names : sequence of str
-    limits : (2, m) array
     """
+    robot, names, limits = tree.robot, tree.used_links, tree.joint_limits
     rng = np.random.default_rng(0)
     joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
-    poses = np.asarray(links.map(SAMPLES)(joints.T).full()).reshape(4, SAMPLES, len(names), 4)
+    poses = np.asarray(tree.link_function.map(SAMPLES)(joints.T).full()).reshape(4, SAMPLES, len(names), 4)
     centres = {}
     for name, fit in fits.items():
         pose = poses[:3, :, names.index(name)]  # (3, samples, 4)
@@ -52,3 +42,14 @@ def colliding_pairs(
         for i, j in zip(*np.nonzero(meet.mean(axis=0) > NEVER), strict=True):
             result.append((f"{a}/{i}", f"{b}/{j}"))
     return result
+
+
+def apart(pairs: Sequence[tuple[str, str]], spheres: Sequence[LinkSphere], span: float) -> list[Row]:
+    """Return one row a pair: the spheres do not overlap; ``span`` is the hand's size, metres, for scaling."""
+    by_name = {s.name: s for s in spheres}
+    rows = []
+    for first, second in pairs:
+        a, b = by_name[first], by_name[second]
+        name, least = f"self-collision, {first} and {second}", (a.radius + b.radius) ** 2
+        rows.append(Row(name, ca.sumsqr(a.centre - b.centre), least, scale=span**2, squared=True))
+    return rows

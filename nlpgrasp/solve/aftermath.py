@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from nlpgrasp.solution import ShadowPrice, WhyNot
+from nlpgrasp.findings import ShadowPrice, WhyNot
 from nlpgrasp.solve.pregrasp import Pregrasp, pregrasp
 from nlpgrasp.solve.shadow import shadow_prices
 from nlpgrasp.solve.start import StartResult

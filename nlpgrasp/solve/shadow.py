@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.findings import ShadowPrice
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.nlp import NlpResult, Program
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.problem_rows import collected, given_rows, placement_of
 from nlpgrasp.quality.wrench_set import WrenchSet
-from nlpgrasp.solution import ShadowPrice
 from nlpgrasp.solve.exchange import (
     ExchangeState,
     contacts_of,
@@ -188,7 +188,9 @@ def _joint_prices(bench: Workbench, optimum: Optimum) -> list[ShadowPrice]:
     if not isinstance(hand, URDFHand):
         return []
     result = []
-    for joint, limits, price in zip(hand.joints, hand.joint_limits.T, optimum.bounds["joints"], strict=True):
+    for joint, limits, price in zip(
+        hand.robot.free_joints, hand.tree.joint_limits.T, optimum.bounds["joints"], strict=True
+    ):
         if price == 0.0:
             continue
         which, value = ("upper", limits[1]) if price > 0.0 else ("lower", limits[0])

@@ -16,10 +16,10 @@ from scipy import sparse
 
 from nlpgrasp.conic_solver import quiet_settings
 from nlpgrasp.contacts import ContactModel
+from nlpgrasp.findings import WhyNot
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality import mu
 from nlpgrasp.rows import Row
-from nlpgrasp.solution import WhyNot
 from nlpgrasp.solve.candidates import Candidate, draw_start
 from nlpgrasp.solve.exchange import fill_start, slot_parameters
 from nlpgrasp.solve.start import StartResult

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from nlpgrasp.findings import Conflict
 from nlpgrasp.rows import Row
-from nlpgrasp.solution import Conflict
 from nlpgrasp.validation import FloatArray
 
 SMALL = 0.3  # of the largest component: not worth a word

@@ -1,0 +1,104 @@
+"""What is found out after a solve: prices of limits, and why there is no grasp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from nlpgrasp.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class ShadowPrice:
+    """What a little more of a limit would buy.
+
+    Parameters
+    ----------
+    name : str
+        The limit, for example ``"Spread.max"``.
+    value : float
+        As it is, SI units.
+    step : float
+        How much more, SI units.
+    unit : str
+        The step in words, for example ``"1 mm"``.
+    gain : float
+        By how much mu rises with the step, to first order, on the solver's surface.
+    """
+
+    name: str
+    value: float
+    step: float
+    unit: str
+    gain: float
+
+    def __str__(self) -> str:
+        return f"{self.unit} more of {self.name} changes mu by {self.gain:+.3g}"
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """A constraint that could not be kept with the others.
+
+    Parameters
+    ----------
+    name : str
+        The constraint.
+    row : str
+        Its row that is broken most.
+    value, bound : float
+        What the row is in the nearest miss, and its limit.
+    is_least : bool
+        Whether the bound is a lower one.
+    unit : str
+        ``"m"`` for lengths, otherwise empty.
+    """
+
+    name: str
+    row: str
+    value: float
+    bound: float
+    is_least: bool
+    unit: str = ""
+
+    @property
+    def excess(self) -> float:
+        """How far the value is beyond the bound."""
+        return abs(self.value - self.bound)
+
+    @property
+    def amount(self) -> str:
+        """The excess with its unit, lengths in millimetres."""
+        return f"{1e3 * self.excess:.3g} mm" if self.unit == "m" else f"{self.excess:.3g}"
+
+    def __str__(self) -> str:
+        relation = "at least" if self.is_least else "at most"
+        if self.bound == self.value:
+            relation = "exactly"
+        scale, unit = (1e3, " mm") if self.unit == "m" else (1.0, "")
+        return f"{self.row}: {scale * self.value:.4g}{unit}, wanted {relation} {scale * self.bound:.4g}{unit}."
+
+
+@dataclass(frozen=True)
+class WhyNot:
+    """Why no grasp was found.
+
+    Parameters
+    ----------
+    conflicts : tuple of Conflict
+        A least set of constraints that had to be broken; empty where all can be kept.
+    direction : (d,) array or None
+        Where the constraints can be kept: a direction y in which no finger force works.
+    reasons, advice : tuple of str
+        Sentences.
+    locally_infeasible : bool
+        Whether the constraints could not be kept from any start.
+    """
+
+    conflicts: tuple[Conflict, ...] = ()
+    direction: FloatArray | None = None
+    reasons: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
+    locally_infeasible: bool = False
+
+    def __str__(self) -> str:
+        return "\n".join([*self.reasons, *self.advice])

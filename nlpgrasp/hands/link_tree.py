@@ -1,0 +1,140 @@
+"""Where the links of a robot are: as CasADi expressions and as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.hands.kinematics import link_poses, rotation_of
+from nlpgrasp.hands.robot import Robot
+from nlpgrasp.hands.tips import Tip
+from nlpgrasp.rows import PalmPose
+from nlpgrasp.validation import FloatArray
+
+Expression = Any  # casadi.SX
+MIDDLE = (0.1, 0.7)  # share of the joint ranges that random starts are drawn from
+
+
+class LinkTree:
+    """The links of a robot that have a fingertip or a collision shape, with their kinematics.
+
+    Parameters
+    ----------
+    robot : Robot
+    tips : sequence of (str, Tip)
+        Link and patch of each contact.
+    approach : (3,) array
+        Unit direction in which the palm faces, palm frame.
+    """
+
+    def __init__(self, robot: Robot, tips: Sequence[tuple[str, Tip]], approach: FloatArray) -> None:
+        self.robot = robot
+        self.tips = tuple(tips)
+        self.approach = approach
+
+    @property
+    def joint_limits(self) -> FloatArray:
+        """Lower and upper limits of the free joints, (2, m), those of joints that follow them included."""
+        free = {j.name: [j.lower, j.upper] for j in self.robot.free_joints}
+        for joint in self.robot.joints:
+            if joint.moves and joint.mimic is not None:
+                driver, multiplier, offset = self.robot.follows(joint)
+                if multiplier != 0.0:
+                    ends = sorted(((joint.lower - offset) / multiplier, (joint.upper - offset) / multiplier))
+                    free[driver] = [max(free[driver][0], ends[0]), min(free[driver][1], ends[1])]
+        return np.array(list(free.values())).T
+
+    def joint_positions(self, joints: FloatArray) -> dict[str, float]:
+        """Return every moving joint's position by name, for positions of the free joints (m,)."""
+        index = {j.name: i for i, j in enumerate(self.robot.free_joints)}
+        result = {}
+        for joint in self.robot.joints:
+            if joint.moves:
+                driver, multiplier, offset = self.robot.follows(joint)
+                result[joint.name] = float(multiplier * joints[index[driver]] + offset)
+        return result
+
+    def palm(self, variables: dict[str, Expression]) -> PalmPose:
+        """Return the palm's pose in the body's frame."""
+        rotation = rotation_of(variables["palm_quaternion"])
+        return PalmPose(variables["palm_position"], rotation, ca.mtimes(rotation, ca.DM(self.approach)))
+
+    def poses(self, variables: dict[str, Expression]) -> dict[str, Expression]:
+        """Return the links' poses in the body's frame."""
+        palm = self.palm(variables)
+        base = ca.vertcat(ca.horzcat(palm.rotation, palm.position), ca.SX([[0.0, 0.0, 0.0, 1.0]]))
+        found = self.link_function(variables["joints"])
+        return {name: ca.mtimes(base, pose) for name, pose in zip(self.used_links, ca.horzsplit(found, 4), strict=True)}
+
+    def tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
+        """Return link, patch and the patch's own coordinate, if any, of each contact."""
+        slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
+        return [(link, tip, next(slides) if tip.slides else None) for link, tip in self.tips]
+
+    def rigid(self, link: str, other: str) -> FloatArray | None:
+        """Return the transform from a link's frame to another's that is fixed to it, or None."""
+        poses = np.asarray(self.link_function(np.zeros(len(self.robot.free_joints))).full())
+        groups = self.robot.rigid_groups
+        if groups[link] != groups[other]:
+            return None
+        a, b = (poses[:, 4 * i : 4 * i + 4] for i in (self.used_links.index(link), self.used_links.index(other)))
+        return np.asarray(np.linalg.inv(b) @ a)
+
+    @cached_property
+    def span(self) -> float:
+        """Farthest that a fingertip gets from the palm's origin, metres (of 500 random joint positions)."""
+        rng = np.random.default_rng(0)
+        lower, upper = self.joint_limits
+        tips = self.palm_tips(rng.uniform(lower, upper, (500, len(lower))))
+        return float(np.max(np.linalg.norm(tips, axis=2)))
+
+    def palm_tips(self, joints: FloatArray) -> FloatArray:
+        """Return the fingertips' centres in the palm's frame for joint positions (b, m), (b, k, 3)."""
+        found = self._tip_function.map(len(joints))(joints.T)
+        return np.asarray(found.full()).T.reshape(len(joints), len(self.tips), 3)
+
+    def draw(
+        self, count: int, around: FloatArray, rng: np.random.Generator
+    ) -> tuple[dict[str, FloatArray], FloatArray]:
+        """Return random palm orientations and joint positions, the fingertips' middle at the points given."""
+        lower, upper = self.joint_limits
+        shares = rng.uniform(*MIDDLE, (count, len(lower)))
+        joints = lower + shares * (upper - lower)
+        rotations = Rotation.random(count, rng=rng)
+        tips = np.einsum("bij,bkj->bki", rotations.as_matrix(), self.palm_tips(joints))
+        position = around - tips.mean(axis=1)
+        quaternion = rotations.as_quat(scalar_first=True)
+        values = {"palm_position": position, "palm_quaternion": quaternion, "joints": joints}
+        slides = sum(tip.slides for _, tip in self.tips)
+        if slides:
+            values["slides"] = np.full((count, slides), 0.5)
+        return values, position[:, None] + tips
+
+    @cached_property
+    def used_links(self) -> tuple[str, ...]:
+        """The links that are looked at, parents first."""
+        used = {link for link, _ in self.tips} | set(self.robot.shapes)
+        return tuple(link for link in self.robot.links if link in used)
+
+    @cached_property
+    def link_function(self) -> ca.Function:
+        """Joints to the used links' poses in the palm's frame, side by side."""
+        q = ca.SX.sym("q", len(self.robot.free_joints))
+        poses = link_poses(self.robot, self.used_links, q)
+        return ca.Function("links", [q], [ca.horzcat(*[poses[name] for name in self.used_links])], {"cse": True})
+
+    @cached_property
+    def _tip_function(self) -> ca.Function:
+        q = ca.SX.sym("q", len(self.robot.free_joints))
+        poses = link_poses(self.robot, {link for link, _ in self.tips}, q)
+        tips = [ca.mtimes(poses[link], ca.vertcat(ca.DM(tip.centre), 1.0))[:3] for link, tip in self.tips]
+        return ca.Function("tips", [q], [ca.vertcat(*tips)], {"cse": True})
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Keep what defines the tree; compiled functions are made again where it is unpickled."""
+        return {k: v for k, v in self.__dict__.items() if k not in ("link_function", "_tip_function")}
