@@ -1,0 +1,153 @@
+"""Kinematics against MuJoCo; spheres against the shapes they enclose."""
+
+import re
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.hands.link_spheres import fit_spheres
+from nlpgrasp.hands.shapes import Shape
+from tests.hands.urdf import FOUR, GRIPPER, THREE, Mujoco, four_finger_hand, gripper, three_finger_hand
+
+HANDS = {"four": (four_finger_hand, FOUR), "three": (three_finger_hand, THREE), "gripper": (gripper, GRIPPER)}
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_links_are_where_mujoco_says(name, rng):
+    make, path = HANDS[name]
+    hand, other = make(), Mujoco(path)
+    lower, upper = hand.tree.joint_limits
+    for _ in range(10):
+        q = rng.uniform(lower, upper)
+        expected = other.link_poses(hand.tree.joint_positions(q))
+        found = np.asarray(hand.tree.link_function(q).full())
+        for i, link in enumerate(hand.tree.used_links):
+            if link != hand.robot.root:
+                np.testing.assert_allclose(found[:, 4 * i : 4 * i + 4], expected[link], atol=1e-9)
+
+
+def test_axes_that_are_not_unit_and_joints_without_one(tmp_path, rng):
+    """URDF's default axis is x, and a scaled axis is the same axis."""
+    text = (
+        FOUR.read_text().replace('<axis xyz="0 1 0"/>', '<axis xyz="0 3 0"/>').replace('    <axis xyz="1 0 0"/>\n', "")
+    )
+    (tmp_path / "hand.urdf").write_text(text)
+    hand = ng.URDFHand.load(tmp_path / "hand.urdf", {"thumb_tip": 0.01})
+    q = rng.uniform(*hand.tree.joint_limits)
+    np.testing.assert_allclose(
+        hand.tree.link_function(q).full(), four_finger_hand().tree.link_function(q).full(), atol=1e-12
+    )
+
+
+def test_mimic_joint_follows_and_narrows_the_limits(tmp_path):
+    text = GRIPPER.read_text().replace('multiplier="1" offset="0"', 'multiplier="2" offset="0.01"')
+    (tmp_path / "hand.urdf").write_text(text)
+    hand = ng.URDFHand.load(tmp_path / "hand.urdf", {"left_pad": 0.01})
+    assert hand.tree.joint_positions(np.array([0.015])) == pytest.approx({"left_slide": 0.015, "right_slide": 0.04})
+    np.testing.assert_allclose(hand.tree.joint_limits, [[0.0], [0.02]])  # 2 q + 0.01 <= 0.05
+
+
+def test_palm_is_any_link_and_what_is_above_is_left_out():
+    hand = ng.URDFHand.load(FOUR, {"index_tip": 0.01}, palm="index_knuckle")
+    assert hand.robot.root == "index_knuckle"
+    assert [j.name for j in hand.robot.free_joints] == [f"index_{n}_flexion" for n in ("proximal", "middle", "distal")]
+
+
+SHAPES = {
+    "sphere": [Shape.sphere(0.01, np.eye(4))],
+    "capsule": [
+        Shape.cylinder(0.009, 0.04, np.eye(4)),
+        Shape.sphere(0.009, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1.0]])),
+        Shape.sphere(0.009, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -0.02], [0, 0, 0, 1.0]])),
+    ],
+    "box": [Shape.box(np.array([0.02, 0.09, 0.1]), np.eye(4))],
+    "finger of a gripper": [Shape.box(np.array([0.02, 0.012, 0.06]), np.eye(4))],
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_spheres_enclose_the_shape_with_the_stated_error(name, rng):
+    shapes = SHAPES[name]
+    fit = fit_spheres(shapes, 12)
+    assert len(fit.radii) <= 12
+    surface = np.concatenate([s.mesh.sample(4000, seed=1) for s in shapes])
+    outside = np.min(np.linalg.norm(surface[:, None] - fit.centres, axis=2) - fit.radii, axis=1)
+    assert np.max(outside) <= 1e-4
+    directions = rng.standard_normal((300, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    reach = (fit.centres[:, None] + fit.radii[:, None, None] * directions).reshape(-1, 3)
+    beyond = -np.max([s.depth(reach) for s in shapes], axis=0)
+    assert np.max(beyond) <= fit.error + 1e-4
+    assert fit.error <= {"sphere": 1e-9, "capsule": 0.003, "box": 0.02, "finger of a gripper": 0.006}[name]
+
+
+def test_more_spheres_are_closer():
+    box = [Shape.box(np.array([0.02, 0.04, 0.1]), np.eye(4))]
+    errors = [fit_spheres(box, most).error for most in (4, 12, 40)]
+    assert errors[0] > errors[1] > errors[2]
+
+
+def test_spheres_of_a_fingertips_own_links_leave_it_free():
+    """No sphere fixed to a round fingertip reaches farther than a cone of 20 degrees around it."""
+    hand = four_finger_hand()
+    fit = hand.fits["index_distal"]
+    away = np.linalg.norm(fit.centres - [0.0, 0.0, 0.026], axis=1)
+    assert np.all(fit.radii <= 0.011 + np.sin(np.radians(20.0)) * away + 1e-12)
+    assert "index_tip" not in hand.fits  # the tip's own sphere is the fingertip itself
+
+
+def test_rows_of_the_hand_have_the_derivatives_they_claim(rng):
+    """Every row of hand and clearances against central differences."""
+    hand = four_finger_hand()
+    body = ng.Ellipsoid([0.06, 0.03, 0.03])
+    problem = ng.GraspProblem(
+        body,
+        ng.FrictionContact(0.7),
+        ng.TaskEllipsoid([1.0] * 6),
+        hand=hand,
+        constraints=[
+            ng.Table(-0.1),
+            ng.Approach([1, 0, 0], 1.0),
+            ng.Obstacle(ng.Box([0.1, 0.1, 0.1]), 0.0, [0.2, 0, 0]),
+        ],
+    )
+    from nlpgrasp.nlp import support_program
+    from nlpgrasp.nlp.functions import ProgramFunctions
+
+    program = support_program(problem, ("surface",) * 4, 2)
+    jacobian = ProgramFunctions(program).jacobian
+    theta = rng.standard_normal(program.theta.shape[0])
+    values, tips = hand.draw(1, np.zeros((1, 3)), rng)
+    z = 0.3 * rng.standard_normal(program.z.shape[0])
+    for name, value in values.items():
+        block = program.block(f"hand {name}")
+        z[block.range] = value[0] / block.scale
+    J = np.asarray(jacobian(z, theta)[1].full())
+    h = 1e-6
+    numeric = np.stack(
+        [
+            (jacobian(z + h * e, theta)[0].full() - jacobian(z - h * e, theta)[0].full()).ravel() / (2.0 * h)
+            for e in np.eye(len(z))
+        ],
+        axis=1,
+    )
+    scale = np.maximum(np.max(np.abs(numeric), axis=1, keepdims=True), 1.0)
+    assert np.max(np.abs(J - numeric) / scale) < 1e-5
+
+
+def test_missing_extra_names_the_command(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "adam.casadi", None)
+    with pytest.raises(ng.NlpgraspError, match=re.escape('pip install "nlpgrasp[hands]"')):
+        four_finger_hand().tree.link_function(np.zeros(16))
+
+
+def test_quaternion_is_the_rotation_it_says(rng):
+    from scipy.spatial.transform import Rotation
+
+    from nlpgrasp.hands.kinematics import rotation_of
+
+    rotation = Rotation.random(rng=rng)
+    found = ca.DM(rotation_of(ca.DM(rotation.as_quat(scalar_first=True))))
+    np.testing.assert_allclose(found.full(), rotation.as_matrix(), atol=1e-12)

@@ -1,0 +1,66 @@
+"""Hands of the tests, and forward kinematics by MuJoCo."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+import nlpgrasp as ng
+
+FOLDER = Path(__file__).resolve().parents[2] / "problems" / "hands"
+FOUR, THREE, GRIPPER = (
+    FOLDER / f"{name}.urdf" for name in ("four_finger_hand", "three_finger_hand", "parallel_gripper")
+)
+FOUR_TIPS = {f"{finger}_tip": 0.011 for finger in ("index", "middle", "ring", "thumb")}
+THREE_TIPS = {f"finger_{i}_tip": 0.01 for i in (1, 2, 3)}
+PADS = {"left_pad": ng.FlatTip([0.02, 0.02]), "right_pad": ng.FlatTip([0.02, 0.02])}
+
+
+def four_finger_hand(**options):
+    return ng.URDFHand.load(FOUR, FOUR_TIPS, approach=[1.0, 0.0, 0.0], **options)
+
+
+def three_finger_hand(**options):
+    return ng.URDFHand.load(THREE, THREE_TIPS, **options)
+
+
+def gripper(**options):
+    return ng.URDFHand.load(GRIPPER, PADS, **options)
+
+
+class Mujoco:
+    """The kinematics of a URDF by MuJoCo, which shares no code with the package."""
+
+    def __init__(self, path):
+        settings = '<mujoco><compiler fusestatic="false" balanceinertia="true" discardvisual="true"/></mujoco>'
+        self.model = mujoco.MjModel.from_xml_string(path.read_text().replace("</robot>", settings + "</robot>"))
+        self.data = mujoco.MjData(self.model)
+
+    def link_poses(self, joint_positions):
+        """Return the pose (4, 4) of every link in the root's frame, for joint positions by name."""
+        for name, value in joint_positions.items():
+            joint = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name)
+            self.data.qpos[self.model.jnt_qposadr[joint]] = value
+        mujoco.mj_kinematics(self.model, self.data)
+        poses = {}
+        for i in range(1, self.model.nbody):
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = self.data.xmat[i].reshape(3, 3), self.data.xpos[i]
+            poses[mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_BODY, i)] = pose
+        return poses
+
+
+def body_frame(palm_pose):
+    """Return the (4, 4) transform of a solution's palm pose."""
+    w, x, y, z = palm_pose["quaternion_wxyz"]
+    result = np.zeros(9)
+    mujoco.mju_quat2Mat(result, np.array([w, x, y, z]))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = result.reshape(3, 3), palm_pose["position"]
+    return pose
+
+
+def solution_links(path, hand_data):
+    """Return the links' poses in the body's frame, from a solution's JSON data of the hand alone."""
+    base = body_frame(hand_data["palm_pose"])
+    return {name: base @ pose for name, pose in Mujoco(path).link_poses(hand_data["joint_positions"]).items()}
