@@ -19,7 +19,7 @@ from nlpgrasp.hands.base import Expression, Hand, HandVariable, Values
 from nlpgrasp.hands.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.link_spheres import SphereFit
 from nlpgrasp.hands.link_tree import LinkTree
-from nlpgrasp.hands.robot import Joint, Robot
+from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.self_collision import apart, colliding_pairs
 from nlpgrasp.hands.tips import Tip, Touch
 from nlpgrasp.hands.urdf_arguments import tips_of, torque_limits_of
@@ -65,8 +65,7 @@ class URDFHand(Hand):
         self.tree = LinkTree(robot, self.tips, direction / np.linalg.norm(direction))
         self.clearance = number("URDFHand.clearance", clearance, at_least=0.0)
         self.spheres_per_link = integer("URDFHand.spheres_per_link", spheres_per_link, at_least=1, at_most=200)
-        self.self_collision = bool(self_collision)
-        self.torque_limits = dict(torque_limits or {})
+        self.self_collision, self.torque_limits = bool(self_collision), dict(torque_limits or {})
         self.source, self.sha256 = source, sha256
         if not robot.free_joints:
             raise InputError(f"URDFHand.path: {source}", "no movable joints", "a hand with joints that move")

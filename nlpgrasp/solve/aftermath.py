@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nlpgrasp.findings import ShadowPrice, WhyNot
@@ -61,5 +60,5 @@ def _attempted(work: Callable[[], T]) -> T | None:
     """Return what the work returns, or None where it fails numerically."""
     try:
         return work()
-    except (RuntimeError, ArithmeticError, np.linalg.LinAlgError):
+    except (RuntimeError, ArithmeticError, ValueError):
         return None

@@ -78,8 +78,8 @@ def shadow_prices(bench: Workbench, best: StartResult, stop: Stop) -> tuple[Shad
     optimum = polished(bench, best.record.faces, points, best.hand or {}, stop)
     if optimum is None:
         return ()
-    prices = [_price(bench, best.record.faces, optimum, limit) for limit in limits_of(bench.problem)]
-    prices += _joint_prices(bench, optimum)
+    found = [_price(bench, best.record.faces, optimum, limit) for limit in limits_of(bench.problem)]
+    prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
     prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
     return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
 
@@ -149,13 +149,15 @@ def _optimum(
     )
 
 
-def _price(bench: Workbench, faces: tuple[str, ...], optimum: Optimum, limit: Limit) -> ShadowPrice:
+def _price(bench: Workbench, faces: tuple[str, ...], optimum: Optimum, limit: Limit) -> ShadowPrice | None:
     """Return the price of one limit, by central differences of the rows and ratios it enters."""
     h = 1e-3 * limit.step
     more, less = limit.changed(h), limit.changed(-h)
-    room = (_room(bench, faces, optimum, more) - _room(bench, faces, optimum, less)) / (2.0 * h)
+    rooms = [_room(bench, faces, optimum, problem) for problem in (more, less)]
+    if any(len(room) != len(optimum.prices) for room in rooms):
+        return None  # rows come or go with the limit: it is at a threshold, where it has no price
     active = np.abs(optimum.prices) > 0.0
-    gain = float(np.sum(optimum.prices[active] * room[active]))
+    gain = float(np.sum(optimum.prices[active] * (rooms[0] - rooms[1])[active])) / (2.0 * h)
     if limit.touches_contacts:
         ratios = (_ratios(bench, faces, optimum, more) - _ratios(bench, faces, optimum, less)) / (2.0 * h)
         gain += float(optimum.weights @ ratios)
@@ -172,6 +174,8 @@ def _room(bench: Workbench, faces: tuple[str, ...], optimum: Optimum, problem: G
     found = collected(given, False)
     values = [float(ca.evalf(ca.SX(row.expression))) for row in found.rows]
     values += [float(c.distance(ca.evalf(ca.SX(c.point)))) for c in found.clearances]
+    if len(values) != len(optimum.prices):
+        return np.array(values)
     bounds = [row.upper if price > 0.0 else row.lower for row, price in zip(found.named, optimum.prices, strict=True)]
     return np.array([b - v if np.isfinite(b) else -v for b, v in zip(bounds, values, strict=True)])
 

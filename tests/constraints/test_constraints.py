@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.rows import Placement
+from nlpgrasp.rows import LinkSphere, PalmPose, Placement
 
 POSITIONS = np.array([[0.3, 0.1, 0.4], [-0.2, 0.5, -0.1], [0.0, -0.6, 0.2]])
 NORMALS = -POSITIONS / np.linalg.norm(POSITIONS, axis=1, keepdims=True)
@@ -108,3 +108,104 @@ def test_fingertips_rows():
 def test_bad_constraints_are_refused(make, message):
     with pytest.raises(ng.InputError, match=message):
         make()
+
+
+def test_workspace_box_is_a_row_a_coordinate():
+    rows = values(ng.Workspace(ng.BoxRegion([-1.0, -2.0, 0.0], [1.0, 2.0, 0.5]), fingers=[2]))
+    assert [r[0] for r in rows] == [f"workspace, finger 2, {a}" for a in "xyz"]
+    np.testing.assert_allclose([r[1] for r in rows], POSITIONS[2])
+    assert rows[2][2:] == (0.0, 0.5)
+
+
+def test_workspace_of_an_expression():
+    rows = values(ng.Workspace(lambda p: p[0] - p[1]))
+    np.testing.assert_allclose([r[1] for r in rows], POSITIONS[:, 0] - POSITIONS[:, 1])
+    assert all(r[2:] == (0.0, np.inf) for r in rows)
+
+
+def test_spread_of_some_fingers():
+    assert [r[0] for r in values(ng.Spread(max=0.5, fingers=[0, 2]))] == ["spread, fingers 0 and 2"]
+
+
+def test_symmetric_compares_with_the_mirror_image():
+    rows = values(ng.Symmetric([0, 1], [2.0, 0.0, 0.0], offset=0.05))
+    image = POSITIONS[0] * [-1.0, 1.0, 1.0] + [0.1, 0.0, 0.0]
+    np.testing.assert_allclose([r[1] for r in rows], image - POSITIONS[1], atol=1e-15)
+
+
+def test_obstacle_keeps_tips_off_another_body():
+    """A box turned by 90 degrees about z and moved: against the distance to the box by hand."""
+    turn = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
+    obstacle = ng.Obstacle(ng.Box([0.4, 0.2, 2.0]), 0.01, [0.5, 0.0, 0.0], turn, name="wall")
+    for i, (name, value, lower, upper) in enumerate(as_rows(obstacle, radius=0.02)):
+        tip = POSITIONS[i] - 0.02 * NORMALS[i]
+        beyond = np.maximum(np.abs(tip - [0.5, 0.0, 0.0]) - [0.1, 0.2, 1.0], 0.0)
+        assert name == f"wall, finger {i}"
+        assert value == pytest.approx(np.linalg.norm(beyond))
+        assert (lower, upper) == (pytest.approx(0.03), np.inf)
+
+
+def as_rows(constraint, radius):
+    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [radius] * 3, 1.0)
+    rows = [c.as_row() for c in constraint.rows(placement)]
+    return [(r.name, float(ca.DM(r.expression)), r.lower, r.upper) for r in rows]
+
+
+def test_approach_and_palm_workspace_are_about_the_palm():
+    palm = PalmPose(ca.SX([0.1, 0.2, 0.3]), ca.SX.eye(3), ca.SX([0.0, 0.6, -0.8]))
+    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [0.0] * 3, 1.0, palm=palm)
+    (row,) = ng.Approach([0.0, 0.0, -2.0], np.pi / 3.0).rows(placement)
+    assert float(ca.DM(row.expression)) == pytest.approx(0.8)
+    assert row.lower == pytest.approx(0.5)
+    above = ng.Workspace(ng.HalfSpace([0.0, 0.0, 1.0], 0.25), palm=True).rows(placement)
+    assert [float(ca.DM(r.expression)) for r in above] == pytest.approx([0.05])
+
+
+def test_table_sees_the_links_and_a_fingertip_once():
+    spheres = [LinkSphere("finger/0", ca.SX([0, 0, 0.5]), 0.1), LinkSphere("tip", ca.SX([0, 0, 0.4]), 0.1, is_tip=True)]
+    placement = Placement([ca.SX(POSITIONS[0])], [ca.SX(NORMALS[0])], [0.1], 1.0, spheres)
+    rows = ng.Table(0.0).rows(placement)
+    assert [r.name for r in rows] == ["table, finger 0", "table, finger/0"]
+    assert float(ca.DM(rows[1].expression)) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: ng.Obstacle("table"), "Obstacle.body"),
+        (lambda: ng.Obstacle(ng.Sphere(1.0), -1.0), "Obstacle.clearance"),
+        (lambda: ng.Obstacle(ng.Sphere(1.0), position=[0, 0]), "Obstacle.position"),
+        (lambda: ng.Obstacle(ng.Sphere(1.0), quaternion=[0, 0, 0, 0]), "Obstacle.quaternion"),
+        (lambda: ng.Workspace(3), "Workspace.region"),
+        (lambda: ng.Workspace(ng.HalfSpace([1, 0, 0], 0.0), fingers=[0, 0]), "Workspace.fingers"),
+        (lambda: ng.Approach([0, 0, 0], 1.0), "Approach.direction"),
+        (lambda: ng.Approach([0, 0, 1], 4.0), "Approach.angle"),
+        (lambda: ng.Symmetric([0], [1, 0, 0]), "Symmetric.fingers"),
+        (lambda: ng.Symmetric([0, 1], [0, 0, 0]), "Symmetric.normal"),
+        (lambda: ng.Symmetric([0, 1], [1, 0, 0], tolerance=0.0), "Symmetric.tolerance"),
+        (lambda: ng.Spread(max=1.0, fingers=[-1, 0]), "Spread.fingers"),
+        (lambda: ng.ParallelJaw(0.0), "ParallelJaw.opening"),
+        (lambda: ng.ParallelJaw(0.1, tilt=2.0), "ParallelJaw.tilt"),
+    ],
+)
+def test_bad_constraints_of_hands(make, match):
+    with pytest.raises(ng.InputError, match=match):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("constraint", "match"),
+    [
+        (ng.Obstacle(ng.Polygon([[0, 0], [1, 0], [0, 1]])), "a body of 2 dimensions"),
+        (ng.Workspace(ng.HalfSpace([1, 0], 0.0)), "2 coordinates"),
+        (ng.Workspace(ng.HalfSpace([1, 0, 0], -9.0), fingers=[3]), "fingers 0 to 2"),
+        (ng.Workspace(ng.HalfSpace([1, 0, 0], -9.0), palm=True), "a hand with a palm"),
+        (ng.Symmetric([0, 5], [1, 0, 0]), "fingers 0 to 2"),
+        (ng.Symmetric([0, 1], [1, 0]), "3 numbers"),
+    ],
+)
+def test_constraints_that_do_not_fit_the_problem(constraint, match):
+    with pytest.raises(ng.InputError, match=match):
+        ng.GraspProblem(
+            ng.Sphere(1.0), [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0] * 6), constraints=[constraint]
+        )

@@ -119,7 +119,7 @@ def test_rows_of_the_hand_have_the_derivatives_they_claim(rng):
     program = support_program(problem, ("surface",) * 4, 2)
     jacobian = ProgramFunctions(program).jacobian
     theta = rng.standard_normal(program.theta.shape[0])
-    values, tips = hand.draw(1, np.zeros((1, 3)), rng)
+    values, _tips = hand.draw(1, np.zeros((1, 3)), rng)
     z = 0.3 * rng.standard_normal(program.z.shape[0])
     for name, value in values.items():
         block = program.block(f"hand {name}")

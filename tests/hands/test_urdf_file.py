@@ -26,7 +26,7 @@ def refused(tmp_path, old, new, match, tips=TIP):
 
 
 def test_missing_file():
-    with pytest.raises(ng.InputError, match="nowhere.urdf, expected a URDF file that can be read"):
+    with pytest.raises(ng.InputError, match=r"nowhere\.urdf, expected a URDF file that can be read"):
         ng.URDFHand.load("nowhere.urdf", TIP)
 
 
@@ -60,7 +60,7 @@ def test_unknown_links_list_those_there_are():
 
 @pytest.mark.parametrize("tips", [{}, None, {"index_tip": []}, ["index_tip"]])
 def test_no_fingertips(tips):
-    with pytest.raises(ng.InputError, match="URDFHand.fingertips"):
+    with pytest.raises(ng.InputError, match=r"URDFHand\.fingertips"):
         ng.URDFHand.load(FOUR, tips)
 
 

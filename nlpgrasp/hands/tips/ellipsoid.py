@@ -50,6 +50,8 @@ class EllipsoidTip(Tip):
         object.__setattr__(self, "offset", tuple(np.asarray(self.offset, float).tolist()))
         object.__setattr__(self, "rpy", tuple(np.asarray(self.rpy, float).tolist()))
         object.__setattr__(self, "angle", number("EllipsoidTip.angle", self.angle, above=0.0))
+        if self.angle > np.pi:
+            raise InputError("EllipsoidTip.angle", self.angle, "an angle of at most pi")
         if self.facing is not None:
             direction = array("EllipsoidTip.facing", self.facing, (3,))
             length = float(np.linalg.norm(direction))

@@ -1,0 +1,58 @@
+"""The distance that clearances are kept by: never more than the true one, and exact near the surface."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import nlpgrasp as ng
+from tests.samples import BODIES
+
+EXACT = ("sphere", "cylinder", "box", "prism", "torus", "polygon")
+
+
+def distances(body, points):
+    return np.asarray(body.distance_function.map(len(points))(points.T).full()).ravel()
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_distance_is_never_more_than_the_true_one(name, rng):
+    """Against the nearest of many surface points, which is a little too far."""
+    body = BODIES[name]
+    cloud = np.concatenate([body.sample(face, 3000, rng) for face in body.face_names])
+    lower, upper = body.bounds
+    points = rng.uniform(lower - 0.5 * body.size, upper + 0.5 * body.size, (1500, body.space))
+    found, true = distances(body, points), cKDTree(cloud).query(points)[0]
+    outside = found > 0.0
+    assert np.max((found - true)[outside]) < 1e-3 * body.size
+    assert np.mean(outside) > 0.5
+    if name in EXACT:
+        assert np.max(np.abs(np.abs(found) - true)) < 0.06 * body.size
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_distance_grows_like_the_distance_near_the_surface(name, rng):
+    body = BODIES[name]
+    face = body.face_names[0]
+    points = body.sample(face, 40, rng)
+    outward = body.evaluate(face, points)[2]
+    h = 1e-4 * body.size
+    off_edges = body.evaluate(face, points)[3] < -3.0 * h
+    found = distances(body, points + h * outward)[off_edges]
+    np.testing.assert_allclose(found, h, rtol=0.02)
+
+
+def test_distance_to_a_mesh_is_the_meshs_own(shared_meshes, rng):
+    body = ng.Mesh.load(shared_meshes / "ycb_012_strawberry.stl")
+    points = rng.uniform(body.bounds[0] - 0.05, body.bounds[1] + 0.05, (3000, 3))
+    found, true = distances(body, points), body.signed_distance(points)
+    near = (true > 0.004) & (true < 0.015)
+    assert np.max(np.abs(found - true)[near]) < 2e-4
+    assert np.max((found - true)[true > 0.004]) < 2e-4
+
+
+def test_distance_of_a_slender_mesh_far_outside_its_grid():
+    import trimesh
+
+    body = ng.Mesh(trimesh.creation.box([0.2, 0.02, 0.02]))
+    point = np.array([[0.0, 0.0, 0.5]])
+    assert 0.43 < distances(body, point)[0] <= 0.49 + 1e-6

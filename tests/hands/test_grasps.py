@@ -1,0 +1,191 @@
+"""Grasps with real hands, checked from the solution's JSON data by MuJoCo's kinematics."""
+
+import json
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from tests.hands.urdf import (
+    FOUR,
+    FOUR_TIPS,
+    GRIPPER,
+    THREE,
+    THREE_TIPS,
+    four_finger_hand,
+    gripper,
+    solution_links,
+    three_finger_hand,
+)
+
+OPTIONS = ng.SolveOptions(workers=1)
+
+
+def task(body):
+    return ng.TaskEllipsoid([1.0, 1.0, 1.0, *[body.size] * 3])
+
+
+def solved(body, hand, contact=None, starts=1, seed=0, **fields):
+    contact = ng.FrictionContact(0.7) if contact is None else contact
+    problem = ng.GraspProblem(body, contact, task(body), hand=hand, **fields)
+    return ng.solve(problem, starts=starts, seed=seed, options=OPTIONS)
+
+
+def tip_gaps(solution, path, tips, key=None):
+    """Return how far each contact is from its own spherical fingertip, metres."""
+    data = solution.hand if key is None else solution.hand[key]
+    links = solution_links(path, data)
+    centres = np.array([links[name][:3, 3] for name in tips])
+    return np.linalg.norm(solution.grasp.points - centres, axis=1) - np.array(list(tips.values())), centres
+
+
+BODIES = {
+    "sphere": ng.Sphere(0.03),
+    "box": ng.Box([0.08, 0.04, 0.04]),
+    "ellipsoid": ng.Ellipsoid([0.06, 0.03, 0.03]),
+    "cylinder": ng.Cylinder(0.03, 0.1),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_four_fingers_touch_where_the_grasp_says(name, tmp_path):
+    body = BODIES[name]
+    solution = solved(body, four_finger_hand())
+    assert solution.mu.lower > 0.1
+    solution.save(tmp_path / "grasp.json")
+    assert ng.verify(tmp_path / "grasp.json")
+    gaps, centres = tip_gaps(solution, FOUR, FOUR_TIPS)
+    assert np.max(np.abs(gaps)) < 1e-6
+    towards = (solution.grasp.points - centres) / 0.011
+    np.testing.assert_allclose(towards, solution.grasp.normals, atol=1e-4)
+    for face, p in zip(solution.faces, solution.grasp.points, strict=True):
+        h, slope, _, extent = body.evaluate(face, p[None])
+        assert abs(h[0] / slope[0]) < 1e-9
+        assert extent[0] < 1e-6
+
+
+def test_links_stay_off_the_body_and_off_each_other():
+    hand = four_finger_hand(clearance=0.001)
+    body = BODIES["ellipsoid"]
+    solution = solved(body, hand)
+    links = solution_links(FOUR, solution.hand)
+    where = {}
+    for link, fit in hand.fits.items():
+        centres = fit.centres @ links[link][:3, :3].T + links[link][:3, 3]
+        where[link] = centres, fit.radii
+        distance = np.asarray(body.distance_function.map(len(centres))(centres.T).full()).ravel()
+        assert np.min(distance - fit.radii) > 0.001 - 1e-6
+    for a, b in hand._pairs:
+        (p, r), (q, s) = ([part[int(n.split("/")[1])] for part in where[n.split("/")[0]]] for n in (a, b))
+        assert np.linalg.norm(p - q) > r + s - 1e-6
+
+
+def test_pregrasp_is_open_by_the_clearance_and_free(tmp_path):
+    hand, body = four_finger_hand(), BODIES["box"]
+    solution = solved(body, hand)
+    opened = solution.hand["pregrasp"]
+    assert opened["clearance"] == 0.01
+    _, before = tip_gaps(solution, FOUR, FOUR_TIPS)
+    _, after = tip_gaps(solution, FOUR, FOUR_TIPS, "pregrasp")
+    gone = np.sum((after - before) * -solution.grasp.normals, axis=1)
+    np.testing.assert_allclose(gone, 0.01, atol=1e-5)
+    links = solution_links(FOUR, opened)
+    for link, fit in hand.fits.items():
+        centres = fit.centres @ links[link][:3, :3].T + links[link][:3, 3]
+        distance = np.asarray(body.distance_function.map(len(centres))(centres.T).full()).ravel()
+        assert np.min(distance - fit.radii) > -1e-6
+    lower, upper = hand.tree.joint_limits
+    joints = np.array([opened["joint_positions"][j.name] for j in hand.robot.free_joints])
+    assert np.all(joints >= lower - 1e-9)
+    assert np.all(joints <= upper + 1e-9)
+
+
+def test_table_and_approach_hold_for_the_whole_hand():
+    hand = three_finger_hand()
+    body = BODIES["cylinder"]
+    direction, angle = np.array([0.0, 0.0, -1.0]), 0.4
+    solution = solved(
+        body, hand, ng.FrictionContact(0.6), starts=2, constraints=[ng.Table(-0.05), ng.Approach(direction, angle)]
+    )
+    assert solution.mu.lower > 0.2
+    links = solution_links(THREE, solution.hand)
+    for link, fit in hand.fits.items():
+        heights = (fit.centres @ links[link][:3, :3].T + links[link][:3, 3])[:, 2] - fit.radii
+        assert np.min(heights) > -0.05 - 1e-6
+    pose = solution.hand["palm_pose"]["quaternion_wxyz"]
+    from scipy.spatial.transform import Rotation
+
+    faces = Rotation.from_quat(pose, scalar_first=True).as_matrix() @ [0.0, 0.0, 1.0]
+    assert faces @ direction > np.cos(angle) - 1e-6
+    gaps, _ = tip_gaps(solution, THREE, THREE_TIPS)
+    assert np.max(np.abs(gaps)) < 1e-6
+
+
+def test_flat_pads_of_a_gripper_with_a_mimic_joint_touch_flat():
+    body = ng.Box([0.05, 0.03, 0.08])
+    solution = solved(body, gripper(), ng.SoftContact(0.6, 0.005), starts=3)
+    assert solution.mu.lower > 0.12
+    joints = solution.hand["joint_positions"]
+    assert joints["left_slide"] == pytest.approx(joints["right_slide"], abs=1e-9)
+    links = solution_links(GRIPPER, solution.hand)
+    for p, n, pad in zip(solution.grasp.points, solution.grasp.normals, ("left_pad", "right_pad"), strict=True):
+        local = links[pad][:3, :3].T @ (p - links[pad][:3, 3])
+        np.testing.assert_allclose(links[pad][:3, :3].T @ n, [0.0, 0.0, 1.0], atol=1e-5)
+        assert abs(local[2]) < 1e-6
+        assert np.max(np.abs(local[:2])) < 0.01 + 1e-6
+
+
+def test_parallel_jaw_is_no_wider_than_it_opens():
+    body = ng.Box([0.08, 0.04, 0.06])
+    contact = ng.SoftContact(0.6, 0.005)
+    solution = solved(body, ng.ParallelJaw(0.05), contact, starts=4)
+    p, q = solution.grasp.points
+    assert set(solution.faces) == {"+y", "-y"}
+    assert np.linalg.norm(p - q) <= 0.05 + 1e-6
+    line = (q - p) / np.linalg.norm(q - p)
+    assert solution.grasp.normals[0] @ line > np.cos(0.05) - 1e-6
+
+
+@pytest.mark.parametrize("name", ["ycb_012_strawberry", "angle_block"])
+def test_hand_on_a_mesh_touches_the_mesh_itself(name, shared_meshes):
+    """Recomputed from the JSON data: contacts on tip and mesh within 0.1 mm, links in the mesh by at most 0.5 mm."""
+    body = ng.Mesh.load(shared_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")
+    hand = four_finger_hand()
+    solution = solved(body, hand, starts=2)
+    assert solution.mu.lower > 0.2
+    gaps, _ = tip_gaps(solution, FOUR, FOUR_TIPS)
+    assert np.max(np.abs(gaps)) < 1e-5
+    assert np.max(body.closest(solution.grasp.points)[2]) < 1e-6
+    links = solution_links(FOUR, solution.hand)
+    for link, shapes in hand.robot.shapes.items():
+        for shape in shapes:
+            surface = shape.mesh.vertices @ links[link][:3, :3].T + links[link][:3, 3]
+            assert np.min(body.signed_distance(surface)) > -5e-4
+    assert ng.verify(solution)
+
+
+def test_same_seed_same_hand_with_any_number_of_workers():
+    problem = ng.GraspProblem(
+        BODIES["sphere"], ng.FrictionContact(0.7), task(BODIES["sphere"]), hand=four_finger_hand()
+    )
+    one, two = (ng.solve(problem, 2, 3, ng.SolveOptions(workers=w)) for w in (1, 2))
+    assert json.dumps(one.hand) == json.dumps(two.hand)
+    np.testing.assert_array_equal(one.grasp.points, two.grasp.points)
+    assert [str(p) for p in one.prices] == [str(p) for p in two.prices]
+
+
+def test_number_of_contacts_must_fit_the_hand():
+    with pytest.raises(ng.InputError, match="3 contacts, expected 4, one a fingertip"):
+        ng.GraspProblem(
+            BODIES["sphere"], [ng.FrictionContact(0.7)] * 3, task(BODIES["sphere"]), hand=four_finger_hand()
+        )
+
+
+def test_palm_constraints_need_a_palm():
+    with pytest.raises(ng.InputError, match="Approach: got no palm, expected a hand with a palm"):
+        ng.GraspProblem(
+            BODIES["sphere"],
+            [ng.FrictionContact(0.7)] * 3,
+            task(BODIES["sphere"]),
+            constraints=[ng.Approach([0, 0, -1], 0.5)],
+        )

@@ -1,0 +1,83 @@
+"""Shadow prices against solving again with the limit moved by one per cent."""
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.solve.limits import limits_of
+from nlpgrasp.solve.shadow import polished, shadow_prices
+from nlpgrasp.solve.start import run_start
+from nlpgrasp.solve.stop import Stop
+from nlpgrasp.solve.workbench import Workbench
+from tests.hands.urdf import four_finger_hand
+
+OPTIONS = ng.SolveOptions(workers=1)
+BODY = ng.Ellipsoid([0.06, 0.03, 0.03])
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.06, 0.06, 0.06])
+FOUR = [ng.FrictionContact(0.6)] * 4
+
+PROBLEMS = {
+    "spread of a hand": lambda: ng.GraspProblem(BODY, FOUR, TASK, hand=ng.Fingertips(4, 0.005, spread=0.05)),
+    "reach and table": lambda: ng.GraspProblem(
+        BODY, FOUR, TASK, hand=ng.Fingertips(4, 0.005, reach=0.035), constraints=[ng.Table(-0.015, 0.002)]
+    ),
+    "soft contacts in a workspace": lambda: ng.GraspProblem(
+        BODY,
+        [ng.SoftContact(0.6, 0.01)] * 3,
+        TASK,
+        constraints=[ng.Workspace(ng.BoxRegion([-0.02, -1.0, -1.0], [0.02, 1.0, 1.0]))],
+    ),
+    "user's own": lambda: ng.GraspProblem(
+        BODY, FOUR, TASK, constraints=[ng.Constraint("low", lambda p, n: sum(q[0] ** 2 for q in p), 0.0, 0.001)]
+    ),
+}
+EXPECTED = {
+    "spread of a hand": {"Fingertips.spread (greatest)", "friction of all contacts"},
+    "reach and table": {"Fingertips.reach", "Table.height", "friction of all contacts"},
+    "soft contacts in a workspace": {"friction of all contacts", "torsional_friction of all contacts"},
+    "user's own": {"Constraint 'low'.upper", "friction of all contacts"},
+}
+
+
+def best_of(bench, starts):
+    results = [run_start(bench, i, 0, Stop()) for i in range(starts)]
+    return max((r for r in results if r.solved), key=lambda r: r.record.mu.upper)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_prices_predict_solving_again(name):
+    problem = PROBLEMS[name]()
+    bench = Workbench(problem, OPTIONS)
+    best = best_of(bench, 3)
+    faces = best.record.faces
+    prices = {p.name: p for p in shadow_prices(bench, best, Stop())}
+    assert EXPECTED[name] <= set(prices)
+    here = polished(bench, faces, bench.snap(faces, best.grasp.points), best.hand or {}, Stop())
+    limits = {limit.name: limit for limit in limits_of(problem)}
+    for key in EXPECTED[name]:
+        price, limit = prices[key], limits[key]
+        h = 0.01 * abs(price.value) * (1.0 if price.gain > 0.0 else -1.0)  # the way that leaves the grasp possible
+        moved = polished(Workbench(limit.changed(h), OPTIONS), faces, here.points, here.hand, Stop())
+        assert moved.value - here.value == pytest.approx(price.gain / price.step * h, rel=0.2), key
+
+
+def test_prices_of_a_hand():
+    """Joint limits and clearance of a 16-joint hand: the clearance's price against solving again."""
+    problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
+    bench = Workbench(problem, OPTIONS)
+    best = best_of(bench, 2)
+    prices = {p.name: p for p in shadow_prices(bench, best, Stop())}
+    assert prices["friction of all contacts"].gain > 0.0
+    assert all(p.gain > 0.0 for name, p in prices.items() if name.endswith("limit"))
+    assert all(p.unit == "1 degree" for name, p in prices.items() if name.endswith("limit"))
+
+
+def test_prices_are_in_the_solution_and_its_file(tmp_path):
+    solution = ng.solve(PROBLEMS["reach and table"](), 2, options=OPTIONS)
+    assert solution.prices == ng.GraspSolution.load(solution.save(tmp_path / "f.json")).prices
+    assert "1 mm more of Fingertips.reach changes mu by +" in str(solution)
+    assert abs(solution.prices[0].gain) >= abs(solution.prices[-1].gain)
+
+
+def test_prices_can_be_left_out():
+    options = ng.SolveOptions(workers=1, shadow_prices=False)
+    assert ng.solve(PROBLEMS["reach and table"](), 1, options=options).prices == ()

@@ -1,0 +1,74 @@
+"""When there is no grasp: which constraints contradict each other, or which wrench nothing resists."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+
+BODY = ng.Ellipsoid([0.06, 0.03, 0.03])
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+OPTIONS = ng.SolveOptions(workers=1)
+
+
+def solve(contacts, starts=2, body=BODY, **fields):
+    return ng.solve(ng.GraspProblem(body, contacts, TASK, **fields), starts, options=OPTIONS)
+
+
+def test_one_constraint_that_cannot_be_kept():
+    """Four points of the ellipsoid are at most 60 mm apart from each other (two of them at the ends, two across)."""
+    solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
+    assert solution.status is ng.Status.LOCALLY_INFEASIBLE
+    found = solution.why_not
+    assert found.locally_infeasible
+    (conflict,) = found.conflicts
+    assert conflict.name == "spread"
+    assert conflict.bound == pytest.approx(0.08)
+    assert conflict.value == pytest.approx(0.06, abs=0.003)
+    assert "mm, wanted at least 80 mm" in str(found)
+    assert "Relax spread by at least" in found.advice[0]
+
+
+def test_constraints_that_contradict_each_other_are_both_named():
+    hand = ng.Fingertips(3, 0.005, reach=0.03)
+    solution = solve([ng.FrictionContact(0.6)] * 3, hand=hand, constraints=[ng.Spread(min=0.07)])
+    assert solution.status is ng.Status.LOCALLY_INFEASIBLE
+    assert {c.name for c in solution.why_not.conflicts} <= {"spread", "reach", "fingertip distance"}
+    assert "fingertip distance, reach, spread" in solution.why_not.reasons[0]
+
+
+def test_relaxing_by_what_is_advised_gives_a_grasp():
+    solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
+    (conflict,) = solution.why_not.conflicts
+    relaxed = ng.Spread(min=0.08 - conflict.excess - 0.004)
+    again = solve([ng.FrictionContact(0.6)] * 4, 4, constraints=[relaxed])
+    assert again.status is not ng.Status.LOCALLY_INFEASIBLE
+
+
+def test_torque_about_an_axis_of_symmetry_without_friction():
+    solution = solve([ng.PointContact()] * 7)
+    assert solution.status is ng.Status.NO_GRASP
+    assert not solution.why_not.conflicts
+    direction = solution.why_not.direction / np.linalg.norm(solution.why_not.direction)
+    assert abs(direction[3]) > 0.999
+    assert "a torque about " in str(solution.why_not)
+
+
+def test_more_friction_is_advised_where_it_helps():
+    """Two faces at 90 degrees and a third: closed with friction 1 at the latest, not with 0.2."""
+    contact = [ng.FrictionContact(0.3, faces=[f]) for f in ("+x", "+y", "+z")]
+    solution = solve(contact, body=ng.Box([0.1, 0.1, 0.1]))
+    assert solution.status is ng.Status.NO_GRASP
+    assert any("friction" in line for line in solution.why_not.advice) or solution.why_not.direction is not None
+
+
+def test_diagnosis_survives_the_file(tmp_path):
+    solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
+    path = solution.save(tmp_path / "none.json")
+    loaded = ng.GraspSolution.load(path)
+    assert loaded.status is ng.Status.LOCALLY_INFEASIBLE
+    assert str(loaded.why_not) == str(solution.why_not)
+    assert not ng.verify(path)
+
+
+def test_solved_problems_have_no_diagnosis():
+    assert solve([ng.FrictionContact(0.6)] * 4, 1).why_not is None
