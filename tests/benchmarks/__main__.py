@@ -4,9 +4,9 @@ import sys
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import by_hand, ellipsoid, measures, meshes
+from tests.benchmarks import by_hand, ellipsoid, hands, measures, meshes
 
-ALL = {"ellipsoid": ellipsoid, "measures": measures, "by_hand": by_hand, "meshes": meshes}
+ALL = {"ellipsoid": ellipsoid, "measures": measures, "by_hand": by_hand, "meshes": meshes, "hands": hands}
 
 for name in sys.argv[1:] or ALL:
     print(f"\n== {name}: {ALL[name].__doc__.splitlines()[0]}")
