@@ -4,6 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
+# one thread for linear algebra: the tests run on all cores already
+test test-all bench: export OMP_NUM_THREADS = 1
+
 .PHONY: demo test test-all bench lint types lock clean
 
 demo: $(READY)

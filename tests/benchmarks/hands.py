@@ -34,9 +34,8 @@ def run():
         problem = power_grasp(contacts)
         results, seconds = run_starts(problem, 6)
         solved = np.array([r.solved for r in results])
-        print(
-            f"power grasp, {problem.hand.count} contacts: {solved.mean():.0%} of 6 starts, median {np.median(seconds):.2f} s"
-        )
+        share = f"{solved.mean():.0%} of 6 starts"
+        print(f"power grasp, {problem.hand.count} contacts: {share}, median {np.median(seconds):.2f} s")
 
 
 def _report(problem):

@@ -46,8 +46,10 @@ BODIES = {
     "cylinder": ng.Cylinder(0.03, 0.1),
 }
 
+FAST = ("box", "cylinder")
 
-@pytest.mark.parametrize("name", BODIES)
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in BODIES])
 def test_four_fingers_touch_where_the_grasp_says(name, tmp_path):
     body = BODIES[name]
     solution = solved(body, four_finger_hand())
@@ -146,7 +148,7 @@ def test_parallel_jaw_is_no_wider_than_it_opens():
     assert solution.grasp.normals[0] @ line > np.cos(0.05) - 1e-6
 
 
-@pytest.mark.parametrize("name", ["ycb_012_strawberry", "angle_block"])
+@pytest.mark.parametrize("name", ["ycb_012_strawberry", pytest.param("angle_block", marks=pytest.mark.slow)])
 def test_hand_on_a_mesh_touches_the_mesh_itself(name, shared_meshes):
     """Recomputed from the JSON data: contacts on tip and mesh within 0.1 mm, links in the mesh by at most 0.5 mm."""
     body = ng.Mesh.load(shared_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")

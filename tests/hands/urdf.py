@@ -1,5 +1,6 @@
 """Hands of the tests, and forward kinematics by MuJoCo."""
 
+from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -16,14 +17,17 @@ THREE_TIPS = {f"finger_{i}_tip": 0.01 for i in (1, 2, 3)}
 PADS = {"left_pad": ng.FlatTip([0.02, 0.02]), "right_pad": ng.FlatTip([0.02, 0.02])}
 
 
+@cache  # the spheres take a second to fit
 def four_finger_hand(**options):
     return ng.URDFHand.load(FOUR, FOUR_TIPS, approach=[1.0, 0.0, 0.0], **options)
 
 
+@cache
 def three_finger_hand(**options):
     return ng.URDFHand.load(THREE, THREE_TIPS, **options)
 
 
+@cache
 def gripper(**options):
     return ng.URDFHand.load(GRIPPER, PADS, **options)
 

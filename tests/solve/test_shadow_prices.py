@@ -30,6 +30,7 @@ PROBLEMS = {
         BODY, FOUR, TASK, constraints=[ng.Constraint("low", lambda p, n: sum(q[0] ** 2 for q in p), 0.0, 0.001)]
     ),
 }
+FAST = ("reach and table", "user's own")
 EXPECTED = {
     "spread of a hand": {"Fingertips.spread (greatest)", "friction of all contacts"},
     "reach and table": {"Fingertips.reach", "Table.height", "friction of all contacts"},
@@ -43,7 +44,7 @@ def best_of(bench, starts):
     return max((r for r in results if r.solved), key=lambda r: r.record.mu.upper)
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in PROBLEMS])
 def test_prices_predict_solving_again(name):
     problem = PROBLEMS[name]()
     bench = Workbench(problem, OPTIONS)
