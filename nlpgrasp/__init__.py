@@ -14,6 +14,7 @@ from nlpgrasp.bodies import (
     Torus,
 )
 from nlpgrasp.budgets import JointTorqueLimits
+from nlpgrasp.budgets.hand_torques import hand_torque_limits
 from nlpgrasp.constraints import (
     Approach,
     BoxRegion,
@@ -132,6 +133,7 @@ __all__ = [
     "ferrari_canny",
     "fine_manipulation",
     "finger_forces",
+    "hand_torque_limits",
     "is_stable",
     "isotropy",
     "min_weight",

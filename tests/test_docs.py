@@ -21,7 +21,7 @@ def test_code_blocks_run(page, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "nan" not in done.stdout
     if page.stem == "hands":
-        assert "mu certified in [0.3" in done.stdout
+        assert "mu certified in [0.4" in done.stdout
         assert "spread, fingers" in done.stdout
     if page.stem == "measures":
         assert "True True" in done.stdout

@@ -85,6 +85,30 @@ class LinkTree:
         a, b = (poses[:, 4 * i : 4 * i + 4] for i in (self.used_links.index(link), self.used_links.index(other)))
         return np.asarray(np.linalg.inv(b) @ a)
 
+    def jacobian(self, link: str, joints: FloatArray, point: FloatArray) -> FloatArray:
+        """Return velocity and angular velocity per joint rate of a point fixed to a link, (6, m), palm frame.
+
+        Parameters
+        ----------
+        link : str
+        joints : (m,) array
+        point : (3,) array
+            Where the point is, palm frame, metres.
+        """
+        q = ca.SX.sym("q", len(joints))
+        pose = ca.horzsplit(self.link_function(q), 4)[self.used_links.index(link)]
+        first = ca.Function("pose", [q], [pose, ca.jacobian(ca.vec(pose[:3, :]), q)])
+        here, slopes = (np.asarray(m.full()) for m in first(joints))
+        R = here[:3, :3]
+        local = R.T @ (point - here[:3, 3])
+        result = np.zeros((6, len(joints)))
+        for j in range(len(joints)):
+            change = slopes[:, j].reshape(4, 3).T  # of the pose's upper three rows
+            spin = change[:, :3] @ R.T
+            result[:3, j] = change[:, :3] @ local + change[:, 3]
+            result[3:, j] = spin[2, 1], spin[0, 2], spin[1, 0]
+        return result
+
     @cached_property
     def span(self) -> float:
         """Farthest that a fingertip gets from the palm's origin, metres (of 500 random joint positions)."""

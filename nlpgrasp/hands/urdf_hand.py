@@ -92,7 +92,8 @@ class URDFHand(Hand):
             Link name to a radius (a sphere around the link's origin, metres), a :class:`Tip`, or several tips.
             Contact i belongs to fingertip i, in this order. Inner links and the palm may have tips too.
         torque_limits : mapping of joint names to floats, or float, optional
-            Newton-metres (newtons for sliding joints), for the record; the URDF's efforts when left out.
+            Newton-metres (newtons for sliding joints), for :func:`nlpgrasp.hand_torque_limits`; the URDF's efforts
+            when left out.
         palm : str, optional
             Link whose pose is a variable; the root when left out. Links that do not hang from it are left out.
         approach : (3,) array

@@ -1,0 +1,73 @@
+"""Joint-torque limits of a hand in a grasp: against MuJoCo's Jacobians and a linear program."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from tests.hands.urdf import FOUR, FOUR_TIPS, Mujoco, body_frame, four_finger_hand
+
+LINKS = list(FOUR_TIPS)
+
+
+@pytest.fixture(scope="module")
+def solution():
+    body = ng.Sphere(0.03)
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+    problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=four_finger_hand())
+    return ng.solve(problem, 1, options=ng.SolveOptions(workers=1, shadow_prices=False))
+
+
+def mujoco_jacobians(solution):
+    """Return velocity per joint rate of each contact, body frame, by joint name."""
+    other = Mujoco(FOUR)
+    other.link_poses(solution.hand["joint_positions"])
+    mujoco.mj_comPos(other.model, other.data)
+    base = body_frame(solution.hand["palm_pose"])
+    names = [mujoco.mj_id2name(other.model, mujoco.mjtObj.mjOBJ_JOINT, j) for j in range(other.model.njnt)]
+    result = []
+    for link, point in zip(LINKS, solution.grasp.points, strict=True):
+        local = base[:3, :3].T @ (point - base[:3, 3])
+        jacobian = np.zeros((3, other.model.nv))
+        body = mujoco.mj_name2id(other.model, mujoco.mjtObj.mjOBJ_BODY, link)
+        mujoco.mj_jac(other.model, other.data, jacobian, None, local, body)
+        result.append(base[:3, :3] @ jacobian)
+    return names, result
+
+
+def test_jacobians_are_mujocos(solution):
+    hand = four_finger_hand()
+    budget = ng.hand_torque_limits(hand, solution.hand, solution.grasp.points)
+    names, expected = mujoco_jacobians(solution)
+    for i, link in enumerate(LINKS):
+        finger = link.removesuffix("_tip")
+        own = [j for j, name in enumerate(names) if name.startswith(finger)]
+        np.testing.assert_allclose(budget.jacobians[i][:3], expected[i][:, own], atol=1e-9)
+        np.testing.assert_allclose(budget.limits[i], 0.7)
+
+
+def test_quality_under_torque_limits_scales_with_them(solution):
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+    weak, strong = (
+        ng.mu(
+            solution.grasp,
+            task,
+            0.02,
+            force_budget=ng.hand_torque_limits(four_finger_hand(torque_limits=t), solution.hand, solution.grasp.points),
+        )
+        for t in (0.2, 0.4)
+    )
+    assert weak.lower > 0.0
+    assert strong.lower <= 2.0 * weak.upper * (1 + 1e-9)
+    assert 2.0 * weak.lower <= strong.upper * (1 + 1e-9)
+
+
+def test_joints_without_limits_and_shared_joints_are_refused(solution):
+    missing = ng.URDFHand.load(FOUR, FOUR_TIPS, {"index_abduction": 0.7})
+    with pytest.raises(ng.InputError, match="none for index_proximal_flexion"):
+        ng.hand_torque_limits(missing, solution.hand, solution.grasp.points)
+    both = ng.URDFHand.load(FOUR, {"index_tip": 0.011, "index_middle": 0.009})
+    with pytest.raises(ng.InputError, match="joint index_abduction that moves contacts 0 and 1"):
+        ng.hand_torque_limits(both, solution.hand, solution.grasp.points[:2])
+    with pytest.raises(ng.InputError, match="posture"):
+        ng.hand_torque_limits(four_finger_hand(), {}, solution.grasp.points)
