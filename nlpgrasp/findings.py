@@ -32,7 +32,8 @@ class ShadowPrice:
     gain: float
 
     def __str__(self) -> str:
-        return f"{self.unit} more of {self.name} changes mu by {self.gain:+.3g}"
+        what = f"{self.unit} more at" if self.unit.endswith("range") else f"{self.unit} more of"
+        return f"{what} {self.name} changes mu by {self.gain:+.3g}"
 
 
 @dataclass(frozen=True)
@@ -47,17 +48,16 @@ class Conflict:
         Its row that is broken most.
     value, bound : float
         What the row is in the nearest miss, and its limit.
-    is_least : bool
-        Whether the bound is a lower one.
-    unit : str
-        ``"m"`` for lengths, otherwise empty.
+    relation : {"at least", "at most", "exactly"}
+        What the value should be to the bound.
+    unit : {"", "m", "degrees"}
     """
 
     name: str
     row: str
     value: float
     bound: float
-    is_least: bool
+    relation: str
     unit: str = ""
 
     @property
@@ -68,14 +68,14 @@ class Conflict:
     @property
     def amount(self) -> str:
         """The excess with its unit, lengths in millimetres."""
-        return f"{1e3 * self.excess:.3g} mm" if self.unit == "m" else f"{self.excess:.3g}"
+        return self._text(self.excess, 3)
 
     def __str__(self) -> str:
-        relation = "at least" if self.is_least else "at most"
-        if self.bound == self.value:
-            relation = "exactly"
-        scale, unit = (1e3, " mm") if self.unit == "m" else (1.0, "")
-        return f"{self.row}: {scale * self.value:.4g}{unit}, wanted {relation} {scale * self.bound:.4g}{unit}."
+        return f"{self.row}: {self._text(self.value, 4)}, wanted {self.relation} {self._text(self.bound, 4)}."
+
+    def _text(self, value: float, digits: int) -> str:
+        scale, unit = (1e3, " mm") if self.unit == "m" else (1.0, f" {self.unit}" if self.unit else "")
+        return f"{scale * value:.{digits}g}{unit}"
 
 
 @dataclass(frozen=True)

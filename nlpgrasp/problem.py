@@ -99,6 +99,8 @@ class GraspProblem:
             raise InputError("GraspProblem.contacts", given, "contact models, one a finger")
         if len(models) > MOST_CONTACTS:
             raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"at most {MOST_CONTACTS}")
+        if self.hand is not None:
+            self.hand.check(self.body.space)
         if self.hand is not None and self.hand.count != len(models):
             raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"{self.hand.count}, one a fingertip")
         for i, model in enumerate(models):

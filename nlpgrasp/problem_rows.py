@@ -36,7 +36,7 @@ class PlacementRows:
     @property
     def named(self) -> tuple[Row, ...]:
         """All rows in order, those of clearances without an expression."""
-        distances = (Row(c.name, None, c.lower, scale=c.scale) for c in self.clearances)
+        distances = (Row(c.name, None, c.lower, scale=c.scale, unit="m") for c in self.clearances)
         return (*self.rows, *distances)
 
 

@@ -41,8 +41,8 @@ class Row:
         In the expression's own unit.
     scale : float
         Typical size of the expression, for the solver's scaling.
-    squared : bool
-        Whether the expression is the square of a length.
+    unit : {"", "m", "m2", "cos"}
+        What the expression is: a length, the square of one, the cosine of an angle, or something else.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Row:
     lower: float = -np.inf
     upper: float = np.inf
     scale: float = 1.0
-    squared: bool = False
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Clearance:
         """Return the same as a row, or None where the distance is no ``SX`` expression."""
         if not self.distance.is_a("SXFunction"):
             return None
-        return Row(self.name, self.distance(self.point), self.lower, scale=self.scale)
+        return Row(self.name, self.distance(self.point), self.lower, scale=self.scale, unit="m")
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ class Forbid(PlacementConstraint):
             return []
         region = self.region
         return [
-            Row(f"forbidden region, finger {i}", region.inside(p), upper=0.0, scale=placement.size)
+            Row(f"forbidden region, finger {i}", region.inside(p), upper=0.0, scale=placement.size, unit=region.unit)
             for i, p in enumerate(placement.positions)
         ]
 

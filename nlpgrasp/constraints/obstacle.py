@@ -42,7 +42,7 @@ class Obstacle(PlacementConstraint):
     name: str = "obstacle"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.body, Solid):
+        if isinstance(self.body, type) or not isinstance(self.body, Solid):
             raise InputError("Obstacle.body", self.body, "a body such as ng.Box or ng.Mesh")
         object.__setattr__(self, "clearance", number("Obstacle.clearance", self.clearance, at_least=0.0))
         if not isinstance(self.name, str) or not self.name:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -19,6 +19,8 @@ Expression = Any
 
 class Region(ABC):
     """A part of space, closed, given by an expression that is positive inside."""
+
+    unit: ClassVar[str] = "m"  # of :meth:`inside`
 
     @abstractmethod
     def inside(self, p: Expression) -> Expression:
@@ -127,6 +129,7 @@ class ExpressionRegion(Region):
         What messages call it.
     """
 
+    unit: ClassVar[str] = ""
     expression: Callable[[Expression], Expression]
     field: str = "Forbid.region"
 

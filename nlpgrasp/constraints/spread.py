@@ -43,6 +43,8 @@ class Spread(PlacementConstraint):
             raise InputError("Spread", "neither min nor max", "a least or a greatest distance")
         if self.fingers is not None:
             object.__setattr__(self, "fingers", finger_numbers("Spread.fingers", self.fingers))
+            if len(self.fingers) < 2:
+                raise InputError("Spread.fingers", list(self.fingers), "two fingers at least")
 
     def check(self, space: int, size: float, contacts: int) -> None:
         """Refuse a least distance longer than the body, and fingers there are not."""
@@ -58,7 +60,7 @@ class Spread(PlacementConstraint):
         """Return one row a pair: the squared distance within the squared limits."""
         upper = np.inf if self.max is None else self.max**2
         return [
-            Row(f"spread, fingers {i} and {j}", ca.sumsqr(p - q), self.min**2, upper, placement.size**2, squared=True)
+            Row(f"spread, fingers {i} and {j}", ca.sumsqr(p - q), self.min**2, upper, placement.size**2, unit="m2")
             for (i, p), (j, q) in combinations(enumerate(placement.positions), 2)
             if self.fingers is None or {i, j} <= set(self.fingers)
         ]

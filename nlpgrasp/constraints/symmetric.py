@@ -66,7 +66,7 @@ class Symmetric(PlacementConstraint):
         i, j = self.fingers
         name = f"symmetric, fingers {i} and {j}"
         return [
-            Row(f"{name}, {axis}", apart[c], -self.tolerance, self.tolerance, placement.size)
+            Row(f"{name}, {axis}", apart[c], -self.tolerance, self.tolerance, placement.size, "m")
             for c, axis in zip(range(apart.shape[0]), "xyz", strict=False)
         ]
 

@@ -33,9 +33,12 @@ class Table(PlacementConstraint):
         """Return one row a fingertip: ``tip_z - radius >= height + clearance``."""
         lower = self.height + self.clearance
         return [
-            Row(f"table, finger {i}", tip[-1] - radius, lower, scale=placement.size)
+            Row(f"table, finger {i}", tip[-1] - radius, lower, scale=placement.size, unit="m")
             for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True))
-        ] + [Row(f"table, {s.name}", s.centre[-1] - s.radius, lower, scale=placement.size) for s in placement.links]
+        ] + [
+            Row(f"table, {s.name}", s.centre[-1] - s.radius, lower, scale=placement.size, unit="m")
+            for s in placement.links
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         """Return height and clearance."""

@@ -37,6 +37,8 @@ class Workspace(PlacementConstraint):
             if not callable(self.region):
                 raise InputError("Workspace.region", self.region, "a region or a function of a point")
             object.__setattr__(self, "region", ExpressionRegion(self.region, "Workspace.region"))
+        if not isinstance(self.palm, bool) or (self.palm and self.fingers is not None):
+            raise InputError("Workspace.palm", self.palm, "True or False, and no fingers with True")
         if self.fingers is not None:
             object.__setattr__(self, "fingers", finger_numbers("Workspace.fingers", self.fingers))
 
@@ -63,11 +65,11 @@ class Workspace(PlacementConstraint):
         if isinstance(region, BoxRegion):
             limits = zip("xyz", np.asarray(region.lower), np.asarray(region.upper), strict=False)
             return [
-                Row(f"{name}, {axis}", p[i], float(low), float(high), size)
+                Row(f"{name}, {axis}", p[i], float(low), float(high), size, "m")
                 for i, (axis, low, high) in enumerate(limits)
             ]
         assert isinstance(region, Region)  # noqa: S101  (for the type checker)
-        return [Row(name, region.inside(p), 0.0, scale=size)]
+        return [Row(name, region.inside(p), 0.0, scale=size, unit=region.unit)]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the region, and what has to be in it."""
@@ -78,11 +80,9 @@ class Workspace(PlacementConstraint):
 
 def finger_numbers(field: str, fingers: Sequence[int]) -> tuple[int, ...]:
     """Return numbers of fingers, refusing what is none, and twins."""
-    try:
-        numbers = tuple(int(i) for i in fingers)
-        good = all(isinstance(i, int | np.integer) and not isinstance(i, bool) for i in fingers)
-    except (TypeError, ValueError):
-        numbers, good = (), False
+    given = tuple(fingers) if isinstance(fingers, list | tuple | np.ndarray | range) else ()
+    good = all(isinstance(i, int | np.integer) and not isinstance(i, bool) for i in given)
+    numbers = tuple(int(i) for i in given) if good else ()
     if not good or not numbers or min(numbers) < 0 or len(set(numbers)) != len(numbers):
         raise InputError(field, fingers, "different numbers of fingers, from 0")
     return numbers

@@ -62,6 +62,10 @@ class Hand(ABC):
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
         """Return the variables the hand adds, given the body's bounding box (2, space)."""
 
+    def check(self, space: int) -> None:
+        """Refuse bodies of a dimension that this hand cannot hold."""
+        del space
+
     @abstractmethod
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
         """Return the rows the hand adds to the program."""

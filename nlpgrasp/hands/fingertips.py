@@ -78,7 +78,7 @@ class Fingertips(Hand):
                     ca.sumsqr(tip - variables["palm"]),
                     upper=self.reach**2,
                     scale=size2,
-                    squared=True,
+                    unit="m2",
                 )
                 for i, tip in enumerate(tips)
             ]
@@ -92,7 +92,7 @@ class Fingertips(Hand):
                     low**2,
                     float(high) ** 2,
                     size2,
-                    squared=True,
+                    unit="m2",
                 )
                 for (i, p), (j, q) in combinations(enumerate(tips), 2)
             ]

@@ -11,6 +11,7 @@ import numpy as np
 
 from nlpgrasp.errors import MissingExtraError
 from nlpgrasp.hands.robot import Robot
+from nlpgrasp.validation import FloatArray
 
 Expression = Any  # casadi.SX
 ROUNDING = 1e-15  # constants of a rotation this small are zero
@@ -55,20 +56,36 @@ def _urdf(robot: Robot) -> str:
     """Return the robot's kinematics alone as a URDF."""
     root = ET.Element("robot", name=robot.name)
     for link in robot.links:
-        element = ET.SubElement(root, "link", name=link)
-        inertial = ET.SubElement(element, "inertial")  # links without mass are no links to the library
-        ET.SubElement(inertial, "origin", xyz="0 0 0", rpy="0 0 0")
-        ET.SubElement(inertial, "mass", value="1")
-        ET.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
+        _link(root, link)
     for joint in robot.joints:
-        element = ET.SubElement(root, "joint", name=joint.name, type=joint.kind)
-        ET.SubElement(element, "parent", link=joint.parent)
-        ET.SubElement(element, "child", link=joint.child)
-        ET.SubElement(element, "origin", xyz=_text(joint.xyz), rpy=_text(joint.rpy))
+        parent, xyz, rpy = joint.parent, joint.xyz, joint.rpy
+        if joint.kind == "prismatic":  # the library slides along the axis without the origin's rotation
+            parent = f"{joint.parent} to {joint.name}"
+            _link(root, parent)
+            _joint(root, f"{joint.name} origin", "fixed", joint.parent, parent, xyz, rpy)
+            xyz, rpy = np.zeros(3), np.zeros(3)
+        element = _joint(root, joint.name, joint.kind, parent, joint.child, xyz, rpy)
         ET.SubElement(element, "axis", xyz=_text(joint.axis))
         if joint.kind in ("revolute", "prismatic"):
             ET.SubElement(element, "limit", lower="-1", upper="1", effort="1", velocity="1")
     return ET.tostring(root, encoding="unicode")
+
+
+def _link(root: ET.Element, name: str) -> None:
+    inertial = ET.SubElement(ET.SubElement(root, "link", name=name), "inertial")  # without mass it is no link
+    ET.SubElement(inertial, "origin", xyz="0 0 0", rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value="1")
+    ET.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
+
+
+def _joint(
+    root: ET.Element, name: str, kind: str, parent: str, child: str, xyz: FloatArray, rpy: FloatArray
+) -> ET.Element:
+    element = ET.SubElement(root, "joint", name=name, type=kind)
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=child)
+    ET.SubElement(element, "origin", xyz=_text(xyz), rpy=_text(rpy))
+    return element
 
 
 def _text(values: Iterable[float]) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 import trimesh
@@ -39,8 +38,8 @@ class SphereFit:
     error : float
         Farthest that the spheres reach beyond the collision shapes, metres.
     uncovered : float
-        Most by which a sphere was made smaller for a fingertip's sake, metres: the shape may stick out of the
-        spheres by as much there.
+        How far the shapes stick out of spheres and fingertips where spheres were made smaller for a fingertip's
+        sake, metres: the link may be as deep in the body there.
     """
 
     centres: FloatArray
@@ -48,12 +47,15 @@ class SphereFit:
     error: float
     uncovered: float = 0.0
 
+    def to_dict(self) -> dict[str, float]:
+        """Return the number of spheres and how closely they fit, metres."""
+        return {"count": len(self.radii), "error": self.error, "uncovered": self.uncovered}
+
     def limited(self, most: FloatArray, inside: BoolArray) -> SphereFit:
         """Return the spheres no larger than ``most`` (m,), without those that are ``inside`` (m,) a fingertip."""
         radii = np.minimum(self.radii, most)
         kept = (radii > 0.0) & ~inside
-        cut = float(np.max((self.radii - radii)[~inside], initial=0.0))
-        return SphereFit(self.centres[kept], radii[kept], self.error, max(self.uncovered, cut))
+        return SphereFit(self.centres[kept], radii[kept], self.error, self.uncovered)
 
 
 def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
@@ -66,8 +68,10 @@ def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
 def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
     """Return spheres chosen among many, each moved to where it covers its share best."""
     rng = np.random.default_rng(0)
-    surface, spacing = _surface(shapes, rng)
+    surface, spacing = surface_points(shapes, rng)
     inner, depth = _inside(shapes, rng)
+    if not len(inner):
+        return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)  # a flat shape: the regular arrangement will do
     size = float(np.linalg.norm(np.ptp(surface, axis=0)))
     margin = MARGIN * spacing
     apart = np.linalg.norm(inner[:, None] - surface[None], axis=2) + margin
@@ -84,12 +88,10 @@ def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
 
 def _regular(shapes: Sequence[Shape], most: int) -> SphereFit:
     """Return the best regular arrangement of spheres in the box around the shapes: best for boxes and fingers."""
-    surface, spacing = _surface(shapes, np.random.default_rng(0))
+    surface, spacing = surface_points(shapes, np.random.default_rng(0))
     low, high = surface.min(axis=0), surface.max(axis=0)
     best: SphereFit | None = None
-    for counts in product(range(1, most + 1), repeat=3):
-        if np.prod(counts) > most or np.prod(counts) < most / 2:
-            continue
+    for counts in _arrangements(most):
         for inset in INSETS:
             half = (high - low) / 2.0 / np.array(counts)
             ends = np.minimum((high - low) / 2.0, np.where(np.array(counts) > 1, inset * half, (high - low) / 2.0))
@@ -105,6 +107,17 @@ def _regular(shapes: Sequence[Shape], most: int) -> SphereFit:
         return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)
     depth = np.max([s.depth(best.centres) for s in shapes], axis=0)
     return replace(best, error=float(np.max(best.radii - depth)))
+
+
+def _arrangements(most: int) -> list[tuple[int, int, int]]:
+    """Return numbers of spheres along three axes, together at most ``most`` and at least half of it."""
+    return [
+        (a, b, c)
+        for a in range(1, most + 1)
+        for b in range(1, most // a + 1)
+        for c in range(1, most // (a * b) + 1)
+        if 2 * a * b * c >= most
+    ]
 
 
 def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
@@ -129,7 +142,7 @@ def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[
     return best, radii
 
 
-def _surface(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, float]:
+def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, float]:
     """Return samples of the union's surface with the shapes' corners, and their spacing."""
     area = sum(float(s.mesh.area) for s in shapes)
     points = []

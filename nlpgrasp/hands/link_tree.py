@@ -40,14 +40,7 @@ class LinkTree:
     @property
     def joint_limits(self) -> FloatArray:
         """Lower and upper limits of the free joints, (2, m), those of joints that follow them included."""
-        free = {j.name: [j.lower, j.upper] for j in self.robot.free_joints}
-        for joint in self.robot.joints:
-            if joint.moves and joint.mimic is not None:
-                driver, multiplier, offset = self.robot.follows(joint)
-                if multiplier != 0.0:
-                    ends = sorted(((joint.lower - offset) / multiplier, (joint.upper - offset) / multiplier))
-                    free[driver] = [max(free[driver][0], ends[0]), min(free[driver][1], ends[1])]
-        return np.array(list(free.values())).T
+        return np.array([ends[:2] for ends in self.robot.ranges.values()], dtype=float).T
 
     def joint_positions(self, joints: FloatArray) -> dict[str, float]:
         """Return every moving joint's position by name, for positions of the free joints (m,)."""
@@ -75,6 +68,20 @@ class LinkTree:
         """Return link, patch and the patch's own coordinate, if any, of each contact."""
         slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
         return [(link, tip, next(slides) if tip.slides else None) for link, tip in self.tips]
+
+    def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
+        """Return the centres of round fingertips in the body's frame, None for the others."""
+        poses = self.poses(variables)
+        return [tip.ball_centre(poses[link], slide) for link, tip, slide in self.tips_with_slides(variables)]
+
+    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
+        """Return the fingertips' centres in the body's frame."""
+        poses = self.poses(variables)
+        found = zip(self.tips, self.tip_centres(variables), strict=True)
+        return [
+            poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(tip.centre)) if centre is None else centre
+            for (link, tip), centre in found
+        ]
 
     def rigid(self, link: str, other: str) -> FloatArray | None:
         """Return the transform from a link's frame to another's that is fixed to it, or None."""

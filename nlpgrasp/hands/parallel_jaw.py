@@ -65,7 +65,8 @@ class ParallelJaw(Hand):
         length = ca.sqrt(squared + 1e-12 * placement.size**2)
         cosine = float(np.cos(self.tilt))
         return [
-            Row("opening of the jaws", squared, self.closed**2, self.opening**2, placement.size**2, squared=True),
+            Row("opening of the jaws", squared, self.closed**2, self.opening**2, placement.size**2, unit="m2"),
+            Row("opposed jaws", ca.dot(m, n), upper=-float(np.cos(2.0 * self.tilt))),
             Row("facing, jaw 0", ca.dot(m, between) - cosine * length, 0.0, scale=placement.size),
             Row("facing, jaw 1", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size),
         ]

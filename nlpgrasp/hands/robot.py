@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+
 from nlpgrasp.hands.shapes import Shape
 from nlpgrasp.validation import FloatArray
 
@@ -113,6 +115,23 @@ class Robot:
         """Return whether one moving joint alone is between two links."""
         groups = self.rigid_groups
         return any({groups[j.parent], groups[j.child]} == {groups[a], groups[b]} for j in self.joints if j.moves)
+
+    @cached_property
+    def ranges(self) -> dict[str, tuple[float, float, str]]:
+        """Limits of each free joint and of those that follow it together: lower, upper, who narrowed them last."""
+        result = {j.name: (j.lower, j.upper, j.name) for j in self.free_joints}
+        for joint in self.joints:
+            if joint.moves and joint.mimic is not None:
+                driver, multiplier, offset = self.follows(joint)
+                lower, upper, _ = result[driver]
+                if multiplier == 0.0:
+                    if not joint.lower <= offset <= joint.upper:
+                        result[driver] = (np.inf, -np.inf, joint.name)
+                    continue
+                a, b = sorted(((joint.lower - offset) / multiplier, (joint.upper - offset) / multiplier))
+                if a > lower or b < upper:
+                    result[driver] = (max(lower, a), min(upper, b), joint.name)
+        return result
 
     def follows(self, joint: Joint) -> tuple[str, float, float]:
         """Return which free joint drives a moving joint, with multiplier and offset (chains are resolved)."""

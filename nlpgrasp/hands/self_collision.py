@@ -49,7 +49,9 @@ def apart(pairs: Sequence[tuple[str, str]], spheres: Sequence[LinkSphere], span:
     by_name = {s.name: s for s in spheres}
     rows = []
     for first, second in pairs:
+        if first not in by_name or second not in by_name:
+            continue  # made so small for a fingertip that nothing is left
         a, b = by_name[first], by_name[second]
         name, least = f"self-collision, {first} and {second}", (a.radius + b.radius) ** 2
-        rows.append(Row(name, ca.sumsqr(a.centre - b.centre), least, scale=span**2, squared=True))
+        rows.append(Row(name, ca.sumsqr(a.centre - b.centre), least, scale=span**2, unit="m2"))
     return rows

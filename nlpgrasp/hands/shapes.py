@@ -17,7 +17,7 @@ class Shape:
 
     Parameters
     ----------
-    kind : {"sphere", "cylinder", "box", "mesh"}
+    kind : {"sphere", "cylinder", "capsule", "box", "mesh"}
     mesh : trimesh.Trimesh
         The surface, metres, link frame; for spheres and cylinders a polyhedron around the exact surface.
     centre, radius : (3,) array and float, optional
@@ -32,7 +32,8 @@ class Shape:
     @classmethod
     def sphere(cls, radius: float, pose: FloatArray) -> Shape:
         """Return a sphere at a pose (4, 4)."""
-        mesh = trimesh.creation.icosphere(subdivisions=3, radius=radius)
+        mesh = trimesh.creation.icosphere(subdivisions=3)
+        mesh.apply_scale(radius)
         mesh.apply_transform(pose)
         return cls("sphere", mesh, pose[:3, 3].copy(), radius)
 
@@ -40,8 +41,19 @@ class Shape:
     def cylinder(cls, radius: float, length: float, pose: FloatArray) -> Shape:
         """Return a cylinder along z at a pose (4, 4), of 32 sides that enclose the exact one."""
         sides = 32
-        mesh = trimesh.creation.cylinder(radius / np.cos(np.pi / sides), length, sections=sides, transform=pose)
+        mesh = trimesh.creation.cylinder(1.0, 1.0, sections=sides)  # of unit size: trimesh merges close vertices
+        around = radius / np.cos(np.pi / sides)
+        mesh.apply_scale([around, around, length])
+        mesh.apply_transform(pose)
         return cls("cylinder", mesh)
+
+    @classmethod
+    def capsule(cls, radius: float, length: float, pose: FloatArray) -> Shape:
+        """Return a capsule along z at a pose (4, 4); ``length`` is without the round ends."""
+        mesh = trimesh.creation.capsule(height=length / radius, radius=1.0)
+        mesh.apply_scale(radius)
+        mesh.apply_transform(pose)
+        return cls("capsule", mesh)
 
     @classmethod
     def box(cls, size: FloatArray, pose: FloatArray) -> Shape:

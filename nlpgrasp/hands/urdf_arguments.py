@@ -20,8 +20,12 @@ def tips_of(robot: Robot, fingertips: Mapping[str, float | Tip | Sequence[Tip]])
     result: list[tuple[str, Tip]] = []
     for link, given in fingertips.items():
         several = list(given) if isinstance(given, list | tuple) else [given]
+        if not several:
+            raise InputError(f"URDFHand.fingertips[{link!r}]", given, "a radius, a tip, or several tips")
         for one in several:
             tip = one if isinstance(one, Tip) else SphereTip(number(f"URDFHand.fingertips[{link!r}]", one, above=0.0))
+            if (link, tip) in result:
+                raise InputError(f"URDFHand.fingertips[{link!r}]", given, "tips that are not the same")
             result.append((link, tip))
     if not result:
         raise InputError("URDFHand.fingertips", fingertips, "at least one tip")

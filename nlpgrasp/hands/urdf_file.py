@@ -31,6 +31,8 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
         When the file is missing, is not a URDF, its joints do not make a tree, limits are upside down, numbers
         are none, or the palm is no link.
     """
+    if not isinstance(path, str | Path):
+        raise InputError("URDFHand.path", path, "the path of a URDF file")
     source = Path(path)
     root = _root(source)
     links = [_name(source, e, "link") for e in root.findall("link")]
@@ -46,17 +48,20 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     order, used = _below(start, joints)
     _check_mimics(source, used)
     shapes, missing = read_shapes(source, {e.get("name", ""): e for e in root.findall("link")}, order)
-    return Robot(root.get("name", source.stem), start, order, used, shapes, missing)
+    robot = Robot(root.get("name", source.stem), start, order, used, shapes, missing)
+    _check_ranges(source, robot)
+    return robot
 
 
 def _root(source: Path) -> ET.Element:
     try:
         text = source.read_bytes()
-    except OSError as error:
-        raise InputError("URDFHand.path", str(source), f"a URDF file that can be read ({error.strerror})") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("URDFHand.path", str(source), f"a URDF file that can be read ({reason})") from None
     try:
         root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs; a URDF is the user's own file)
-    except (ET.ParseError, ValueError) as error:
+    except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(f"URDFHand.path: {source.name}", f"broken XML ({error})", "a URDF file") from None
     if root.tag != "robot":
         bad(source, f"<{root.tag}> at the top", "<robot>, as a URDF has")
@@ -95,6 +100,7 @@ def _joint(source: Path, element: ET.Element, links: list[str]) -> Joint:
     along = numbers(source, f"{label}, axis", None if axis is None else axis.get("xyz"), [1.0, 0.0, 0.0])
     if kind in MOVABLE and np.linalg.norm(along) < 1e-9:
         bad(source, f"{label} with axis zero", "a direction")
+    along = along / max(float(np.max(np.abs(along))), 1e-300)  # first: the square of a large number overflows
     along = along / max(float(np.linalg.norm(along)), 1e-300)
     lower, upper, effort = _limits(source, element, kind, label)
     return Joint(name, kind, ends[0], ends[1], xyz, rpy, along, lower, upper, effort, _mimic(source, element, label))
@@ -106,6 +112,8 @@ def _limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[f
         return 0.0, 0.0, None
     effort = None if limit is None or limit.get("effort") is None else limit.get("effort")
     torque = None if effort is None else float(numbers(source, f"{label}, effort", effort, [0.0])[0])
+    if torque is not None and torque < 0.0:
+        bad(source, f"{label} with effort {torque:g}", "an effort of at least zero")
     if kind == "continuous":
         return -FULL_TURN / 2.0, FULL_TURN / 2.0, torque
     if limit is None:
@@ -166,3 +174,10 @@ def _check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
             if here.name in seen:
                 bad(source, f"joints that mimic each other: {', '.join(seen)}", "a joint to follow")
             seen.append(here.name)
+
+
+def _check_ranges(source: Path, robot: Robot) -> None:
+    """Refuse joints whose followers leave them nowhere to go."""
+    for name, (lower, upper, why) in robot.ranges.items():
+        if lower > upper:
+            bad(source, f"joint {name} with joint {why} that follows it", "limits that both can keep")

@@ -31,7 +31,7 @@ TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the b
 
 
 class URDFHand(Hand):
-    """A hand whose palm pose and joint positions are variables of the program; make it with :meth:`load`.
+    """A hand whose palm pose and joints are variables of the program; made by :meth:`load`.
 
     Attributes
     ----------
@@ -64,8 +64,10 @@ class URDFHand(Hand):
             raise InputError("URDFHand.approach", approach, "a direction in the palm's frame")
         self.tree = LinkTree(robot, self.tips, direction / np.linalg.norm(direction))
         self.clearance = number("URDFHand.clearance", clearance, at_least=0.0)
-        self.spheres_per_link = integer("URDFHand.spheres_per_link", spheres_per_link, at_least=1, at_most=200)
-        self.self_collision, self.torque_limits = bool(self_collision), dict(torque_limits or {})
+        self.spheres_per_link = integer("URDFHand.spheres_per_link", spheres_per_link, at_least=1, at_most=40)
+        if not isinstance(self_collision, bool):
+            raise InputError("URDFHand.self_collision", self_collision, "True or False")
+        self.self_collision, self.torque_limits = self_collision, dict(torque_limits or {})
         self.source, self.sha256 = source, sha256
         if not robot.free_joints:
             raise InputError(f"URDFHand.path: {source}", "no movable joints", "a hand with joints that move")
@@ -146,8 +148,13 @@ class URDFHand(Hand):
         """Return the same hand with another clearance of its links from the body."""
         result = copy(self)
         result.__dict__.pop("fits", None)
-        result.clearance = clearance
+        result.clearance = number("URDFHand.clearance", clearance)
         return result
+
+    def check(self, space: int) -> None:
+        """Refuse planar bodies."""
+        if space != 3:
+            raise InputError("GraspProblem.hand", "a URDF hand for a planar body", "a body in space")
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
         """Return palm position, palm quaternion (w, x, y, z), joints, and the tips' own coordinates."""
@@ -178,17 +185,11 @@ class URDFHand(Hand):
 
     def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
         """Return the centres of round fingertips in the body's frame, None for the others."""
-        poses = self.tree.poses(variables)
-        return [tip.ball_centre(poses[link], slide) for link, tip, slide in self.tree.tips_with_slides(variables)]
+        return self.tree.tip_centres(variables)
 
     def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
         """Return the fingertips' centres in the body's frame."""
-        poses = self.tree.poses(variables)
-        found = zip(self.tips, self.tip_centres(variables), strict=True)
-        return [
-            poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(tip.centre)) if centre is None else centre
-            for (link, tip), centre in found
-        ]
+        return self.tree.tip_places(variables)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
         """Return the links' spheres in the body's frame."""
@@ -237,10 +238,7 @@ class URDFHand(Hand):
             "palm": self.robot.root,
             "fingertips": [{"link": link, **tip.to_dict()} for link, tip in self.tips],
             "clearance": self.clearance,
-            "spheres": {
-                link: {"count": len(fit.radii), "error": fit.error, "uncovered": fit.uncovered}
-                for link, fit in self.fits.items()
-            },
+            "spheres": {link: fit.to_dict() for link, fit in self.fits.items()},
             "missing": list(self.robot.missing),
             "torque_limits": dict(self.torque_limits),
         }

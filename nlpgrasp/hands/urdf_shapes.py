@@ -69,9 +69,7 @@ def _shape(source: Path, link: str, element: ET.Element, missing: list[str]) -> 
     if tag == "cylinder":
         return Shape.cylinder(float(sizes[0]), float(sizes[1]), pose)
     if tag == "capsule":
-        mesh = trimesh.creation.capsule(height=float(sizes[1]), radius=float(sizes[0]), transform=None)
-        mesh.apply_transform(pose)
-        return Shape("mesh", mesh)
+        return Shape.capsule(float(sizes[0]), float(sizes[1]), pose)
     return Shape.box(sizes, pose)
 
 
@@ -82,6 +80,9 @@ def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missin
         missing.append(f"{name or 'a mesh without filename'} (link {link})")
         return None
     scale = numbers(source, f"collision of link {link}, scale", element.get("scale"), np.ones(3))
+    if np.any(scale == 0.0):
+        given = f"collision of link {link}, scale {scale.tolist()}"
+        raise InputError(f"URDFHand.path: {source.name}", given, "a scale that is not zero")
     try:
         mesh = trimesh.load(path, force="mesh")
     except Exception as error:  # trimesh's readers raise what their formats raise
@@ -108,4 +109,7 @@ def find_mesh(source: Path, name: str) -> Path | None:
         below = inside.split("/", 1)[-1]
         above = [folder, *folder.parents]
         candidates = [place / part for place in above for part in (inside, below)]
-    return next((c for c in candidates if c.is_file()), None)
+    try:
+        return next((c for c in candidates if c.is_file()), None)
+    except (OSError, ValueError):  # a name that no file can have
+        return None

@@ -123,8 +123,14 @@ def fine_manipulation(
             raise InputError(name, problem, "a GraspProblem")
     if pick.body.to_dict() != goal.body.to_dict():
         raise InputError("goal.body", "another body", "the body of the pick-up problem")
-    if pick.models != goal.models:
-        raise InputError("goal.contacts", "other contacts", "the contacts of the pick-up problem")
+    if pick.models != goal.models or len(pick.models) < 2:
+        raise InputError("goal.contacts", "other contacts, or one", "the contacts of the pick-up problem, two at least")
+    if (pick.hand and pick.hand.to_dict()) != (goal.hand and goal.hand.to_dict()):
+        raise InputError("goal.hand", "another hand", "the hand of the pick-up problem")
+    if np.any(pick.origin != goal.origin):
+        raise InputError(
+            "goal.torque_origin", goal.origin.tolist(), f"{pick.origin.tolist()}, as in the pick-up problem"
+        )
     space, d = pick.body.space, pick.dimension
     if hold is None:
         weight = np.where(np.arange(d) == space - 1, -1.0, 0.0)

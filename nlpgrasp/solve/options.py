@@ -58,9 +58,9 @@ class SolveOptions:
     max_iterations: int = 300
 
     def __post_init__(self) -> None:
-        if self.transcription not in TRANSCRIPTIONS:
+        if not isinstance(self.transcription, str) or self.transcription not in TRANSCRIPTIONS:
             raise InputError("SolveOptions.transcription", self.transcription, " or ".join(map(repr, TRANSCRIPTIONS)))
-        if self.shells not in (None, 0, 1, 2):
+        if self.shells is not None and (type(self.shells) is not int or self.shells not in (0, 1, 2)):
             raise InputError("SolveOptions.shells", self.shells, "0, 1 or 2")
         for name in ("exchange_rounds", "candidates", "max_iterations"):
             object.__setattr__(self, name, integer(f"SolveOptions.{name}", getattr(self, name), at_least=1))

@@ -18,7 +18,8 @@ from nlpgrasp.solve.workbench import Workbench
 from nlpgrasp.validation import FloatArray
 
 IntArray = NDArray[np.intp]
-STAGES, STEPS = 4, 6  # the clearance grows in stages, each with a few Newton steps
+STAGES, STEPS = 4, 8  # the clearance grows in stages, each with a few Newton steps
+FINEST = 0.02  # of the clearance: the smallest stage tried
 LONGEST = 0.2  # radians or solver units a step
 CLOSE = 1e-6  # solver units: how well a stage is met
 TOUCHING = "on fingertip"
@@ -87,7 +88,9 @@ class _Opening:
         for i, (p, n) in enumerate(zip(grasp.points, grasp.normals, strict=True)):
             self.start[program.block(f"position {i}").range] = bench.scaling.position(p)
             self.start[program.block(f"normal {i}").range] = n
-        self.kept = np.array([i for i, r in enumerate(bench.constraint_rows) if not r.name.startswith(TOUCHING)], int)
+        own = bench.row_sources[len(bench.problem.constraints)]
+        touching = {i for i in own if bench.constraint_rows[i].name.startswith(TOUCHING)}
+        self.kept = np.array([i for i in range(len(bench.constraint_rows)) if i not in touching], int)
         self.near = np.flatnonzero(np.isin(self.kept, bench.clearance_rows))
         self.tips = _tip_motion(bench, hand)
         self.begin = self.tips(*values.values())[0].full()
@@ -96,23 +99,31 @@ class _Opening:
         """Return the hand opened with these of its variables, as far as it gets."""
         program, z = self.compiled.program, self.start.copy()
         free = np.concatenate([np.arange(program.block(b).start, program.block(b).stop) for b in moving])
-        lower, upper = (bounds[free] for bounds in program.bounds)
         best = Pregrasp(0.0, self.values)
-        for stage in range(1, STAGES + 1):
-            back = clearance * stage / STAGES
-            for _ in range(STEPS):
-                bounds = np.maximum(lower - z[free], -LONGEST), np.minimum(upper - z[free], LONGEST)
-                rows = self._rows(z, free, back, np.minimum(bounds[0], 0.0), np.maximum(bounds[1], 0.0))
-                if np.max(np.maximum(rows.lower - rows.values, rows.values - rows.upper), initial=0.0) <= CLOSE:
-                    best = Pregrasp(back, hand_values(program, z))
-                    break
-                step = shortest_step(rows, np.zeros(len(free)), 1.0)
-                if step is None:
-                    return best
-                z[free] += step.d
-            if best.clearance < back:
-                break
+        more = clearance / STAGES
+        while more > clearance * FINEST and best.clearance < clearance:
+            aim = min(best.clearance + more, clearance)
+            there = self._opened(z, free, aim)
+            if there is None:
+                more /= 2.0
+            else:
+                z, best = there, Pregrasp(aim, hand_values(program, there))
         return best
+
+    def _opened(self, z: FloatArray, free: IntArray, back: float) -> FloatArray | None:
+        """Return the variables with every fingertip back by a distance, by Newton steps from z; None if they fail."""
+        z = z.copy()
+        lower, upper = (bounds[free] for bounds in self.compiled.program.bounds)
+        for _ in range(STEPS):
+            bounds = np.maximum(lower - z[free], -LONGEST), np.minimum(upper - z[free], LONGEST)
+            rows = self._rows(z, free, back, np.minimum(bounds[0], 0.0), np.maximum(bounds[1], 0.0))
+            if np.max(np.maximum(rows.lower - rows.values, rows.values - rows.upper), initial=0.0) <= CLOSE:
+                return z
+            step = shortest_step(rows, np.zeros(len(free)), 1.0)
+            if step is None:
+                return None
+            z[free] += step.d
+        return None
 
     def _rows(self, z: FloatArray, free: IntArray, back: float, least: FloatArray, most: FloatArray) -> Linearised:
         """Return the rows linearised in the free variables; those that do not see them are left out."""

@@ -33,6 +33,11 @@ class RowValues:
         """Rows of the user's constraints and of the hand, in the order of the program."""
         return self._rows[0].named
 
+    @property
+    def row_sources(self) -> tuple[tuple[int, ...], ...]:
+        """Which rows each constraint gave; then the hand's own, then the clearance of its links."""
+        return self._rows[0].sources
+
     def constraint_values(self, points: FloatArray, normals: FloatArray, hand: dict[str, FloatArray]) -> FloatArray:
         """Return the rows' values in their own units, (b, rows), for placements (b, k, space)."""
         if not self.constraint_rows:

@@ -37,7 +37,7 @@ from nlpgrasp.validation import FloatArray
 ROUNDS, RADIUS = 25, 0.05  # of the last solves; trust region over the body's size
 CONVERGED = 3e-5  # relative: the model promises no more than this over what is there
 ALLOWED = 1e-4  # violation, relative to the rows' scales: what IPOPT's tolerance and the way back to the faces leave
-NOTHING = 1e-6  # relative gains below this are none
+NOTHING = 1e-4  # relative gains below this are none
 
 
 @dataclass(frozen=True)
@@ -201,5 +201,6 @@ def _joint_prices(bench: Workbench, optimum: Optimum) -> list[ShadowPrice]:
         step = np.pi / 180.0 if joint.turns else 1e-3
         unit = "1 degree" if joint.turns else "1 mm"
         sign = 1.0 if price > 0.0 else -1.0
+        unit += " of range"
         result.append(ShadowPrice(f"{joint.name}, {which} limit", float(value), sign * step, unit, abs(price) * step))
     return result

@@ -19,7 +19,6 @@ from nlpgrasp.contacts import ContactModel
 from nlpgrasp.findings import WhyNot
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality import mu
-from nlpgrasp.rows import Row
 from nlpgrasp.solve.candidates import Candidate, draw_start
 from nlpgrasp.solve.exchange import fill_start, slot_parameters
 from nlpgrasp.solve.start import StartResult
@@ -31,6 +30,7 @@ from nlpgrasp.validation import FloatArray
 STARTS, STEPS = 6, 40
 FIRST_RADIUS, LAST_RADIUS = 0.3, 1e-3  # solver units
 DAMPING = 1e-3
+FINGERTIPS = "fingertips on the body"
 HARD = "the body's surface"  # group of the rows that are never given up
 HARD_WEIGHT = 100.0
 KEPT = 1e-4  # relative to a row's scale: a violation this small is none
@@ -120,19 +120,30 @@ def relaxed(bench: Workbench, candidate: Candidate) -> Relaxed:
     return Relaxed(float(np.sum(_largest(violated, member, len(names)))), worst)
 
 
-def group_of(row: Row) -> str:
-    """Return the group of a row: what its name says before the comma."""
-    name = row.name.split(",")[0]
-    return "fingertips on the body" if name.startswith("on fingertip") else name
+def group_names(bench: Workbench) -> list[str]:
+    """Return the group of each constraint row: its constraint, or the kind of a hand's row.
+
+    Several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
+    """
+    rows, sources = bench.constraint_rows, bench.row_sources
+    count = len(bench.problem.constraints)
+    own = [rows[source[0]].name.split(",")[0] if source else "" for source in sources[:count]]
+    names = [""] * len(rows)
+    for i, source in enumerate(sources):
+        for row in source:
+            kind = rows[row].name.split(",")[0]
+            if i >= count:
+                names[row] = FINGERTIPS if kind.startswith("on fingertip") else kind
+            else:
+                number = own[: i + 1].count(own[i])
+                names[row] = own[i] if own.count(own[i]) == 1 else f"{own[i]} ({number})"
+    return [HARD if name.startswith("palm quaternion of") else name for name in names]
 
 
 def _groups(bench: Workbench, count: int, offset: int) -> list[str]:
     """Return the group of each row: face rows and the quaternion's length are hard."""
-    groups = [HARD] * count
-    for i, row in enumerate(bench.constraint_rows):
-        if not row.name.startswith("palm quaternion"):
-            groups[offset + i] = group_of(row)
-    return groups
+    names = group_names(bench)
+    return [HARD] * offset + names + [HARD] * (count - offset - len(names))
 
 
 def _largest(values: FloatArray, member: FloatArray, count: int) -> FloatArray:
@@ -177,14 +188,17 @@ def _contradiction(bench: Workbench, best: Relaxed) -> WhyNot:
         conflict_of(name, bench.constraint_rows[index], value) for name, (_, index, value) in best.worst.items()
     ]
     conflicts.sort(key=lambda c: -c.excess)
-    everything = sorted({group_of(row) for row in bench.constraint_rows} - {"palm quaternion of unit length"})
+    everything = sorted(set(group_names(bench)) - {HARD})
     names = ", ".join(c.name for c in conflicts)
     reasons = [
         f"From no start could all of these be kept at once: {', '.join(everything)}.",
         f"The nearest miss breaks: {names}." if conflicts else "The contacts do not stay on their faces.",
         *(str(c) for c in conflicts),
     ]
-    advice = [f"Relax {c.name} by at least {c.amount}." for c in conflicts]
+    fixed = {FINGERTIPS, "self-collision", "clearance from the body"}
+    advice = [f"Relax {c.name} by at least {c.amount}." for c in conflicts if c.name not in fixed]
+    if any(c.name in fixed for c in conflicts):
+        advice.append("Try a hand of another size, fewer contacts, or less in its way.")
     return WhyNot(tuple(conflicts), None, tuple(reasons), tuple(advice), locally_infeasible=True)
 
 

@@ -12,13 +12,16 @@ SMALL = 0.3  # of the largest component: not worth a word
 
 
 def conflict_of(name: str, row: Row, value: float) -> Conflict:
-    """Return the conflict of a broken row, lengths as lengths where the row holds their squares."""
-    bound = row.lower if value < row.lower else row.upper
+    """Return the conflict of a broken row: squares of lengths as lengths, cosines as angles."""
     least = value < row.lower
-    if row.squared:
+    bound = row.lower if least else row.upper
+    relation = "exactly" if row.lower == row.upper else "at least" if least else "at most"
+    if row.unit == "m2":
         value, bound = float(np.sqrt(max(value, 0.0))), float(np.sqrt(max(bound, 0.0)))
-    is_length = row.squared or row.scale != 1.0
-    return Conflict(name, row.name, value, bound, least, "m" if is_length else "")
+    if row.unit == "cos":
+        value, bound = (float(np.degrees(np.arccos(np.clip(c, -1.0, 1.0)))) for c in (value, bound))
+        relation = {"at least": "at most", "at most": "at least"}.get(relation, relation)
+    return Conflict(name, row.name, value, bound, relation, {"m2": "m", "cos": "degrees"}.get(row.unit, row.unit))
 
 
 def direction_words(wrench: FloatArray, space: int, length: float) -> str:

@@ -9,7 +9,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.hands.link_spheres import fit_spheres
 from nlpgrasp.hands.shapes import Shape
-from tests.hands.urdf import FOUR, GRIPPER, THREE, Mujoco, four_finger_hand, gripper, three_finger_hand
+from tests.hands.urdf import FOUR, GRIPPER, THREE, THREE_TIPS, Mujoco, four_finger_hand, gripper, three_finger_hand
 
 HANDS = {"four": (four_finger_hand, FOUR), "three": (three_finger_hand, THREE), "gripper": (gripper, GRIPPER)}
 
@@ -34,7 +34,7 @@ def test_axes_that_are_not_unit_and_joints_without_one(tmp_path, rng):
         FOUR.read_text().replace('<axis xyz="0 1 0"/>', '<axis xyz="0 3 0"/>').replace('    <axis xyz="1 0 0"/>\n', "")
     )
     (tmp_path / "hand.urdf").write_text(text)
-    hand = ng.URDFHand.load(tmp_path / "hand.urdf", {"thumb_tip": 0.01})
+    hand = ng.URDFHand.load(tmp_path / "hand.urdf", {"thumb_tip": 0.011})
     q = rng.uniform(*hand.tree.joint_limits)
     np.testing.assert_allclose(
         hand.tree.link_function(q).full(), four_finger_hand().tree.link_function(q).full(), atol=1e-12
@@ -139,8 +139,9 @@ def test_rows_of_the_hand_have_the_derivatives_they_claim(rng):
 
 def test_missing_extra_names_the_command(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "adam.casadi", None)
+    hand = ng.URDFHand.load(THREE, THREE_TIPS)
     with pytest.raises(ng.NlpgraspError, match=re.escape('pip install "nlpgrasp[hands]"')):
-        four_finger_hand().tree.link_function(np.zeros(16))
+        hand.tree.link_function(np.zeros(9))
 
 
 def test_quaternion_is_the_rotation_it_says(rng):
@@ -151,3 +152,53 @@ def test_quaternion_is_the_rotation_it_says(rng):
     rotation = Rotation.random(rng=rng)
     found = ca.DM(rotation_of(ca.DM(rotation.as_quat(scalar_first=True))))
     np.testing.assert_allclose(found.full(), rotation.as_matrix(), atol=1e-12)
+
+
+CHAIN = """<robot name="chain"><link name="palm"/><link name="a"/><link name="tip">
+<collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+<joint name="first" type="{0}"><parent link="palm"/><child link="a"/><origin xyz="0.1 -0.2 0.3" rpy="{1}"/>
+<axis xyz="{2}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="second" type="{3}"><parent link="a"/><child link="tip"/><origin xyz="0 0.1 0" rpy="0.3 0.2 -0.5"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
+@pytest.mark.parametrize("other", ["revolute", "prismatic"])
+@pytest.mark.parametrize("rpy", ["0 0 0", "0 0 1", "0.7 -1.1 2.3"])
+@pytest.mark.parametrize("axis", ["1 0 0", "1 2 0.5", "0 -3 0"])
+def test_every_kind_of_joint_with_every_origin_and_axis(tmp_path, kind, other, rpy, axis, rng):
+    path = tmp_path / "chain.urdf"
+    path.write_text(CHAIN.format(kind, rpy, axis, other).replace('name="a"/>', 'name="a">' + SPHERE_AT_A + "</link>"))
+    hand = ng.URDFHand.load(path, {"tip": 0.01})
+    q = rng.uniform(-1.0, 1.0, 2)
+    expected = Mujoco(path).link_poses(hand.tree.joint_positions(q))
+    found = np.asarray(hand.tree.link_function(q).full())
+    for i, link in enumerate(hand.tree.used_links):
+        np.testing.assert_allclose(found[:, 4 * i : 4 * i + 4], expected[link], atol=1e-12)
+
+
+SPHERE_AT_A = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+
+
+def test_a_link_thicker_than_its_fingertip_is_said_to_be(tmp_path):
+    text = CHAIN.format("revolute", "0 0 0", "1 0 0", "revolute").replace(
+        '<sphere radius="0.01"/>', '<cylinder radius="0.02" length="0.05"/>'
+    )
+    (tmp_path / "fat.urdf").write_text(text)
+    with pytest.warns(UserWarning, match=r"link tip is thicker than its fingertip: it may be \d+\.\d mm deep"):
+        fit = ng.URDFHand.load(tmp_path / "fat.urdf", {"tip": 0.004}).fits["tip"]
+    assert 0.01 < fit.uncovered < 0.03
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0])
+def test_shapes_of_any_size(scale):
+    pose = np.eye(4)
+    for shape in (
+        Shape.cylinder(scale, 4 * scale, pose),
+        Shape.capsule(scale, 4 * scale, pose),
+        Shape.sphere(scale, pose),
+    ):
+        assert np.max(shape.mesh.extents) == pytest.approx(
+            {"cylinder": 4, "capsule": 6, "sphere": 2}[shape.kind] * scale
+        )
+        assert fit_spheres([shape], 6).error < 1.5 * scale

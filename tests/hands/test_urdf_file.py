@@ -9,7 +9,7 @@ import trimesh
 import nlpgrasp as ng
 from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER
 
-TIP = {"index_tip": 0.01}
+TIP = {"index_tip": 0.011}
 
 
 def load(tmp_path, text, tips=TIP, **options):
@@ -178,3 +178,45 @@ def test_torque_limits_by_name_by_number_and_from_the_file():
 def test_bad_options(options, match):
     with pytest.raises(ng.InputError, match=match):
         ng.URDFHand.load(FOUR, TIP, **options)
+
+
+@pytest.mark.parametrize("path", [None, 3, "a\0b"])
+def test_paths_that_are_none(path):
+    with pytest.raises(ng.InputError, match=r"URDFHand\.path"):
+        ng.URDFHand.load(path, TIP)
+
+
+@pytest.mark.parametrize("mimic", ['multiplier="1" offset="5"', 'multiplier="0" offset="5"'])
+def test_limits_that_a_joint_and_its_follower_cannot_both_keep(tmp_path, mimic):
+    text = GRIPPER.read_text().replace('multiplier="1" offset="0"', mimic)
+    with pytest.raises(ng.InputError, match="joint left_slide with joint right_slide that follows it"):
+        load(tmp_path, text, {"left_pad": 0.01})
+
+
+def test_same_tip_twice_and_no_tip():
+    with pytest.raises(ng.InputError, match="tips that are not the same"):
+        ng.URDFHand.load(FOUR, {"index_tip": [ng.SphereTip(0.01), ng.SphereTip(0.01)]})
+    with pytest.raises(ng.InputError, match="a radius, a tip, or several tips"):
+        ng.URDFHand.load(FOUR, {"index_tip": [], "thumb_tip": 0.01})
+
+
+def test_scale_zero(tmp_path):
+    text = FOUR.read_text().replace(SPHERE, MESH.format("a.stl").replace("0.001 0.001 0.001", "0 1 1"), 1)
+    trimesh.creation.icosphere().export(tmp_path / "a.stl")
+    with pytest.raises(ng.InputError, match=r"scale .* expected a scale that is not zero"):
+        load(tmp_path, text)
+
+
+def test_flat_mesh_has_spheres(tmp_path):
+    flat = trimesh.Trimesh([[0, 0, 0], [20, 0, 0], [0, 10, 0]], [[0, 1, 2]])
+    flat.export(tmp_path / "a.stl")
+    hand = load(tmp_path, FOUR.read_text().replace(SPHERE, MESH.format("a.stl"), 1))
+    assert np.max(hand.fits["index_knuckle"].radii) < 0.02
+
+
+def test_planar_body():
+    body = ng.Polygon([[0, 0], [1, 0], [0, 1]])
+    with pytest.raises(ng.InputError, match="a URDF hand for a planar body"):
+        ng.GraspProblem(
+            body, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 3), hand=ng.URDFHand.load(FOUR, FOUR_TIPS)
+        )

@@ -69,7 +69,7 @@ def test_prices_of_a_hand():
     prices = {p.name: p for p in shadow_prices(bench, best, Stop())}
     assert prices["friction of all contacts"].gain > 0.0
     assert all(p.gain > 0.0 for name, p in prices.items() if name.endswith("limit"))
-    assert all(p.unit == "1 degree" for name, p in prices.items() if name.endswith("limit"))
+    assert all(p.unit == "1 degree of range" for name, p in prices.items() if name.endswith("limit"))
 
 
 def test_prices_are_in_the_solution_and_its_file(tmp_path):

@@ -23,6 +23,7 @@ def test_one_constraint_that_cannot_be_kept():
     (conflict,) = found.conflicts
     assert conflict.name == "spread"
     assert conflict.bound == pytest.approx(0.08)
+    assert conflict.relation == "at least"
     assert conflict.value == pytest.approx(0.06, abs=0.003)
     assert "mm, wanted at least 80 mm" in str(found)
     assert "Relax spread by at least" in found.advice[0]
@@ -72,3 +73,20 @@ def test_diagnosis_survives_the_file(tmp_path):
 
 def test_solved_problems_have_no_diagnosis():
     assert solve([ng.FrictionContact(0.6)] * 4, 1).why_not is None
+
+
+def test_jaws_that_open_too_little():
+    """The ellipsoid is 60 mm thick."""
+    body = ng.Ellipsoid([0.04, 0.03, 0.035])
+    solution = solve(ng.SoftContact(0.6, 0.01), body=body, hand=ng.ParallelJaw(0.05))
+    assert solution.status is ng.Status.LOCALLY_INFEASIBLE
+    (conflict,) = [c for c in solution.why_not.conflicts if c.name.startswith("opening")]
+    assert conflict.value == pytest.approx(0.06, abs=0.004)
+
+
+def test_two_constraints_of_one_kind_are_told_apart():
+    constraints = [ng.Spread(max=0.02), ng.Spread(min=0.05)]
+    solution = solve([ng.FrictionContact(0.6)] * 3, constraints=constraints)
+    assert solution.status is ng.Status.LOCALLY_INFEASIBLE
+    assert {c.name for c in solution.why_not.conflicts} <= {"spread (1)", "spread (2)"}
+    assert "spread (1), spread (2)" in solution.why_not.reasons[0]

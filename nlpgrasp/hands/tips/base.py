@@ -77,6 +77,10 @@ class Tip(ABC):
         """Return the rows that put the contact onto the patch."""
 
     @abstractmethod
+    def beyond(self, points: FloatArray) -> FloatArray:
+        """Return how far points of the link's frame are outside the patch's solid, (m, 3) to (m,), metres."""
+
+    @abstractmethod
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return how large spheres of the same link may be without getting in the patch's way, (m, 3) to (m,)."""
 
@@ -87,7 +91,7 @@ class Tip(ABC):
 
 def equal(touch: Touch, left: Expression, right: Expression) -> list[Row]:
     """Return rows for ``left = right``, columns of 3."""
-    return [Row(f"{touch.name}, {axis}", left[i] - right[i], 0.0, 0.0, touch.size) for i, axis in enumerate("xyz")]
+    return [Row(f"{touch.name}, {axis}", left[i] - right[i], 0.0, 0.0, touch.size, "m") for i, axis in enumerate("xyz")]
 
 
 def frame_of(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:

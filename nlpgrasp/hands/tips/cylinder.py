@@ -74,6 +74,12 @@ class CylinderTip(Tip):
             Row(f"{touch.name}, across", ca.dot(along, touch.n), 0.0, 0.0),
         ]
 
+    def beyond(self, points: FloatArray) -> FloatArray:
+        """Return how far points (m, 3) are outside the cylinder with round ends, metres."""
+        a, b = self.ends
+        t = np.clip((points - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
+        return np.asarray(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1) - self.radius)
+
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return how far spheres may reach without leaving the cylinder's own radius."""
         a, b = self.ends

@@ -76,6 +76,13 @@ class EllipsoidTip(Tip):
             rows.append(Row(f"{touch.name}, within the patch", towards, float(np.cos(self.angle))))
         return rows
 
+    def beyond(self, points: FloatArray) -> FloatArray:
+        """Return at most how far points (m, 3) are outside the ellipsoid, metres."""
+        frame = frame_of("EllipsoidTip", self.offset, self.rpy)
+        axes = np.asarray(self.semi_axes, dtype=float)
+        gauge = np.linalg.norm((points - frame[:3, 3]) @ frame[:3, :3] / axes, axis=1)
+        return np.asarray((gauge - 1.0) * np.max(axes))
+
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return the radii of a cone of 20 degrees around the smallest semi-axis."""
         return np.asarray(min(self.semi_axes) + TILT * np.linalg.norm(centres - self.centre, axis=1))  # type: ignore[type-var, arg-type]

@@ -61,10 +61,15 @@ class FlatTip(Tip):
             Row(f"{touch.name}, normal x", m[0], 0.0, 0.0),
             Row(f"{touch.name}, normal y", m[1], 0.0, 0.0),
             Row(f"{touch.name}, facing", m[2], 0.0),
-            Row(f"{touch.name}, plane", local[2], 0.0, 0.0, touch.size),
-            Row(f"{touch.name}, extent x", local[0], -half[0], half[0], touch.size),
-            Row(f"{touch.name}, extent y", local[1], -half[1], half[1], touch.size),
+            Row(f"{touch.name}, plane", local[2], 0.0, 0.0, touch.size, "m"),
+            Row(f"{touch.name}, extent x", local[0], -half[0], half[0], touch.size, "m"),
+            Row(f"{touch.name}, extent y", local[1], -half[1], half[1], touch.size, "m"),
         ]
+
+    def beyond(self, points: FloatArray) -> FloatArray:
+        """Return how far points (m, 3) are in front of the pad's plane, metres."""
+        frame = self.frame
+        return np.asarray((points - frame[:3, 3]) @ frame[:3, 2])
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return the distance behind the pad's plane."""

@@ -52,6 +52,10 @@ class SphereTip(Tip):
         """Return ``c = p - r n``."""
         return equal(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
 
+    def beyond(self, points: FloatArray) -> FloatArray:
+        """Return how far points (m, 3) are outside the sphere, metres."""
+        return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
+
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return the radii of a cone of 20 degrees around the sphere."""
         return np.asarray(self.radius + TILT * np.linalg.norm(centres - self.centre, axis=1))
