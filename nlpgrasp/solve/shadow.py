@@ -31,10 +31,10 @@ from nlpgrasp.solve.limits import Limit, limits_of
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.start import StartResult
 from nlpgrasp.solve.stop import Stop
-from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.solve.workbench import SLOTS, Workbench
 from nlpgrasp.validation import FloatArray
 
-ROUNDS, RADIUS = 25, 0.05  # of the last solves; trust region over the body's size
+ROUNDS, ROUNDS_WITH_FORCES, RADIUS = 25, 6, 0.05  # of the last solves; trust region over the body's size
 CONVERGED = 3e-5  # relative: the model promises no more than this over what is there
 ALLOWED = 1e-4  # violation, relative to the rows' scales: what IPOPT's tolerance and the way back to the faces leave
 NOTHING = 1e-4  # relative gains below this are none
@@ -95,7 +95,7 @@ def polished(
     grasp = bench.grasp(faces, points)
     found = weakest_directions(grasp, task, np.zeros((0, task.dimension)), rng, budget)
     state.value, cuts, radius = found.value, found.directions, RADIUS
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if bench.slots == SLOTS else ROUNDS_WITH_FORCES):
         if stop.requested() or state.value <= 0.0:
             return None
         cuts = most_relevant(bench, faces, state.points, cuts)

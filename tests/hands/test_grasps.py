@@ -46,7 +46,7 @@ BODIES = {
     "cylinder": ng.Cylinder(0.03, 0.1),
 }
 
-FAST = ("box", "cylinder")
+FAST = ("box",)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in BODIES])
@@ -140,7 +140,7 @@ def test_flat_pads_of_a_gripper_with_a_mimic_joint_touch_flat():
 def test_parallel_jaw_is_no_wider_than_it_opens():
     body = ng.Box([0.08, 0.04, 0.06])
     contact = ng.SoftContact(0.6, 0.005)
-    solution = solved(body, ng.ParallelJaw(0.05), contact, starts=4)
+    solution = solved(body, ng.ParallelJaw(0.05), contact, starts=2)
     p, q = solution.grasp.points
     assert set(solution.faces) == {"+y", "-y"}
     assert np.linalg.norm(p - q) <= 0.05 + 1e-6
@@ -168,7 +168,7 @@ def test_hand_on_a_mesh_touches_the_mesh_itself(name, shared_meshes):
 
 def test_same_seed_same_hand_with_any_number_of_workers():
     problem = ng.GraspProblem(
-        BODIES["sphere"], ng.FrictionContact(0.7), task(BODIES["sphere"]), hand=four_finger_hand()
+        BODIES["sphere"], ng.FrictionContact(0.7), task(BODIES["sphere"]), hand=three_finger_hand()
     )
     one, two = (ng.solve(problem, 2, 3, ng.SolveOptions(workers=w)) for w in (1, 2))
     assert json.dumps(one.hand) == json.dumps(two.hand)

@@ -30,7 +30,7 @@ PROBLEMS = {
         BODY, FOUR, TASK, constraints=[ng.Constraint("low", lambda p, n: sum(q[0] ** 2 for q in p), 0.0, 0.001)]
     ),
 }
-FAST = ("reach and table", "user's own")
+FAST = ("reach and table",)
 EXPECTED = {
     "spread of a hand": {"Fingertips.spread (greatest)", "friction of all contacts"},
     "reach and table": {"Fingertips.reach", "Table.height", "friction of all contacts"},
@@ -61,6 +61,7 @@ def test_prices_predict_solving_again(name):
         assert moved.value - here.value == pytest.approx(price.gain / price.step * h, rel=0.2), key
 
 
+@pytest.mark.slow
 def test_prices_of_a_hand():
     """Joint limits and clearance of a 16-joint hand: the clearance's price against solving again."""
     problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))

@@ -37,6 +37,7 @@ def test_constraints_that_contradict_each_other_are_both_named():
     assert "fingertip distance, reach, spread" in solution.why_not.reasons[0]
 
 
+@pytest.mark.slow
 def test_relaxing_by_what_is_advised_gives_a_grasp():
     solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
     (conflict,) = solution.why_not.conflicts
