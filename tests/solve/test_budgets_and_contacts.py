@@ -6,7 +6,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.solution_data import to_data
 
-ONE = ng.SolveOptions(workers=1)
+ONE = ng.SolveOptions(shadow_prices=False, workers=1)
 ELLIPSE = ng.PlanarImplicit(lambda p: (p[0] / 2.0) ** 2 + p[1] ** 2 - 1.0, [[-2.1, -1.1], [2.1, 1.1]])
 BUDGETS = {
     "per_finger": "per_finger",
