@@ -31,8 +31,7 @@ def check_placements(problem: GraspProblem) -> None:
     k, space, hand = len(problem.models), problem.body.space, problem.hand
     p = [ca.SX.sym("p", space) for _ in range(k)]
     n = [ca.SX.sym("n", space) for _ in range(k)]
-    variables = [] if hand is None else hand.variables(problem.body.bounds)
-    symbols = {v.name: ca.SX.sym(v.name, len(v.lower)) for v in variables}
+    symbols = {} if hand is None else hand.symbols(problem.body.bounds)
     placement = placement_of(hand, p, n, symbols, problem.body.size)
     found = [row for constraint in problem.constraints for row in constraint.rows(placement)]
     converted = [row.as_row() if isinstance(row, Clearance) else row for row in found]

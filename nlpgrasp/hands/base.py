@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from nlpgrasp.rows import LinkSphere, PalmPose, Placement, Row
@@ -69,6 +70,10 @@ class Hand(ABC):
     @abstractmethod
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
         """Return the rows the hand adds to the program."""
+
+    def symbols(self, bounds: FloatArray) -> dict[str, Expression]:
+        """Return a symbol for each of the variables, by name, given the body's bounding box."""
+        return {v.name: ca.SX.sym(v.name, len(v.lower)) for v in self.variables(bounds)}
 
     def start(self, tips: FloatArray) -> Values:
         """Return starting values of the variables for fingertip centres (k, space)."""

@@ -181,7 +181,7 @@ class URDFHand(Hand):
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
             p, n = placement.positions[i], placement.normals[i]
             rows += tip.rows(Touch(f"on fingertip {link}, finger {i}", poses[link], p, n, slide, placement.size))
-        return rows + apart(self._pairs, self.spheres(variables), self.tree.span)
+        return rows + apart(self._pairs, placement.spheres, self.tree.span)
 
     def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
         """Return the centres of round fingertips in the body's frame, None for the others."""

@@ -189,6 +189,12 @@ def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) 
     return np.asarray(np.max(b @ a.T, axis=1) < SAME)
 
 
+def no_cuts(bench: Workbench, faces: tuple[str, ...], points: FloatArray) -> FloatArray:
+    """Return the program's parameters with every slot empty: for its rows of constraints and hand alone."""
+    nothing = np.zeros((0, bench.problem.dimension))
+    return slot_parameters(bench, faces, nothing, bench.pieces(bench.grasp(faces, points), nothing))
+
+
 def slot_parameters(
     bench: Workbench, faces: tuple[str, ...], cuts: FloatArray, pieces: FloatArray | None = None
 ) -> FloatArray:

@@ -15,10 +15,10 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.hands import Hand
-from nlpgrasp.solve.exchange import ExchangeState, fill_start, hand_values, points_of, slot_parameters
+from nlpgrasp.solve.exchange import ExchangeState, fill_start, hand_values, no_cuts, points_of
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.on_mesh import slide_onto_mesh
-from nlpgrasp.solve.quadratic import Linearised, shortest_step
+from nlpgrasp.solve.quadratic import Linearised, shortest_step, step_bounds
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import Workbench
 from nlpgrasp.validation import FloatArray
@@ -81,8 +81,9 @@ def hand_onto_mesh(
             break
         slid = slide_onto_mesh(bench, body, state.points, None, rng, stop, reach)
         trial = touch_mesh(bench, body, hand, faces, slid.points, state.hand, slid.normals)
-        if value(trial) > reached:
-            best, reached = trial, value(trial)
+        there = value(trial)
+        if there > reached:
+            best, reached = trial, there
     return best
 
 
@@ -113,16 +114,14 @@ def touch_mesh(
     """
     compiled = bench.cut_program(faces)
     program = compiled.program
-    nothing = np.zeros((0, bench.problem.dimension))
-    theta = slot_parameters(bench, faces, nothing, bench.pieces(bench.grasp(faces, points), nothing))
+    theta = no_cuts(bench, faces, points)
     z = fill_start(bench, compiled, faces, points, values)
     smooth = bench.inward_normals(faces, points)
     rows = program.placement
     free = np.concatenate([np.arange(b.start, b.stop) for b in program.variables if b.name.startswith("hand ")])
     low, high = (limits[rows] for limits in program.limits)
-    lower, upper = (bounds[free] for bounds in program.bounds)
+    bounds = program.bounds[0][free], program.bounds[1][free]
     radii = np.asarray(hand.tip_radii)
-    gap = np.inf
     best: TouchingHand | None = None
     aims = [(points, normals)] * AIMED if normals is not None else []
     for step_number in range(len(aims) + STEPS):
@@ -136,20 +135,13 @@ def touch_mesh(
         g, J = compiled.linearise(z, theta)
         g = g[rows]
         g[bench.clearance_rows] = bench.mesh_clearances(body, here) / bench.scaling.length
-        equal = low == high
-        gap = float(np.max(np.abs(g - low)[equal], initial=0.0)) * bench.scaling.length
-        blocked = float(np.max(np.maximum(low - g, g - high)[~equal], initial=0.0)) * bench.scaling.length
-        worst = max(gap, blocked)
+        worst = float(np.max(np.maximum(low - g, g - high), initial=0.0)) * bench.scaling.length
         if not aimed and (best is None or worst < best.gap):
             best = TouchingHand(contacts, inward, here, worst)
         if worst <= TOUCHING and not aimed:
             break
-        least, most = np.maximum(lower - z[free], -LONGEST), np.minimum(upper - z[free], LONGEST)
-        step = shortest_step(
-            Linearised(g, J[rows][:, free], low, high, np.minimum(least, 0.0), np.maximum(most, 0.0)),
-            np.zeros(len(free)),
-            1.0,
-        )
+        linearised = Linearised(g, J[rows][:, free], low, high, *step_bounds(z[free], bounds, LONGEST))
+        step = shortest_step(linearised, np.zeros(len(free)), 1.0)
         if step is not None:
             z[free] += step.d
         elif not aimed:

@@ -12,8 +12,8 @@ from scipy import sparse
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.hands import Hand
-from nlpgrasp.solve.exchange import fill_start, hand_values, slot_parameters
-from nlpgrasp.solve.quadratic import Linearised, shortest_step
+from nlpgrasp.solve.exchange import fill_start, hand_values, no_cuts
+from nlpgrasp.solve.quadratic import Linearised, shortest_step, step_bounds
 from nlpgrasp.solve.workbench import Workbench
 from nlpgrasp.validation import FloatArray
 
@@ -82,8 +82,7 @@ class _Opening:
         self.bench, self.values, self.normals = bench, values, grasp.normals
         self.compiled = bench.cut_program(faces)
         program = self.compiled.program
-        nothing = np.zeros((0, bench.problem.dimension))
-        self.theta = slot_parameters(bench, faces, nothing, bench.pieces(bench.grasp(faces, grasp.points), nothing))
+        self.theta = no_cuts(bench, faces, grasp.points)
         self.start = fill_start(bench, self.compiled, faces, grasp.points, values)
         for i, (p, n) in enumerate(zip(grasp.points, grasp.normals, strict=True)):
             self.start[program.block(f"position {i}").range] = bench.scaling.position(p)
@@ -113,11 +112,9 @@ class _Opening:
     def _opened(self, z: FloatArray, free: IntArray, back: float) -> FloatArray | None:
         """Return the variables with every fingertip back by a distance, by Newton steps from z; None if they fail."""
         z = z.copy()
-        lower, upper = (bounds[free] for bounds in self.compiled.program.bounds)
         for _ in range(STEPS):
-            bounds = np.maximum(lower - z[free], -LONGEST), np.minimum(upper - z[free], LONGEST)
-            rows = self._rows(z, free, back, np.minimum(bounds[0], 0.0), np.maximum(bounds[1], 0.0))
-            if np.max(np.maximum(rows.lower - rows.values, rows.values - rows.upper), initial=0.0) <= CLOSE:
+            rows = self._rows(z, free, back)
+            if np.max(rows.violations, initial=0.0) <= CLOSE:
                 return z
             step = shortest_step(rows, np.zeros(len(free)), 1.0)
             if step is None:
@@ -125,7 +122,7 @@ class _Opening:
             z[free] += step.d
         return None
 
-    def _rows(self, z: FloatArray, free: IntArray, back: float, least: FloatArray, most: FloatArray) -> Linearised:
+    def _rows(self, z: FloatArray, free: IntArray, back: float) -> Linearised:
         """Return the rows linearised in the free variables; those that do not see them are left out."""
         bench, program = self.bench, self.compiled.program
         size, here = bench.scaling.length, hand_values(program, z)
@@ -148,14 +145,13 @@ class _Opening:
             sparse.vstack([sparse.csr_matrix(along[:, free - first]), J[seen]], format="csr"),
             np.concatenate([aim, low]),
             np.concatenate([aim, high]),
-            least,
-            most,
+            *step_bounds(z[free], (program.bounds[0][free], program.bounds[1][free]), LONGEST),
         )
 
 
 def _tip_motion(bench: Workbench, hand: Hand) -> ca.Function:
     """Return the hand's variables to its fingertips' places (3, k) and their derivatives (3 k, variables)."""
-    symbols = {v.name: ca.SX.sym(v.name, len(v.lower)) for v in hand.variables(bench.problem.body.bounds)}
+    symbols = hand.symbols(bench.problem.body.bounds)
     places = ca.horzcat(*hand.tip_places(symbols))
     slopes = ca.densify(ca.jacobian(ca.vec(places), ca.vertcat(*symbols.values())))
     return ca.Function("tips", list(symbols.values()), [places, slopes], {"cse": True})

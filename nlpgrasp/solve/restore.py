@@ -10,8 +10,8 @@ from scipy import sparse
 
 from nlpgrasp.conic_solver import quiet_settings
 from nlpgrasp.solve.candidates import Candidate
-from nlpgrasp.solve.exchange import contacts_of, fill_start, slot_parameters
-from nlpgrasp.solve.quadratic import Linearised
+from nlpgrasp.solve.exchange import contacts_of, fill_start, no_cuts
+from nlpgrasp.solve.quadratic import Linearised, step_bounds
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import FEASIBLE, Workbench
 from nlpgrasp.validation import FloatArray
@@ -48,17 +48,17 @@ def restored(bench: Workbench, candidate: Candidate) -> tuple[Candidate, float]:
     faces = candidate.faces
     compiled = bench.cut_program(faces)
     program = compiled.program
-    nothing = np.zeros((0, bench.problem.dimension))
-    theta = slot_parameters(bench, faces, nothing, bench.pieces(bench.grasp(faces, candidate.points), nothing))
+    theta = no_cuts(bench, faces, candidate.points)
     z = fill_start(bench, compiled, faces, candidate.points, candidate.hand)
     rows = slice(program.contained, None)
     low, high = (limits[rows] for limits in program.limits)
-    lower, upper = program.bounds
     best, least, waited = z, np.inf, 0
     for _ in range(STEPS):
         g, J = compiled.linearise(z, theta)
         g, J = g[rows], J[rows]
-        broken = float(np.max(np.maximum(np.maximum(low - g, g - high), 0.0)))
+        least_step, most_step = step_bounds(z, program.bounds, LONGEST)
+        linearised = Linearised(g, J, low, high, least_step, most_step)
+        broken = float(np.max(linearised.violations))
         if broken < STALLED * least:
             waited = 0
         else:
@@ -67,8 +67,7 @@ def restored(bench: Workbench, candidate: Candidate) -> tuple[Candidate, float]:
             best, least = z, broken
         if broken <= 0.1 * FEASIBLE or waited > PATIENCE:
             break
-        bounds = np.minimum(np.maximum(lower - z, -LONGEST), 0.0), np.maximum(np.minimum(upper - z, LONGEST), 0.0)
-        step = elastic_step(Linearised(g, J, low, high, *bounds))
+        step = elastic_step(linearised)
         if step is None:
             break
         z = z + step

@@ -96,9 +96,9 @@ class RowValues:
         hand = self.problem.hand
         if hand is None:
             raise InputError("GraspProblem.hand", None, "a hand")
-        symbols = {v.name: ca.SX.sym(v.name, len(v.lower)) for v in hand.variables(self.problem.body.bounds)}
+        symbols = hand.symbols(self.problem.body.bounds)
         tips = [ca.SX.nan(3) if c is None else c for c in hand.tip_centres(symbols)]
-        spheres = [s.centre for s in hand.spheres(symbols) if np.isfinite(s.clearance)]
+        spheres = [s.centre for s in hand.spheres(symbols)]
         outputs = [ca.horzcat(*tips), ca.horzcat(ca.SX(3, 0), *spheres)]
         return ca.Function("hand", list(symbols.values()), outputs, {"cse": True})
 
@@ -108,8 +108,7 @@ class RowValues:
         space, k, problem = self.problem.body.space, len(self.problem.models), self.problem
         p, n = ca.SX.sym("p", space * k), ca.SX.sym("n", space * k)
         split = list(range(0, space * k + 1, space))
-        variables = [] if problem.hand is None else problem.hand.variables(problem.body.bounds)
-        symbols = {v.name: ca.SX.sym(v.name, len(v.lower)) for v in variables}
+        symbols = {} if problem.hand is None else problem.hand.symbols(problem.body.bounds)
         found = placement_rows(
             problem.body, problem.constraints, problem.hand, ca.vertsplit(p, split), ca.vertsplit(n, split), symbols
         )

@@ -22,7 +22,7 @@ from nlpgrasp.solve.exchange import (
     slot_parameters,
 )
 from nlpgrasp.solve.minimisers import weakest_directions
-from nlpgrasp.solve.quadratic import Linearised, shortest_step
+from nlpgrasp.solve.quadratic import Linearised, shortest_step, step_bounds
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import Workbench
 from nlpgrasp.validation import FloatArray
@@ -113,8 +113,7 @@ class _Model:
         others = slice(self.compiled.program.contained, None)
         for _ in range(CORRECTIONS):
             rows = self._rows(z, size, others)
-            broken = np.max(np.maximum(rows.lower - rows.values, rows.values - rows.upper), initial=0.0)
-            if broken <= KEPT:
+            if np.max(rows.violations, initial=0.0) <= KEPT:
                 break
             correction = shortest_step(rows, np.zeros(len(z)), 1.0)
             if correction is None:
@@ -126,6 +125,5 @@ class _Model:
         """Return some of the rows linearised at z, for steps of at most ``size``."""
         g, J = self.compiled.linearise(z, self.theta)
         low, high = self.compiled.program.limits
-        lower, upper = self.compiled.program.bounds
-        least, most = np.maximum(lower - z, -size), np.minimum(upper - z, size)
-        return Linearised(g[used], J[used], low[used], high[used], np.minimum(least, 0.0), np.maximum(most, 0.0))
+        bounds = step_bounds(z, self.compiled.program.bounds, size)
+        return Linearised(g[used], J[used], low[used], high[used], *bounds)

@@ -20,7 +20,8 @@ from nlpgrasp.findings import WhyNot
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality import mu
 from nlpgrasp.solve.candidates import Candidate, draw_start
-from nlpgrasp.solve.exchange import fill_start, slot_parameters
+from nlpgrasp.solve.exchange import fill_start, no_cuts
+from nlpgrasp.solve.quadratic import step_bounds
 from nlpgrasp.solve.start import StartResult
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.wording import conflict_of, direction_words
@@ -77,8 +78,7 @@ def relaxed(bench: Workbench, candidate: Candidate) -> Relaxed:
     faces = candidate.faces
     compiled = bench.cut_program(faces)
     program = compiled.program
-    nothing = np.zeros((0, bench.problem.dimension))
-    theta = slot_parameters(bench, faces, nothing, bench.pieces(bench.grasp(faces, candidate.points), nothing))
+    theta = no_cuts(bench, faces, candidate.points)
     z = fill_start(bench, compiled, faces, candidate.points, candidate.hand)
     rows = slice(program.contained, None)
     low, high = (limits[rows] for limits in program.limits)
@@ -94,9 +94,7 @@ def relaxed(bench: Workbench, candidate: Candidate) -> Relaxed:
         merit = float(weights @ _largest(violated, member, len(names)))
         if merit <= 0.1 * KEPT or radius < LAST_RADIUS:
             break
-        lower, upper = program.bounds
-        least, most = np.maximum(lower - z, -radius), np.minimum(upper - z, radius)
-        d = _elastic(g, J, low, high, np.minimum(least, 0.0), np.maximum(most, 0.0), member, weights)
+        d = _elastic(g, J, low, high, *step_bounds(z, program.bounds, radius), member, weights)
         if d is None:
             radius *= 0.3
             continue
