@@ -13,8 +13,7 @@ from nlpgrasp.bodies import (
     Superquadric,
     Torus,
 )
-from nlpgrasp.budgets import JointTorqueLimits
-from nlpgrasp.budgets.hand_torques import hand_torque_limits
+from nlpgrasp.budgets import HandTorques, JointTorqueLimits, SharedJointTorqueLimits, hand_torque_limits
 from nlpgrasp.constraints import (
     Approach,
     BoxRegion,
@@ -92,6 +91,7 @@ __all__ = [
     "GraspSolution",
     "GraspStack",
     "HalfSpace",
+    "HandTorques",
     "Implicit",
     "InputError",
     "JointTorqueLimits",
@@ -107,6 +107,7 @@ __all__ = [
     "Polygon",
     "Prism",
     "ShadowPrice",
+    "SharedJointTorqueLimits",
     "SoftContact",
     "SolveOptions",
     "Sphere",

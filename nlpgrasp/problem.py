@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,10 +38,11 @@ class GraspProblem:
     hand : Hand, optional
         Free point fingertips when left out. Contact i belongs to fingertip i.
     constraints : sequence of PlacementConstraint
-    force_budget : {"l2", "per_finger", "shared", "per_finger_size"} or ForceBudget
+    force_budget : {"l2", "per_finger", "shared", "per_finger_size", "hand_torques"} or ForceBudget
         What a unit of finger force means: ``"l2"`` bounds the L2 norm of all finger forces by 1, ``"per_finger"``
         each normal force, ``"shared"`` their sum, ``"per_finger_size"`` each force;
-        :class:`~nlpgrasp.budgets.JointTorqueLimits` bounds the torques that the forces ask of the joints.
+        ``"hand_torques"`` the torques that the forces ask of the hand's joints in the posture found;
+        :class:`~nlpgrasp.budgets.JointTorqueLimits` is for Jacobians that are known.
     torque_origin : (space,) array, optional
         Point about which task and grasp map take moments; the body's centroid when left out.
     name : str
@@ -71,7 +73,9 @@ class GraspProblem:
             raise InputError(
                 "GraspProblem.task", f"dimension {self.task.dimension}", f"dimension {wanted} for this body"
             )
-        force_budget(self.force_budget, "GraspProblem.force_budget").check(self.models, self.body.space)
+        budget = force_budget(self.force_budget, "GraspProblem.force_budget")
+        budget.check(self.models, self.body.space)
+        budget.check_hand(self.hand)
         if self.torque_origin is not None:
             origin = array("GraspProblem.torque_origin", self.torque_origin, (self.body.space,))
             object.__setattr__(self, "torque_origin", tuple(origin.tolist()))
@@ -151,6 +155,13 @@ class GraspProblem:
     def dimension(self) -> int:
         """Dimension of wrench space: 3 or 6."""
         return wrench_dimension(self.body.space)
+
+    def unchecked(self, **changes: Any) -> GraspProblem:
+        """Return the problem with other parts, without checking it again."""
+        result = copy(self)
+        for name, value in changes.items():
+            object.__setattr__(result, name, value)
+        return result
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return names of the faces contact ``contact`` may use."""

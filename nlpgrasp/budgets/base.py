@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, ClassVar
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from nlpgrasp.contacts import BilateralContact, ContactModel
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands import Hand
 from nlpgrasp.validation import FloatArray
 
 Row = tuple[str, Any, float, float]  # name, expression, lower, upper
@@ -24,6 +25,8 @@ class ForceBudget(ABC):
 
     kind: ClassVar[str]
     depends_on_frames: ClassVar[bool] = False
+    follows_hand: ClassVar[bool] = False  # whether it is known only with the posture of a hand
+    costly: bool = False  # whether a support is a conic program: too slow for the many thousand that nu needs
     limited: ClassVar[str] = ""  # what it limits, where that leaves bilateral contacts without a bound
     power: ClassVar[float] = 2.0  # p, where the support is near the p-norm of the contacts' own supports
 
@@ -34,6 +37,14 @@ class ForceBudget(ABC):
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceBudget:
         """Return the budget for contacts with these frames, (k, space, space), axes as columns, normal first."""
+        return self
+
+    def check_hand(self, hand: Hand | None) -> None:
+        """Raise :class:`InputError` on hands of which this budget cannot say what they can exert."""
+        del hand
+
+    def posed(self, hand: Hand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
+        """Return the budget for contacts at points (k, space) of a hand with these values of its variables."""
         return self
 
     def closed_form(

@@ -1,27 +1,76 @@
-"""Joint-torque limits of a hand in a given posture."""
+"""The torque limits of a hand's joints, in whatever posture the hand has."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
-from nlpgrasp.budgets.joint_torques import JointTorqueLimits
+from nlpgrasp.budgets.base import ForceBudget
+from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
+from nlpgrasp.budgets.unplaced import UnplacedBudget
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import URDFHand
-from nlpgrasp.validation import array
+from nlpgrasp.hands import Hand, URDFHand
+from nlpgrasp.validation import FloatArray, array, number
 
-STILL = 1e-12  # metres or radians a joint rate: a joint that does not move the contact
+MOST_FORCE = 100.0  # newtons: what a contact bears where joints need no torque for it
 
 
-def hand_torque_limits(hand: URDFHand, posture: Mapping[str, Any], points: ArrayLike) -> JointTorqueLimits:
-    """Return the force budget that a hand's joint-torque limits are in a grasp.
+class HandTorques(UnplacedBudget):
+    """What the joints of the problem's hand can hold: ``|sum_i J_i(q)^T f_i| <= tau`` in the posture q of the grasp.
 
-    The forces f_i that the joints can hold are those with ``|J_i^T f_i| <= tau``, with J_i the Jacobian of contact i
-    in the posture (Murray, Li and Sastry 1994, Section 5.2).
+    mu is then the scale of the task that the motors resist. A posture in which some force loads no joint (a
+    straight finger, the palm) would resist without end, hence the limit on normal force.
+
+    Parameters
+    ----------
+    force_limit : float
+        Largest normal force of a contact, newtons.
+    """
+
+    kind: ClassVar[str] = "hand_torques"
+    follows_hand: ClassVar[bool] = True
+    without: ClassVar[str] = '"hand_torques" without a posture'
+    instead: ClassVar[str] = "ng.hand_torque_limits(hand, posture, points)"
+
+    def __init__(self, force_limit: float = MOST_FORCE) -> None:
+        self.force_limit = number("HandTorques.force_limit", force_limit, above=0.0)
+
+    def check_hand(self, hand: Hand | None) -> None:
+        """Refuse hands without joints, or without a limit for each joint that moves a contact."""
+        if hand is None or not hand.loaded_joints:
+            raise InputError("GraspProblem.force_budget", '"hand_torques"', "a hand with joints, such as ng.URDFHand")
+        missing = [name for name in hand.loaded_joints if name not in hand.torque_limits]
+        if missing:
+            raise InputError(
+                "URDFHand.torque_limits", f"none for {', '.join(missing)}", "one for each joint that moves a contact"
+            )
+
+    def posed(self, hand: Hand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
+        """Return the budget in a posture: :class:`SharedJointTorqueLimits`."""
+        self.check_hand(hand)
+        return self if hand is None else SharedJointTorqueLimits(*_loads(hand, values, points), self.force_limit)
+
+    def force_scale(self) -> float:
+        """Return a tenth of the limit on normal force."""
+        return 0.1 * self.force_limit
+
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceBudget:
+        """Refuse: the torques depend on the hand's posture."""
+        self._refuse()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the limit on normal force; the joints' limits are the hand's."""
+        return {"type": self.kind, "force_limit": self.force_limit}
+
+
+def hand_torque_limits(
+    hand: URDFHand, posture: Mapping[str, Any], points: ArrayLike, force_limit: float = MOST_FORCE
+) -> SharedJointTorqueLimits:
+    """Return the force budget that a hand's joint-torque limits are in a grasp: :class:`HandTorques`, posed.
 
     Parameters
     ----------
@@ -31,36 +80,30 @@ def hand_torque_limits(hand: URDFHand, posture: Mapping[str, Any], points: Array
         ``joint_positions`` and ``palm_pose``, as in ``GraspSolution.hand``.
     points : (k, 3) array
         Contact points, metres, body frame; contact i is fixed to fingertip i's link.
+    force_limit : float
+        Largest normal force of a contact, newtons.
 
     Raises
     ------
     InputError
-        When joints without a limit move a contact, or one joint moves several contacts (their forces then share
-        its torque, which this budget does not know).
+        When joints without a limit move a contact.
     """
     places = array("points", points, (hand.count, 3))
     try:
-        joints = np.array([float(posture["joint_positions"][j.name]) for j in hand.robot.free_joints])
         pose = posture["palm_pose"]
-        turn = Rotation.from_quat(np.asarray(pose["quaternion_wxyz"], float), scalar_first=True).as_matrix()
-        origin = np.asarray(pose["position"], float)
+        values = {
+            "joints": np.array([float(posture["joint_positions"][j.name]) for j in hand.robot.free_joints]),
+            "palm_quaternion": np.asarray(pose["quaternion_wxyz"], float).reshape(4),
+            "palm_position": np.asarray(pose["position"], float).reshape(3),
+        }
     except (KeyError, TypeError, ValueError) as error:
         given = f"{type(error).__name__}: {error}"
         raise InputError("posture", given, "joint_positions and palm_pose as in GraspSolution.hand") from None
-    names = [j.name for j in hand.robot.free_joints]
-    jacobians, limits = [], []
-    used: dict[str, int] = {}
-    for i, ((link, _), place) in enumerate(zip(hand.tips, places, strict=True)):
-        J = hand.tree.jacobian(link, joints, (place - origin) @ turn)
-        J = np.concatenate([turn @ J[:3], turn @ J[3:]])
-        moving = [j for j in range(len(names)) if np.max(np.abs(J[:, j])) > STILL]
-        for j in moving:
-            if names[j] not in hand.torque_limits:
-                raise InputError("URDFHand.torque_limits", f"none for {names[j]}", "one for each joint of a finger")
-            if names[j] in used:
-                given = f"joint {names[j]} that moves contacts {used[names[j]]} and {i}"
-                raise InputError("hand", given, "fingers with one contact each and joints of their own")
-            used[names[j]] = i
-        jacobians.append(J[:, moving])
-        limits.append(np.array([hand.torque_limits[names[j]] for j in moving]))
-    return JointTorqueLimits(jacobians, limits)
+    HandTorques(force_limit).check_hand(hand)
+    return SharedJointTorqueLimits(*_loads(hand, values, places), force_limit)
+
+
+def _loads(hand: Hand, values: Mapping[str, FloatArray], points: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+    """Return each contact's Jacobian and the limits of the joints."""
+    limits = np.array([hand.torque_limits[name] for name in hand.loaded_joints])
+    return list(hand.contact_jacobians(values, points)), limits

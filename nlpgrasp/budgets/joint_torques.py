@@ -7,19 +7,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
-from nlpgrasp.budgets.base import ForceBudget, Row, ranges
-from nlpgrasp.budgets.torque_cone import TorqueCone
-from nlpgrasp.budgets.torque_polytope import TorquePolytope
+from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.torques_at_contacts import TorquesAtContacts, check_jacobian, torque_rows
+from nlpgrasp.budgets.unplaced import UnplacedBudget
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.spatial import wrench_dimension, wrench_transform
+from nlpgrasp.spatial import wrench_dimension
 from nlpgrasp.validation import FloatArray, array, number, read_only
 
-MOST_LISTED = 4  # components of a contact whose extreme points are listed
 
-
-class JointTorqueLimits(ForceBudget):
+class JointTorqueLimits(UnplacedBudget):
     """``|J_i^T f_i| <= tau_i`` for every contact i: fingers without common joints, each with its own limits.
 
     Parameters
@@ -37,8 +36,6 @@ class JointTorqueLimits(ForceBudget):
     """
 
     kind: ClassVar[str] = "joint_torques"
-    depends_on_frames: ClassVar[bool] = True
-    limited: ClassVar[str] = "joint-torque limits"
 
     def __init__(self, jacobians: Sequence[ArrayLike], limits: ArrayLike | Sequence[ArrayLike]) -> None:
         try:
@@ -69,31 +66,19 @@ class JointTorqueLimits(ForceBudget):
             raise InputError("JointTorqueLimits.jacobians", f"{len(self.jacobians)} of them", f"{len(contacts)}")
         d = wrench_dimension(space)
         for i, J in enumerate(self.jacobians):
-            if len(J) not in (space, d):
-                raise InputError(f"JointTorqueLimits.jacobians[{i}]", f"{len(J)} rows", f"{space} or {d} rows")
+            check_jacobian(f"JointTorqueLimits.jacobians[{i}]", J, space, d)
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceBudget:
         """Return the budget in the contacts' frames."""
         space = frames.shape[1]
         self.check(contacts, space)
-        return _TorquesAtContacts(self, frames, contacts)
+        each = torque_rows(self.jacobians, self.limits, frames, contacts)
+        return TorquesAtContacts(self, block_diag(*each), contacts, space, "JointTorqueLimits")
 
     def force_scale(self) -> float:
         """Return the mean over contacts of the force that takes some joint to its limit."""
         arms = [np.max(np.linalg.norm(J, axis=0) / tau) for J, tau in zip(self.jacobians, self.limits, strict=True)]
         return float(np.mean([1.0 / max(arm, 1e-12) for arm in arms]))
-
-    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
-        """Refuse: without the contacts' frames it is not known what loads the joints."""
-        raise InputError("force_budget", "joint-torque limits without contact frames", "the budget of `at(frames)`")
-
-    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-        """Refuse: see :meth:`support`."""
-        return self.support(x, contacts, space)[0]
-
-    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
-        """Refuse: see :meth:`support`."""
-        return [self.support(np.zeros((0, 0)), contacts, space)[0]]
 
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return ``-1 <= (J_i^T f_i) / tau_i <= 1`` for every joint."""
@@ -116,49 +101,6 @@ class JointTorqueLimits(ForceBudget):
             "jacobians": [J.tolist() for J in self.jacobians],
             "limits": [tau.tolist() for tau in self.limits],
         }
-
-
-class _TorquesAtContacts(JointTorqueLimits):
-    """Joint-torque limits with the matrices from force components to torques over their limits."""
-
-    def __init__(self, given: JointTorqueLimits, frames: FloatArray, contacts: Sequence[ContactModel]) -> None:
-        self.jacobians, self.limits = given.jacobians, given.limits
-        space = frames.shape[1]
-        self.torques = []
-        for J, tau, frame, contact in zip(given.jacobians, given.limits, frames, contacts, strict=True):
-            about_contact = wrench_transform(np.zeros(space), frame)
-            self.torques.append((J.T / tau[:, None]) @ (about_contact @ contact.basis(space))[: len(J)])
-        self._sets: list[TorquePolytope | TorqueCone] = []
-        for i, (c, T) in enumerate(zip(contacts, self.torques, strict=True)):
-            listed = T.shape[1] <= MOST_LISTED and sum(len(M) > 1 for M in c.cones(space)) <= 1
-            kind = TorquePolytope if listed else TorqueCone
-            self._sets.append(kind(c, T, space, f"JointTorqueLimits, contact {i}"))
-
-    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
-        """Return the sum of the contacts' largest works within their limits."""
-        parts = [s.support(z[:, r]) for s, r in zip(self._sets, ranges(contacts, space), strict=True)]
-        return np.sum([p[0] for p in parts], axis=0), np.concatenate([p[1] for p in parts], axis=1)
-
-    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-        """Return the largest torque over its limit."""
-        where = ranges(contacts, space)
-        return np.asarray(
-            np.max([np.max(np.abs(x[:, r] @ T.T), axis=1) for r, T in zip(where, self.torques, strict=True)], axis=0)
-        )
-
-    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
-        """Return ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` for every joint."""
-        where = ranges(contacts, space)
-        result = []
-        for r, T in zip(where, self.torques, strict=True):
-            row = np.zeros((len(T), where[-1].stop + 1))
-            row[:, r] = T
-            for one in row:
-                for sign in (1.0, -1.0):
-                    both = sign * one
-                    both[-1] = 1.0
-                    result.append(both[None, :])
-        return result
 
 
 def _limits(i: int, value: Any, joints: int) -> FloatArray:

@@ -1,14 +1,18 @@
-"""One contact's forces within its cone and joint-torque limits, by a conic program a direction.
+"""Forces of contacts within their cones and joint-torque limits, by a conic program a direction.
 
-For contacts of five and six components, or with two round cones, there are too many kinds of extreme points to list.
+For contacts that share a joint, have five or six components or two round cones, there are too many kinds of extreme
+points to list.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import clarabel
 import numpy as np
 from scipy import sparse
 
+from nlpgrasp.budgets.base import project, ranges
 from nlpgrasp.budgets.torque_polytope import check_bounded
 from nlpgrasp.conic_solver import cone_of, quiet_settings
 from nlpgrasp.contacts import ContactModel
@@ -19,11 +23,11 @@ INSIDE = 1.0 - 1e-9  # keeps the attaining force within the limits to the solver
 
 
 class TorqueCone:
-    """The forces ``{x in K_i : |T x| <= 1}`` of one contact.
+    """The forces ``{x in K : |T x| <= 1}`` of one contact or of several.
 
     Parameters
     ----------
-    contact : ContactModel
+    contacts : sequence of ContactModel
     torques : (m, n) array
         T: joint torques over their limits per force component.
     space : int
@@ -33,14 +37,18 @@ class TorqueCone:
     Raises
     ------
     InputError
-        When some force of the cone needs no torque at all: the set is unbounded.
+        When some force of the cones needs no torque at all: the set is unbounded.
     """
 
-    def __init__(self, contact: ContactModel, torques: FloatArray, space: int, name: str) -> None:
-        n = contact.components(space)
-        check_bounded(contact, torques, n, name)
-        self._contact, self._torques = contact, torques
-        cones = contact.cones(space)
+    def __init__(self, contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
+        check_bounded(contacts, torques, space, name)
+        self._contacts, self._torques, self._space = contacts, torques, space
+        n = torques.shape[1]
+        cones = []
+        for contact, where in zip(contacts, ranges(contacts, space), strict=True):
+            for M in contact.cones(space):
+                cones.append(np.zeros((len(M), n)))
+                cones[-1][:, where] = M
         self._cones = [clarabel.NonnegativeConeT(2 * len(torques)), *[cone_of(M) for M in cones]]
         self._A = sparse.csc_matrix(np.concatenate([torques, -torques, *[-M for M in cones]]))
         self._b = np.zeros(self._A.shape[0])
@@ -50,13 +58,24 @@ class TorqueCone:
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest work and a force that does it: (m, n) to (m,) and (m, n)."""
-        value, force = np.zeros(len(z)), np.zeros_like(z)
+        force = self.priced(z)[0]
+        return np.maximum(0.0, np.sum(z * force, axis=1)) / INSIDE, force
+
+    def priced(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return forces of largest work along z (b, n), and what one more of each limit is worth, (b, m).
+
+        Positive where the torque is at its upper limit, negative at the lower one.
+        """
+        force, prices = np.zeros_like(z), np.zeros((len(z), len(self._torques)))
+        m = len(self._torques)
         for i, row in enumerate(z):
             size = float(np.linalg.norm(row))
             if size == 0.0:
                 continue
             solver = clarabel.DefaultSolver(self._none, -row / size, self._A, self._b, self._cones, self._options)
-            x = self._contact.project(np.array(solver.solve().x)[None, :])[0]
-            x *= INSIDE / max(1.0, float(np.max(np.abs(self._torques @ x))))
-            value[i], force[i] = max(0.0, float(row @ x)) / INSIDE, x
-        return value, force
+            found = solver.solve()
+            x = project(np.array(found.x)[None, :], self._contacts, self._space)[0]
+            force[i] = x * INSIDE / max(1.0, float(np.max(np.abs(self._torques @ x), initial=0.0)))
+            dual = np.array(found.z)
+            prices[i] = size * (dual[:m] - dual[m : 2 * m])
+        return force, prices

@@ -8,18 +8,21 @@ form.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 from scipy.optimize import nnls
 
+from nlpgrasp.budgets.base import ranges
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray
 
 INSIDE = 1e-9  # relative violation that rounding explains
 RAYS, WIDER = 600, 1.05  # rays of the cone, moved outwards, for the check that the set is bounded
-Section = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]
+Section = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # origin, axes, curvature's inverse, pull, level
+Sections = tuple[FloatArray, ...]  # several of one dimension, stacked
 
 
 class TorquePolytope:
@@ -51,7 +54,7 @@ class TorquePolytope:
         round_cones = [M for M in cones if len(M) > 1]
         if len(round_cones) > 1:
             raise InputError(name, f"a {contact.kind} contact with {len(round_cones)} round cones", "at most one")
-        check_bounded(contact, torques / self._units, n, name)
+        check_bounded([contact], torques / self._units, space, name)
         flat = [-M for M in cones if len(M) == 1]
         self._linear = np.concatenate([torques, -torques, *flat])
         self._limits = np.concatenate([np.ones(2 * len(torques)), np.zeros(len(flat))])
@@ -64,7 +67,9 @@ class TorquePolytope:
                 self._collect(list(rows), n, points, sections)
         found = np.array(points)
         self._points = found[self._inside(found)]
-        self._sections = sections
+        sizes = sorted({across.shape[1] for _, across, *_ in sections})
+        same = [[one for one in sections if one[1].shape[1] == size] for size in sizes]
+        self._sections: list[Sections] = [tuple(map(np.array, zip(*some, strict=True))) for some in same]
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest work and a force that does it: (m, n) to (m,) and (m, n)."""
@@ -72,20 +77,27 @@ class TorquePolytope:
         work = z @ self._points.T
         best = np.argmax(work, axis=1)
         value, force = work[np.arange(len(z)), best], self._points[best]
-        for origin, across, inverse, pull, level in self._sections:
-            g = z @ across
-            along = np.einsum("mi,ij,mj->m", g, inverse, g)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                factor = np.sqrt(level / along)
-            for sign in (1.0, -1.0):
-                w = (sign * factor)[:, None] * (g @ inverse) - pull
-                x = origin + w @ across.T
-                x = np.where(np.all(np.isfinite(x), axis=1)[:, None], x, 0.0)
-                reach = np.sum(z * x, axis=1)
-                better = (reach > value) & self._inside(x)
-                value = np.where(better, reach, value)
-                force = np.where(better[:, None], x, force)
+        for some in self._sections:
+            reach, x = self._stationary(some, z, value)
+            better = reach > value
+            value, force = np.where(better, reach, value), np.where(better[:, None], x, force)
         return value, force * self._units
+
+    def _stationary(self, sections: Sections, z: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest work above that known, (m,), at the sections' stationary points, and the forces."""
+        origin, across, inverse, pull, level = sections
+        g = np.einsum("mn,snd->msd", z, across)
+        towards = np.einsum("msd,sde->mse", g, inverse)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            factor = np.sqrt(level / np.sum(g * towards, axis=2))[:, :, None]
+        w = np.concatenate([factor * towards, -factor * towards], axis=1) - np.tile(pull, (2, 1))
+        x = np.tile(origin, (2, 1)) + np.einsum("msd,snd->msn", w, np.tile(across, (2, 1, 1)))
+        work = np.einsum("mn,msn->ms", z, x)
+        hopeful = np.nonzero((work > known[:, None]) & np.all(np.isfinite(x), axis=2))
+        inside = np.full(work.shape, -np.inf)
+        inside[hopeful] = np.where(self._inside(x[hopeful]), work[hopeful], -np.inf)
+        best, every = np.argmax(inside, axis=1), np.arange(len(z))
+        return inside[every, best], x[every, best]
 
     def _collect(self, rows: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
         """Add the extreme points, or the conic section, where these linear conditions hold with equality."""
@@ -138,15 +150,20 @@ def _roots(a: float, b: float, c: float) -> list[float]:
     return [] if inner < 0.0 else [(-b + inner**0.5) / a, (-b - inner**0.5) / a]
 
 
-def check_bounded(contact: ContactModel, torques: FloatArray, n: int, name: str) -> None:
-    """Refuse joints that leave some force of the cone without any torque."""
+def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
+    """Refuse joints that leave some force of the cones without any torque."""
     rng = np.random.default_rng(0)
-    rays = contact.extreme(np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3]))[1]
-    rays = rays[rays[:, 0] > 0.0]
-    rays[:, 1:] *= WIDER
-    produced = torques @ rays.T
-    scale = max(float(np.max(np.abs(produced))), 1e-300)
-    system = np.concatenate([produced / scale, np.ones((1, len(rays)))])
+    every = []
+    for contact, where in zip(contacts, ranges(contacts, space), strict=True):
+        n = contact.components(space)
+        tried = np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3])
+        rays = contact.extreme(tried)[1]
+        rays = rays[rays[:, 0] > 0.0]
+        rays[:, 1:] *= WIDER
+        every.append(torques[:, where] @ rays.T)
+    produced = np.concatenate(every, axis=1)
+    scale = max(float(np.max(np.abs(produced), initial=0.0)), 1e-300)
+    system = np.concatenate([produced / scale, np.ones((1, produced.shape[1]))])
     residual = nnls(system, np.append(np.zeros(len(torques)), 1.0))[1]
     if residual <= 1e-6:
         raise InputError(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -45,9 +47,12 @@ class Hand(ABC):
     ----------
     count : int
         Number of fingertips.
+    torque_limits : mapping of str to float
+        By joint, newton-metres (newtons for sliding joints).
     """
 
     count: int
+    torque_limits: Mapping[str, float] = MappingProxyType({})
 
     @property
     @abstractmethod
@@ -101,6 +106,30 @@ class Hand(ABC):
 
     def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
         """Return a point of each fingertip, body frame, of a hand that has a pose."""
+        raise NotImplementedError
+
+    @property
+    def loaded_joints(self) -> tuple[str, ...]:
+        """The joints that move some contact, of a hand that has joints."""
+        return ()
+
+    def contact_motion(
+        self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
+    ) -> list[tuple[Expression, Expression]]:
+        """Return velocity and angular velocity, body frame, of contact points fixed to their links (symbolic).
+
+        Parameters
+        ----------
+        variables : dict
+        rates : (m,) expression
+            Of the ``loaded_joints``.
+        points : sequence of k (3,) expressions
+            Metres, body frame.
+        """
+        raise NotImplementedError
+
+    def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
+        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
         raise NotImplementedError
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose | None:

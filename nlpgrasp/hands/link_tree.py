@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +17,7 @@ from nlpgrasp.rows import PalmPose
 from nlpgrasp.validation import FloatArray
 
 Expression = Any  # casadi.SX
+COMPILED = ("link_function", "contact_function", "_tip_function")
 MIDDLE = (0.1, 0.7)  # share of the joint ranges that random starts are drawn from
 
 
@@ -64,6 +65,14 @@ class LinkTree:
         found = self.link_function(variables["joints"])
         return {name: ca.mtimes(base, pose) for name, pose in zip(self.used_links, ca.horzsplit(found, 4), strict=True)}
 
+    def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return the used links' poses in the body's frame, (4, 4), for values of the hand's variables."""
+        base = np.eye(4)
+        base[:3, :3] = Rotation.from_quat(values["palm_quaternion"], scalar_first=True).as_matrix()
+        base[:3, 3] = values["palm_position"]
+        found = np.asarray(self.link_function(values["joints"]).full())
+        return {name: base @ found[:, 4 * i : 4 * i + 4] for i, name in enumerate(self.used_links)}
+
     def tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
         """Return link, patch and the patch's own coordinate, if any, of each contact."""
         slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
@@ -92,29 +101,53 @@ class LinkTree:
         a, b = (poses[:, 4 * i : 4 * i + 4] for i in (self.used_links.index(link), self.used_links.index(other)))
         return np.asarray(np.linalg.inv(b) @ a)
 
-    def jacobian(self, link: str, joints: FloatArray, point: FloatArray) -> FloatArray:
-        """Return velocity and angular velocity per joint rate of a point fixed to a link, (6, m), palm frame.
+    @cached_property
+    def loaded_joints(self) -> tuple[str, ...]:
+        """Names of the free joints that move some contact."""
+        moving = [joint for link, _ in self.tips for joint in self.robot.chain(link) if joint.moves]
+        drivers = {self.robot.follows(joint)[0] for joint in moving}
+        return tuple(j.name for j in self.robot.free_joints if j.name in drivers)
+
+    def contact_motion(
+        self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
+    ) -> list[tuple[Expression, Expression]]:
+        """Return velocity and angular velocity, body frame, of contact points fixed to their links.
 
         Parameters
         ----------
-        link : str
-        joints : (m,) array
-        point : (3,) array
-            Where the point is, palm frame, metres.
+        variables : dict
+        rates : (m,) expression
+            Of the loaded joints.
+        points : sequence of k (3,) expressions
+            Metres, body frame.
         """
-        q = ca.SX.sym("q", len(joints))
-        pose = ca.horzsplit(self.link_function(q), 4)[self.used_links.index(link)]
-        first = ca.Function("pose", [q], [pose, ca.jacobian(ca.vec(pose[:3, :]), q)])
-        here, slopes = (np.asarray(m.full()) for m in first(joints))
-        R = here[:3, :3]
-        local = R.T @ (point - here[:3, 3])
-        result = np.zeros((6, len(joints)))
-        for j in range(len(joints)):
-            change = slopes[:, j].reshape(4, 3).T  # of the pose's upper three rows
-            spin = change[:, :3] @ R.T
-            result[:3, j] = change[:, :3] @ local + change[:, 3]
-            result[3:, j] = spin[2, 1], spin[0, 2], spin[1, 0]
+        palm, q = self.palm(variables), variables["joints"]
+        every = ca.SX(len(self.robot.free_joints), 1)
+        for j, joint in enumerate(self.robot.free_joints):
+            if joint.name in self.loaded_joints:
+                every[j] = rates[self.loaded_joints.index(joint.name)]
+        found = self.link_function(q)
+        poses, changes = (ca.horzsplit(m, 4) for m in (found, ca.jtimes(found, q, every)))
+        result = []
+        for (link, _), point in zip(self.tips, points, strict=True):
+            where = self.used_links.index(link)
+            pose, change = poses[where], changes[where]
+            local = ca.mtimes(pose[:3, :3].T, ca.mtimes(palm.rotation.T, point - palm.position) - pose[:3, 3])
+            spin = ca.mtimes(change[:3, :3], pose[:3, :3].T)
+            velocity = ca.mtimes(change[:3, :3], local) + change[:3, 3]
+            angular = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
+            result.append((ca.mtimes(palm.rotation, velocity), ca.mtimes(palm.rotation, angular)))
         return result
+
+    @cached_property
+    def contact_function(self) -> ca.Function:
+        """Palm position, quaternion, joints and contact points (3, k) to Jacobians, one below the other, (6 k, m)."""
+        variables = {"palm_position": ca.SX.sym("t", 3), "palm_quaternion": ca.SX.sym("r", 4)}
+        variables["joints"] = ca.SX.sym("q", len(self.robot.free_joints))
+        rates, points = ca.SX.sym("rates", len(self.loaded_joints)), ca.SX.sym("p", 3, len(self.tips))
+        motion = self.contact_motion(variables, rates, ca.horzsplit(points))
+        both = ca.vertcat(*[part for pair in motion for part in pair])
+        return ca.Function("contacts", [*variables.values(), points], [ca.jacobian(both, rates)], {"cse": True})
 
     @cached_property
     def span(self) -> float:
@@ -168,4 +201,4 @@ class LinkTree:
 
     def __getstate__(self) -> dict[str, Any]:
         """Keep what defines the tree; compiled functions are made again where it is unpickled."""
-        return {k: v for k, v in self.__dict__.items() if k not in ("link_function", "_tip_function")}
+        return {k: v for k, v in self.__dict__.items() if k not in COMPILED}

@@ -15,22 +15,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.base import Expression, Hand, HandVariable, Values
+from nlpgrasp.hands.base import Expression, HandVariable
 from nlpgrasp.hands.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.link_spheres import SphereFit
 from nlpgrasp.hands.link_tree import LinkTree
+from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.self_collision import apart, colliding_pairs
 from nlpgrasp.hands.tips import Tip, Touch
 from nlpgrasp.hands.urdf_arguments import tips_of, torque_limits_of
 from nlpgrasp.hands.urdf_file import read_urdf
-from nlpgrasp.rows import LinkSphere, PalmPose, Placement, Row
+from nlpgrasp.rows import LinkSphere, Placement, Row
 from nlpgrasp.validation import FloatArray, array, integer, number
 
 TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact
 
 
-class URDFHand(Hand):
+class URDFHand(LinkedHand):
     """A hand whose palm pose and joints are variables of the program; made by :meth:`load`.
 
     Attributes
@@ -94,7 +95,7 @@ class URDFHand(Hand):
             Link name to a radius (a sphere around the link's origin, metres), a :class:`Tip`, or several tips.
             Contact i belongs to fingertip i, in this order. Inner links and the palm may have tips too.
         torque_limits : mapping of joint names to floats, or float, optional
-            Newton-metres (newtons for sliding joints), for :func:`nlpgrasp.hand_torque_limits`; the URDF's efforts
+            Newton-metres (newtons for sliding joints), for the force budget ``"hand_torques"``; the URDF's efforts
             when left out.
         palm : str, optional
             Link whose pose is a variable; the root when left out. Links that do not hang from it are left out.
@@ -139,11 +140,6 @@ class URDFHand(Hand):
         """Radius of each round fingertip, 0 for the others."""
         return tuple(tip.standoff for _, tip in self.tips)
 
-    @property
-    def follows_contacts(self) -> bool:
-        """False: the palm has a pose of its own."""
-        return False
-
     def with_clearance(self, clearance: float) -> URDFHand:
         """Return the same hand with another clearance of its links from the body."""
         result = copy(self)
@@ -170,10 +166,6 @@ class URDFHand(Hand):
             result.append(HandVariable("slides", np.zeros(slides), np.ones(slides)))
         return result
 
-    def palm(self, variables: dict[str, Expression]) -> PalmPose:
-        """Return the palm's pose in the body's frame."""
-        return self.tree.palm(variables)
-
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
         """Return: the quaternion's length, each contact on its fingertip, links apart from each other."""
         rows = [Row("palm quaternion of unit length", ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
@@ -182,14 +174,6 @@ class URDFHand(Hand):
             p, n = placement.positions[i], placement.normals[i]
             rows += tip.rows(Touch(f"on fingertip {link}, finger {i}", poses[link], p, n, slide, placement.size))
         return rows + apart(self._pairs, placement.spheres, self.tree.span)
-
-    def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
-        """Return the centres of round fingertips in the body's frame, None for the others."""
-        return self.tree.tip_centres(variables)
-
-    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
-        """Return the fingertips' centres in the body's frame."""
-        return self.tree.tip_places(variables)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
         """Return the links' spheres in the body's frame."""
@@ -215,19 +199,6 @@ class URDFHand(Hand):
     def whole_fits(self) -> dict[str, SphereFit]:
         """Spheres around each link, before those beside fingertips are made smaller."""
         return fits_of(self.robot, self.spheres_per_link)
-
-    def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return random palm orientations and joint positions, the fingertips' middle at the points given."""
-        return self.tree.draw(count, around, rng)
-
-    def describe(self, values: Values) -> dict[str, Any]:
-        """Return joint positions by name (those that follow others included) and the palm's pose."""
-        quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
-        return {
-            "joint_positions": self.tree.joint_positions(values["joints"]),
-            "palm_pose": {"position": values["palm_position"].tolist(), "quaternion_wxyz": quaternion.tolist()},
-            "fingertips": [link for link, _ in self.tips],
-        }
 
     def to_dict(self) -> dict[str, Any]:
         """Return source, fingerprint, fingertips, limits and how closely the spheres fit."""

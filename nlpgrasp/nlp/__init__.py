@@ -5,6 +5,7 @@ from nlpgrasp.nlp.placement import Scaling, face_parameters
 from nlpgrasp.nlp.program import Block, Program
 from nlpgrasp.nlp.support import has_closed_form, has_pieces, support_program
 from nlpgrasp.nlp.vertex import vertex_program
+from nlpgrasp.nlp.virtual_work import VirtualWork
 
 __all__ = [
     "Block",
@@ -12,6 +13,7 @@ __all__ = [
     "NlpResult",
     "Program",
     "Scaling",
+    "VirtualWork",
     "face_parameters",
     "has_closed_form",
     "has_pieces",

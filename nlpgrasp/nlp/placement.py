@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.nlp.program import Program
+from nlpgrasp.nlp.program import HAND, Program
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.problem_rows import placement_rows
 from nlpgrasp.validation import FloatArray
@@ -86,7 +86,7 @@ def add_placement(program: Program, problem: GraspProblem, scaling: Scaling) -> 
     if problem.hand is not None:
         for item in problem.hand.variables(problem.body.bounds):
             program.variable(
-                f"hand {item.name}",
+                HAND + item.name,
                 len(item.lower),
                 item.lower / item.scale,
                 item.upper / item.scale,
@@ -98,11 +98,7 @@ def add_placement(program: Program, problem: GraspProblem, scaling: Scaling) -> 
 def add_constraints(program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols) -> None:
     """Add the rows of the user's constraints and of the hand."""
     metres = [ca.DM(scaling.origin) + scaling.length * p for p in contacts.positions]
-    symbols = {
-        b.name.removeprefix("hand "): b.scale * program.z[b.range]
-        for b in program.variables
-        if b.name.startswith("hand ")
-    }
+    symbols = program.hand_symbols
     found = placement_rows(problem.body, problem.constraints, problem.hand, metres, contacts.normals, symbols)
     begin = program.rows[-1].stop if program.rows else 0
     for row in found.rows:

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.validation import FloatArray
 
+HAND = "hand "  # what the names of the hand's variables begin with
+
 
 @dataclass(frozen=True)
 class Block:
@@ -128,6 +130,16 @@ class Program:
     def has(self, name: str) -> bool:
         """Return whether there is a variable block of this name."""
         return any(b.name == name for b in self.variables)
+
+    @property
+    def hand_blocks(self) -> list[tuple[str, Block]]:
+        """The hand's variables: their own names, and where they are."""
+        return [(b.name.removeprefix(HAND), b) for b in self.variables if b.name.startswith(HAND)]
+
+    @property
+    def hand_symbols(self) -> dict[str, Any]:
+        """The hand's variables in the hand's units, by their own names."""
+        return {name: b.scale * self.z[b.range] for name, b in self.hand_blocks}
 
     def rows_named(self, beginning: str) -> list[int]:
         """Return the rows of the blocks whose names begin so."""

@@ -9,6 +9,8 @@ from typing import TypeVar
 from threadpoolctl import threadpool_limits
 
 from nlpgrasp.findings import ShadowPrice, WhyNot
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.solve.link_depth import LinkDepth, link_depth
 from nlpgrasp.solve.pregrasp import Pregrasp, pregrasp
 from nlpgrasp.solve.shadow import shadow_prices
 from nlpgrasp.solve.start import StartResult
@@ -30,11 +32,14 @@ class Aftermath:
         With a hand that has a pose.
     why_not : WhyNot or None
         Without a grasp.
+    link_depth : LinkDepth or None
+        With a hand that has links.
     """
 
     prices: tuple[ShadowPrice, ...] = ()
     pregrasp: Pregrasp | None = None
     why_not: WhyNot | None = None
+    link_depth: LinkDepth | None = None
 
 
 def look_back(
@@ -48,12 +53,15 @@ def look_back(
         if best is None:
             return Aftermath(why_not=_attempted(lambda: why_not(bench, list(results), seed, stop)))
         hand = bench.problem.hand
-        opened = None
+        opened, depth = None, None
         if not bench.follows_contacts and hand is not None and best.grasp is not None and best.hand is not None:
             faces, grasp, values = best.record.faces, best.grasp, best.hand
             opened = _attempted(lambda: pregrasp(bench, hand, faces, grasp, values, bench.options.pregrasp_clearance))
+        if isinstance(hand, URDFHand) and best.hand is not None:
+            linked, placed = hand, best.hand
+            depth = _attempted(lambda: link_depth(bench.problem.body, linked, placed))
         prices = _attempted(lambda: shadow_prices(bench, best, stop)) if bench.options.shadow_prices else None
-        return Aftermath(prices or (), opened)
+        return Aftermath(prices or (), opened, link_depth=depth)
 
 
 def _attempted(work: Callable[[], T]) -> T | None:

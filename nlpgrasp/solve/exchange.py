@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from nlpgrasp.nlp import CompiledProgram, Program, face_parameters
 from nlpgrasp.nlp.forces import pressing_forces
-from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solve.minimisers import Weakest, weakest_directions
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import FEASIBLE, Workbench
@@ -59,13 +58,13 @@ def exchange(
 ) -> ExchangeState:
     """Improve the contacts until the model promises nothing more, the rounds are used up, or a stop."""
     compiled = bench.cut_program(faces)
-    task, budget = bench.problem.task, bench.problem.budget
+    task, budget = bench.problem.task, bench.budget(state.points, state.hand)
     weakest = weakest_directions(bench.grasp(faces, state.points), task, np.zeros((0, task.dimension)), rng, budget)
     cuts, state.value = weakest.directions, weakest.value
     radius = FIRST_RADIUS
     while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
         state.rounds += 1
-        cuts = most_relevant(bench, faces, state.points, cuts)
+        cuts = most_relevant(bench, faces, state, cuts)
         result = compiled.solve(*trust_region(bench, compiled, faces, state, cuts, radius))
         state.multipliers = result.multipliers[compiled.program.placement]
         state.iterations += result.iterations
@@ -105,8 +104,7 @@ def points_of(bench: Workbench, program: Program, z: FloatArray) -> FloatArray:
 
 def hand_values(program: Program, z: FloatArray) -> dict[str, FloatArray]:
     """Return the hand's variables of a program's variables, in the hand's units."""
-    blocks = (b for b in program.variables if b.name.startswith("hand "))
-    return {b.name.removeprefix("hand "): b.scale * z[b.range] for b in blocks}
+    return {name: b.scale * z[b.range] for name, b in program.hand_blocks}
 
 
 def fill_start(
@@ -124,10 +122,10 @@ def fill_start(
         z[program.block(f"position {i}").range] = p
         z[program.block(f"normal {i}").range] = normals[i]
     forces = pressing_forces(bench.problem.models, normals, 0.6 / np.sqrt(len(points)))
+    for name, b in program.hand_blocks:
+        z[b.range] = np.ravel(hand[name]) / b.scale
     for b in program.variables:
-        if b.name.startswith("hand "):
-            z[b.range] = np.ravel(hand[b.name.removeprefix("hand ")]) / b.scale
-        elif b.name.startswith("forces "):
+        if b.name.startswith("forces "):
             z[b.range] = forces
     return z
 
@@ -152,11 +150,11 @@ def trust_region(
     return z, slot_parameters(bench, faces, cuts), (lower, upper)
 
 
-def most_relevant(bench: Workbench, faces: tuple[str, ...], points: FloatArray, cuts: FloatArray) -> FloatArray:
+def most_relevant(bench: Workbench, faces: tuple[str, ...], state: ExchangeState, cuts: FloatArray) -> FloatArray:
     """Return as many cuts as the program holds: those nearest to binding at the current contacts."""
     if len(cuts) <= bench.slots:
         return cuts
-    support = WrenchSet.of(bench.grasp(faces, points), bench.problem.budget).support(cuts)[0]
+    support = bench.wrench_set(faces, state.points, state.hand).support(cuts)[0]
     return cuts[np.sort(np.argsort(support, kind="stable")[: bench.slots])]
 
 
@@ -178,7 +176,8 @@ def evaluated(
     batched = {name: v[None, :] for name, v in hand.items()}
     if bench.violations(points[None], normals[None], batched)[0] > allowed:
         return None
-    return weakest_directions(bench.grasp(faces, points), bench.problem.task, cuts, rng, bench.problem.budget, 60, 30)
+    budget = bench.budget(points, hand)
+    return weakest_directions(bench.grasp(faces, points), bench.problem.task, cuts, rng, budget, 60, 30)
 
 
 def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
@@ -208,6 +207,8 @@ def slot_parameters(
     pieces : (m, k) array, optional
         The contacts' own supports along the cuts, where the program wants the largest of them.
     """
+    if bench.problem.budget.follows_hand:  # the program holds no cuts
+        return face_parameters(bench.problem, faces)
     directions = np.zeros((bench.slots, bench.problem.dimension))
     directions[: len(cuts)] = cuts * bench.scaling.task / bench.scaling.wrench
     reach = np.zeros(bench.slots)

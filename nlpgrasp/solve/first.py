@@ -114,4 +114,5 @@ def _score(
     if violation > FEASIBLE:
         return -violation
     none = np.zeros((0, bench.problem.dimension))
-    return weakest_directions(bench.grasp(faces, points), bench.problem.task, none, rng, bench.problem.budget).value
+    budget = bench.budget(points, hand)
+    return weakest_directions(bench.grasp(faces, points), bench.problem.task, none, rng, budget).value

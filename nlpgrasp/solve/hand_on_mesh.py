@@ -71,7 +71,8 @@ def hand_onto_mesh(
 
     def value(touching: TouchingHand) -> float:
         grasp = Grasp(touching.points, touching.normals, bench.problem.models, bench.problem.origin)
-        found = weakest_directions(grasp, bench.problem.task, nothing, rng, bench.problem.budget, 60, 25).value
+        budget = bench.budget(touching.points, touching.hand)
+        found = weakest_directions(grasp, bench.problem.task, nothing, rng, budget, 60, 25).value
         return found if touching.gap <= TOUCHED else -touching.gap
 
     best = touch_mesh(bench, body, hand, faces, state.points, state.hand)
@@ -118,7 +119,7 @@ def touch_mesh(
     z = fill_start(bench, compiled, faces, points, values)
     smooth = bench.inward_normals(faces, points)
     rows = program.placement
-    free = np.concatenate([np.arange(b.start, b.stop) for b in program.variables if b.name.startswith("hand ")])
+    free = np.concatenate([np.arange(b.start, b.stop) for _, b in program.hand_blocks])
     low, high = (limits[rows] for limits in program.limits)
     bounds = program.bounds[0][free], program.bounds[1][free]
     radii = np.asarray(hand.tip_radii)

@@ -65,25 +65,17 @@ def _limit(problem: GraspProblem, name: str, value: float, changed: Callable[[fl
     return Limit(name, value, step, unit, changed)
 
 
-def _unchecked(problem: GraspProblem, **changes: Any) -> GraspProblem:
-    """Return the problem with other parts, without checking it again."""
-    result = copy(problem)
-    for name, value in changes.items():
-        object.__setattr__(result, name, value)
-    return result
-
-
 def _constraint_change(problem: GraspProblem, i: int, new: Callable[[float], Any]) -> Callable[[float], GraspProblem]:
     def changed(h: float) -> GraspProblem:
         constraints = list(problem.constraints)
         constraints[i] = new(h)
-        return _unchecked(problem, constraints=tuple(constraints))
+        return problem.unchecked(constraints=tuple(constraints))
 
     return changed
 
 
 def _hand_change(problem: GraspProblem, new: Callable[[float], Any]) -> Callable[[float], GraspProblem]:
-    return lambda h: _unchecked(problem, hand=new(h))
+    return lambda h: problem.unchecked(hand=new(h))
 
 
 def _numbers(item: Any) -> list[tuple[str, float, Change]]:
@@ -166,7 +158,7 @@ def _contact_limits(problem: GraspProblem) -> list[Limit]:
 
             def changed(h: float, name: str = name, value: float = value, members: list[int] = members) -> GraspProblem:
                 models = [_bent(m, name, value + h) if i in members else m for i, m in enumerate(problem.models)]
-                return _unchecked(problem, contacts=tuple(models))
+                return problem.unchecked(contacts=tuple(models))
 
             result.append(Limit(f"{name} of {label}", value, step, unit, changed, touches_contacts=True))
     return result

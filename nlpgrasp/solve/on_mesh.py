@@ -126,7 +126,7 @@ def _weakest(
     bench: Workbench, points: FloatArray, normals: FloatArray, known: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     grasp = Grasp(points, normals, bench.problem.models, bench.problem.origin)
-    return weakest_directions(grasp, bench.problem.task, known[-100:], rng, bench.problem.budget, 60, 25).directions
+    return weakest_directions(grasp, bench.problem.task, known[-100:], rng, bench.closure_budget, 60, 25).directions
 
 
 def _value(bench: Workbench, points: FloatArray, normals: FloatArray, cuts: FloatArray) -> float:

@@ -9,9 +9,9 @@ least of many smooth functions this is the method of Madsen (1975, doi:10.1093/i
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 
 from nlpgrasp.nlp import CompiledProgram
-from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solve.exchange import (
     ExchangeState,
     contacts_of,
@@ -24,6 +24,7 @@ from nlpgrasp.solve.exchange import (
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.quadratic import Linearised, shortest_step, step_bounds
 from nlpgrasp.solve.stop import Stop
+from nlpgrasp.solve.torque_cuts import torque_cuts
 from nlpgrasp.solve.workbench import Workbench
 from nlpgrasp.validation import FloatArray
 
@@ -41,14 +42,14 @@ def sequential_exchange(
 ) -> ExchangeState:
     """Improve contacts and hand until the model promises nothing more, the rounds are used up, or a stop."""
     compiled = bench.cut_program(faces)
-    task, budget = bench.problem.task, bench.problem.budget
+    task, budget = bench.problem.task, bench.budget(state.points, state.hand)
     grasp = bench.grasp(faces, state.points)
     weakest = weakest_directions(grasp, task, np.zeros((0, task.dimension)), rng, budget)
     cuts, state.value = weakest.directions, weakest.value
     radius = FIRST_RADIUS
     while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
         state.rounds += 1
-        cuts = most_relevant(bench, faces, state.points, cuts)
+        cuts = most_relevant(bench, faces, state, cuts)
         model = _Model(bench, compiled, faces, state, cuts)
         z, promised = model.step(radius)
         if z is None:
@@ -87,11 +88,16 @@ class _Model:
         self.compiled = compiled
         self.z = fill_start(bench, compiled, faces, state.points, state.hand)
         self.beta = compiled.program.block("beta").start
-        grasp = bench.grasp(faces, state.points)
-        reached = float(np.min(WrenchSet.of(grasp, bench.problem.budget).support(cuts)[0], initial=np.inf))
         self.scale = bench.scaling.beta
-        self.z[self.beta] = reached * self.scale  # all cuts hold at the start: phi_A = 1 along them
-        self.theta = slot_parameters(bench, faces, cuts, bench.pieces(grasp, cuts))
+        self.theta = slot_parameters(bench, faces, cuts, bench.pieces(bench.grasp(faces, state.points), cuts))
+        self.cuts: tuple[FloatArray, sparse.csr_matrix] | None = None  # those that the program does not hold
+        if bench.problem.budget.follows_hand:
+            reached, slopes = torque_cuts(bench, faces, state, self.z, cuts)
+            slopes[:, self.beta] = -1.0
+            self.cuts = reached, sparse.csr_matrix(slopes)
+        else:
+            reached = self.scale * bench.wrench_set(faces, state.points, state.hand).support(cuts)[0]
+        self.z[self.beta] = np.min(reached, initial=BETA_STEP)  # all cuts hold at the start: phi_A = 1 along them
         self.multipliers = np.zeros(0)
         self.reach = np.ones(len(self.z))
         for block in compiled.program.variables:
@@ -104,7 +110,7 @@ class _Model:
         cost = np.zeros(len(self.z))
         cost[self.beta] = -1.0
         size = np.where(np.isfinite(self.reach), radius * self.reach, BETA_STEP)
-        first = shortest_step(self._rows(self.z, size, slice(0, None)), cost, DAMPING)
+        first = shortest_step(self._with_cuts(self._rows(self.z, size, slice(0, None))), cost, DAMPING)
         if first is None:
             return None, 0.0
         self.multipliers = first.multipliers[self.compiled.program.placement]
@@ -120,6 +126,17 @@ class _Model:
                 return None, 0.0
             z = z + correction.d
         return z, promised
+
+    def _with_cuts(self, rows: Linearised) -> Linearised:
+        """Return the rows together with the cuts that the program does not hold: at least zero."""
+        if self.cuts is None:
+            return rows
+        reached, slopes = self.cuts
+        values = np.concatenate([rows.values, reached - self.z[self.beta]])
+        jacobian = sparse.vstack([rows.jacobian, slopes], format="csr")
+        lower = np.concatenate([rows.lower, np.zeros(len(reached))])
+        upper = np.concatenate([rows.upper, np.full(len(reached), np.inf)])
+        return Linearised(values, jacobian, lower, upper, rows.least, rows.most)
 
     def _rows(self, z: FloatArray, size: FloatArray, used: slice) -> Linearised:
         """Return some of the rows linearised at z, for steps of at most ``size``."""

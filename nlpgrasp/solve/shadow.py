@@ -70,9 +70,10 @@ class Optimum:
 def shadow_prices(bench: Workbench, best: StartResult, stop: Stop) -> tuple[ShadowPrice, ...]:
     """Return the prices of all limits of constraints, hand and contacts, the dearest first.
 
-    None where the last solves do not converge, and for a grasp that was cut short.
+    None where the last solves do not converge, for a grasp that was cut short, and under a hand's torque limits,
+    whose derivatives the program does not hold.
     """
-    if best.grasp is None:
+    if best.grasp is None or bench.problem.budget.follows_hand:
         return ()
     points = bench.snap(best.record.faces, best.grasp.points)
     optimum = polished(bench, best.record.faces, points, best.hand or {}, stop)
@@ -89,16 +90,16 @@ def polished(
 ) -> Optimum | None:
     """Return the local optimum near a grasp with its multipliers, or None where the exchange does not settle."""
     compiled = bench.cut_program(faces)
-    program, task, budget = compiled.program, bench.problem.task, bench.problem.budget
+    program, task = compiled.program, bench.problem.task
     rng = np.random.default_rng(0)
     state = ExchangeState(points, 0.0, hand)
     grasp = bench.grasp(faces, points)
-    found = weakest_directions(grasp, task, np.zeros((0, task.dimension)), rng, budget)
+    found = weakest_directions(grasp, task, np.zeros((0, task.dimension)), rng, bench.budget(points, hand))
     state.value, cuts, radius = found.value, found.directions, RADIUS
     for _ in range(ROUNDS if bench.slots == SLOTS else ROUNDS_WITH_FORCES):
         if stop.requested() or state.value <= 0.0:
             return None
-        cuts = most_relevant(bench, faces, state.points, cuts)
+        cuts = most_relevant(bench, faces, state, cuts)
         result = compiled.solve(*trust_region(bench, compiled, faces, state, cuts, radius))
         trial, moved = contacts_of(bench, compiled, faces, result.z)
         there = evaluated(bench, faces, trial, moved, cuts, rng, ALLOWED)
@@ -106,7 +107,7 @@ def polished(
             radius *= 0.3
             continue
         promised = result.objective / bench.scaling.beta
-        seen = WrenchSet.of(bench.grasp(faces, state.points), budget).support(there.directions)[0]
+        seen = bench.wrench_set(faces, state.points, state.hand).support(there.directions)[0]
         state.value = min(state.value, float(np.min(seen, initial=np.inf)))  # directions that the search had missed
         close = CONVERGED * state.value
         if result.success and promised - there.value <= close and there.value >= state.value - close:
@@ -133,10 +134,8 @@ def _optimum(
     support = -result.multipliers[program.rows_named("support, direction")][: len(cuts)]
     rows = np.array([row.scale for row in bench.constraint_rows])
     bounds = {}
-    for block in program.variables:
-        if block.name.startswith("hand "):
-            name = block.name.removeprefix("hand ")
-            bounds[name] = result.bound_multipliers[block.range] / (scale * block.scale)
+    for name, block in program.hand_blocks:
+        bounds[name] = result.bound_multipliers[block.range] / (scale * block.scale)
     weights = np.maximum(support, 0.0)
     return Optimum(
         points,

@@ -17,6 +17,7 @@ import scipy
 import trimesh
 from threadpoolctl import threadpool_limits
 
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.errors import InputError, NlpgraspError, NoGraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.problem import GraspProblem
@@ -28,6 +29,7 @@ from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.parallel import NOT_BEGUN, Runner
 from nlpgrasp.solve.start import StartResult
 from nlpgrasp.solve.stop import Stop
+from nlpgrasp.tasks import TaskEllipsoid
 from nlpgrasp.validation import FloatArray, integer
 from nlpgrasp.version import __version__
 
@@ -147,13 +149,15 @@ def _solution(
         status = cut_short or found
         return GraspSolution(status, problem.name, data, kind=kind, why_not=after.why_not, starts=records)
     limit = None if deadline is None and cut_short is None else max(deadline or 0.0, time.monotonic() + FINAL_GRACE)
-    bounds = mu(best.grasp, problem.task, options.final_rtol, force_budget=problem.budget, seed=seed, deadline=limit)
+    budget = problem.budget.posed(problem.hand, best.hand or {}, best.grasp.points)
+    data = problem.unchecked(force_budget=budget).to_dict()
+    bounds = mu(best.grasp, problem.task, options.final_rtol, force_budget=budget, seed=seed, deadline=limit)
     bounds = Bounds(
         max(bounds.lower, best.record.mu.lower),
         min(bounds.upper, best.record.mu.upper),
         bounds.worst_direction,
     )
-    forces, moments = _forces(problem, best.grasp, bounds.lower)
+    forces, moments = _forces(problem.task, best.grasp, budget, bounds.lower)
     scale = best.grasp.mean_arm
     measured = limit is None  # where time is short, mu alone
     return GraspSolution(
@@ -164,8 +168,8 @@ def _solution(
         faces=best.record.faces,
         mu=bounds,
         kind=kind,
-        delta=delta(best.grasp, scale, OTHER_RTOL, force_budget=problem.budget) if measured else None,
-        nu=_volume(best.grasp, scale, problem) if measured else None,
+        delta=delta(best.grasp, scale, OTHER_RTOL, force_budget=budget) if measured else None,
+        nu=_volume(best.grasp, scale, budget) if measured else None,
         forces=forces,
         moments=moments,
         constraints=best.constraints,
@@ -184,24 +188,28 @@ def _hand_data(problem: GraspProblem, best: StartResult, after: Aftermath) -> di
     data = hand.describe(best.hand)
     if after.pregrasp is not None:
         data["pregrasp"] = {"clearance": after.pregrasp.clearance, **hand.describe(after.pregrasp.hand)}
+    if after.link_depth is not None:
+        data["link_depth"] = after.link_depth.to_dict()
     return data
 
 
-def _volume(grasp: Grasp, scale: float, problem: GraspProblem) -> Volume | None:
-    """Return nu; None rather than lose a solution over it."""
+def _volume(grasp: Grasp, scale: float, budget: ForceBudget) -> Volume | None:
+    """Return nu; None rather than lose a solution, or minutes, over it."""
+    if budget.at(grasp.frames, grasp.contacts).costly:
+        return None
     try:
-        return nu(grasp, scale, OTHER_RTOL, force_budget=problem.budget)
+        return nu(grasp, scale, OTHER_RTOL, force_budget=budget)
     except NlpgraspError:
         return None
 
 
 def _forces(
-    problem: GraspProblem, grasp: Grasp, share: float
+    task: TaskEllipsoid, grasp: Grasp, budget: ForceBudget, share: float
 ) -> tuple[tuple[tuple[FloatArray, FloatArray], ...], tuple[FloatArray, ...]]:
     """Return least finger forces, and moments if any, for the ends of the task's semi-axes times the quality."""
-    axes = problem.task.axes[np.any(problem.task.axes != 0.0, axis=1)]
-    wrenches = share * (problem.task.center + np.concatenate([axes, -axes]))
-    found = finger_forces(grasp, wrenches, force_budget=problem.budget)
+    axes = task.axes[np.any(task.axes != 0.0, axis=1)]
+    wrenches = share * (task.center + np.concatenate([axes, -axes]))
+    found = finger_forces(grasp, wrenches, force_budget=budget)
     each = [grasp.contact_wrenches(x) for x in found.forces[found.feasible]]
     space = grasp.space
     forces = tuple((w, c[:, :space]) for w, c in zip(wrenches[found.feasible], each, strict=True))

@@ -102,7 +102,7 @@ def _finish(
         found.grasp,
         bench.problem.task,
         bench.options.rtol,
-        force_budget=bench.problem.budget,
+        force_budget=bench.budget(found.grasp.points, found.hand or {}),
         deadline=stop.certificate_deadline(GRACE),
     )
     clock.mark("certificate")

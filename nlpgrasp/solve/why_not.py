@@ -205,7 +205,7 @@ def _unreachable(bench: Workbench, results: list[StartResult]) -> WhyNot:
     grasps = [r.grasp for r in results if r.grasp is not None]
     if not grasps:
         return WhyNot(reasons=("The constraints can be kept, but every start ended with an error.",))
-    task, budget = bench.problem.task, bench.problem.budget
+    task, budget = bench.problem.task, bench.closure_budget
     bounds = [mu(g, task, 0.1, force_budget=budget) for g in grasps]
     best = int(np.argmax([b.upper for b in bounds]))
     grasp, found = grasps[best], bounds[best]
@@ -228,7 +228,7 @@ def _with_friction(bench: Workbench, grasp: Grasp) -> list[str]:
         if any(m is None for m in models):
             break
         rougher = Grasp(grasp.points, grasp.normals, [m for m in models if m is not None], grasp.torque_origin)
-        if mu(rougher, bench.problem.task, 0.5, force_budget=bench.problem.budget).lower > 0.0:
+        if mu(rougher, bench.problem.task, 0.5, force_budget=bench.closure_budget).lower > 0.0:
             return [f"With friction {factor:g} times as large the best grasp found would resist the task."]
     return []
 

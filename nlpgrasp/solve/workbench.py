@@ -14,8 +14,18 @@ from nlpgrasp.budgets.base import extremes
 from nlpgrasp.directions import directions
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
-from nlpgrasp.nlp import CompiledProgram, Program, Scaling, has_closed_form, has_pieces, support_program, vertex_program
+from nlpgrasp.nlp import (
+    CompiledProgram,
+    Program,
+    Scaling,
+    VirtualWork,
+    has_closed_form,
+    has_pieces,
+    support_program,
+    vertex_program,
+)
 from nlpgrasp.problem import GraspProblem
+from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.row_values import RowValues
 from nlpgrasp.validation import FloatArray
@@ -75,7 +85,8 @@ class Workbench(RowValues):
     @cached_property
     def linearises(self) -> bool:
         """Whether the exchange goes by the program's linearisation: with a posed hand and without forces in it."""
-        return not self.follows_contacts and (has_closed_form(self.problem) or has_pieces(self.problem))
+        known = has_closed_form(self.problem) or has_pieces(self.problem) or self.problem.budget.follows_hand
+        return not self.follows_contacts and known
 
     @cached_property
     def cloud(self) -> dict[str, FloatArray]:
@@ -111,10 +122,11 @@ class Workbench(RowValues):
         """Return the compiled first program of a start; it serves every assignment of faces."""
         if self._first is None:
             count = len(self.task_directions)
+            problem = self.problem.unchecked(force_budget=self.closure_budget)
             if self.options.transcription == "vertex":
-                program = vertex_program(self.problem, faces, count)
+                program = vertex_program(problem, faces, count)
             else:
-                program = support_program(self.problem, faces, count, eliminate=False)
+                program = support_program(problem, faces, count, eliminate=False)
             limits: dict[str, Any] = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
             if not self.follows_contacts:
                 limits["max_iter"] = min(self.options.max_iterations, POSED_ITERATIONS)
@@ -124,9 +136,16 @@ class Workbench(RowValues):
     def cut_program(self, faces: tuple[str, ...]) -> CompiledProgram:
         """Return the compiled program of the exchange; it serves every assignment of faces."""
         if self._cuts is None:
-            program = support_program(self.problem, faces, self.slots, eliminate=True, pieces=self.linearises)
+            slots = 0 if self.problem.budget.follows_hand else self.slots
+            program = support_program(self.problem, faces, slots, eliminate=True, pieces=self.linearises)
             self._cuts = self._compiled(program, {"tol": 1e-5, "mu_init": 1e-3})
         return self._cuts
+
+    @cached_property
+    def virtual_work(self) -> VirtualWork:
+        """Derivatives of supports under the hand's torque limits."""
+        first = next(n for n in self.problem.allowed_faces(0))
+        return VirtualWork(self.cut_program((first,) * len(self.problem.models)).program, self.problem)
 
     def _compiled(self, program: Program, limits: dict[str, Any]) -> CompiledProgram:
         # MUMPS scaling 7 avoids the factorizations that take 20 times as long as the rest (measured on scans)
@@ -137,9 +156,22 @@ class Workbench(RowValues):
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
         """Return the contacts' own supports along directions, (m, k), where the program is made of them."""
-        if has_closed_form(self.problem) or not self.linearises:
+        if has_closed_form(self.problem) or not (self.linearises and has_pieces(self.problem)):
             return None
         return extremes(y @ grasp.G, grasp.contacts, self.space)[0]
+
+    def budget(self, points: FloatArray, hand: dict[str, FloatArray]) -> ForceBudget:
+        """Return the force budget for contacts at points (k, space) of a hand with these values of its variables."""
+        return self.problem.budget.posed(self.problem.hand, hand, points)
+
+    def wrench_set(self, faces: tuple[str, ...], points: FloatArray, hand: dict[str, FloatArray]) -> WrenchSet:
+        """Return the grasp wrench set of contacts at points of the given faces."""
+        return WrenchSet.of(self.grasp(faces, points), self.budget(points, hand))
+
+    @property
+    def closure_budget(self) -> ForceBudget:
+        """The budget to tell force closure by: the paper's where the problem's own needs a posture."""
+        return L2Budget() if self.problem.budget.follows_hand else self.problem.budget
 
     @property
     def screening_budget(self) -> ForceBudget:

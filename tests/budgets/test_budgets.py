@@ -23,15 +23,24 @@ def torque_limits(contacts, rng, joints=3):
     return ng.JointTorqueLimits(jacobians, [rng.uniform(0.5, 2.0, J.shape[1]) for J in jacobians])
 
 
+def shared_torque_limits(contacts, rng, joints=4):
+    """Return limits on joints that all contacts load, and on every normal force."""
+    jacobians = [rng.standard_normal((6, joints)) for _ in contacts]
+    return ng.SharedJointTorqueLimits(jacobians, rng.uniform(0.5, 2.0, joints), 1.5)
+
+
+TORQUES = {"joint_torques": torque_limits, "shared_joint_torques": shared_torque_limits}
+
+
 def cases():
     for name in MODELS:
-        for budget in [*NAMED, "joint_torques"]:
+        for budget in [*NAMED, *TORQUES]:
             yield pytest.param(name, budget, id=f"{name}, {budget}")
 
 
 def made(name, budget, rng, k=2):
     contacts = [CONTACTS[name]] * k
-    given = torque_limits(contacts, rng) if budget == "joint_torques" else force_budget(budget)
+    given = TORQUES[budget](contacts, rng) if budget in TORQUES else force_budget(budget)
     normals = rng.standard_normal((k, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     grasp = ng.Grasp(rng.standard_normal((k, 3)), normals, contacts)
@@ -113,7 +122,7 @@ def test_the_programs_rows_say_the_same(name, budget, rng):
             assert kept == (factor < 1.0)
 
 
-@pytest.mark.parametrize("budget", [*NAMED, "joint_torques"])
+@pytest.mark.parametrize("budget", [*NAMED, *TORQUES])
 def test_json_round_trip(budget, rng):
     _, given, _ = made("friction", budget, rng)
     again = budget_from_dict(given.to_dict())

@@ -1,0 +1,111 @@
+"""Limits on the torques of joints that several contacts load together: a hand in a posture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.budgets.base import Row, ranges
+from nlpgrasp.budgets.torques_at_contacts import TorquesAtContacts, check_jacobian, torque_rows
+from nlpgrasp.budgets.unplaced import UnplacedBudget
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.spatial import wrench_dimension
+from nlpgrasp.validation import FloatArray, array, number, read_only
+
+
+class SharedJointTorqueLimits(UnplacedBudget):
+    """``|sum_i J_i^T f_i| <= tau``, and ``f_n <= F`` for every contact (Murray, Li and Sastry 1994, Section 5.2).
+
+    Parameters
+    ----------
+    jacobians : sequence of k arrays
+        Body-frame velocity of contact point i per joint rate, (space, m); with the rows of the link's angular
+        velocity below where moments load the joints too, (3, m) in the plane, (6, m) in space. All have the
+        same joints as columns.
+    limits : float or (m,) array
+        Torque limits, newton-metres (newtons for sliding joints), greater than zero.
+    force_limit : float, optional
+        F: largest normal force of a contact, newtons; for contacts, such as those of a palm, that joints leave free.
+
+    Raises
+    ------
+    InputError
+        On shapes that do not match, limits that are not positive, or forces that nothing limits.
+    """
+
+    kind: ClassVar[str] = "shared_joint_torques"
+
+    def __init__(self, jacobians: Sequence[ArrayLike], limits: ArrayLike, force_limit: float | None = None) -> None:
+        name = "SharedJointTorqueLimits"
+        try:
+            given = list(jacobians)
+        except TypeError:
+            given = []
+        if not given:
+            raise InputError(f"{name}.jacobians", jacobians, "one Jacobian a contact")
+        self.jacobians = tuple(read_only(array(f"{name}.jacobians[{i}]", J, (None, None))) for i, J in enumerate(given))
+        joints = self.jacobians[0].shape[1]
+        if any(J.shape[1] != joints for J in self.jacobians):
+            shapes = [J.shape for J in self.jacobians]
+            raise InputError(f"{name}.jacobians", f"shapes {shapes}", "the same number of columns, one a joint")
+        values = array(f"{name}.limits", np.full(joints, limits) if np.ndim(limits) == 0 else limits, (joints,))
+        self.limits = read_only(np.array([number(f"{name}.limits", v, above=0.0) for v in values.tolist()]))
+        self.force_limit = None if force_limit is None else number(f"{name}.force_limit", force_limit, above=0.0)
+
+    def check(self, contacts: Sequence[ContactModel], space: int) -> None:
+        """Refuse bilateral contacts, and a number of contacts or a dimension other than the Jacobians'."""
+        super().check(contacts, space)
+        if len(contacts) != len(self.jacobians):
+            given = f"{len(self.jacobians)} of them"
+            raise InputError("SharedJointTorqueLimits.jacobians", given, f"{len(contacts)}")
+        for i, J in enumerate(self.jacobians):
+            check_jacobian(f"SharedJointTorqueLimits.jacobians[{i}]", J, space, wrench_dimension(space))
+
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> TorquesAtContacts:
+        """Return the budget in the contacts' frames: first the joints' rows, then one a contact's normal force."""
+        space = frames.shape[1]
+        self.check(contacts, space)
+        limits = [self.limits] * len(contacts)
+        torques = np.concatenate(torque_rows(self.jacobians, limits, frames, contacts), axis=1)
+        if self.force_limit is not None:
+            pressing = np.zeros((len(contacts), torques.shape[1]))
+            for i, where in enumerate(ranges(contacts, space)):
+                pressing[i, where.start] = 1.0 / self.force_limit
+            torques = np.concatenate([torques, pressing])
+        return TorquesAtContacts(self, torques, contacts, space, "SharedJointTorqueLimits")
+
+    def force_scale(self) -> float:
+        """Return the force that takes some joint to its limit, the mean over contacts."""
+        arms = [np.max(np.linalg.norm(J, axis=0) / self.limits, initial=0.0) for J in self.jacobians]
+        least = 1e-12 if self.force_limit is None else 1.0 / self.force_limit
+        return float(np.mean([1.0 / max(arm, least) for arm in arms]))
+
+    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+        """Return ``-1 <= (sum_i J_i^T f_i) / tau <= 1`` for every joint, and ``f_n / F <= 1`` for every contact."""
+        totals: list[Any] = [0.0] * len(self.limits)
+        result: list[Row] = []
+        for i, (contact, x, n) in enumerate(zip(contacts, forces, normals, strict=True)):
+            force, moment = contact.split(x, n)
+            space, J = n.shape[0], self.jacobians[i]
+            for j in range(J.shape[1]):
+                totals[j] = totals[j] + sum(float(J[a, j]) * force[a] for a in range(space))
+                if moment is not None:
+                    totals[j] = totals[j] + sum(float(J[space + a, j]) * moment[a] for a in range(len(J) - space))
+            if self.force_limit is not None:
+                pressing = contact.normal_force(x, n) / self.force_limit
+                result.append((f"force limit, finger {i}", pressing, -np.inf, 1.0))
+        limits = enumerate(zip(totals, self.limits, strict=True))
+        return [(f"torque limit, joint {j}", total / float(tau), -1.0, 1.0) for j, (total, tau) in limits] + result
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return Jacobians and limits."""
+        return {
+            "type": self.kind,
+            "jacobians": [J.tolist() for J in self.jacobians],
+            "limits": self.limits.tolist(),
+            "force_limit": self.force_limit,
+        }
