@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,21 +41,14 @@ class FirstResult:
     message: str
 
 
-def solve_first(
-    bench: Workbench, candidates: Sequence[Candidate], rng: np.random.Generator
-) -> tuple[FirstResult, Sequence[Candidate]]:
-    """Solve the first program from each candidate in turn until one ends with a grasp.
+def solve_first(bench: Workbench, candidates: Iterator[Candidate], rng: np.random.Generator) -> FirstResult | None:
+    """Solve the first program from each candidate in turn until one ends with a grasp; return the best.
 
-    Returns
-    -------
-    FirstResult
-        The best so far.
-    sequence of Candidate
-        Those not tried yet.
+    None where there is no candidate left.
     """
     best: FirstResult | None = None
     iterations, seconds, functions = 0, 0.0, 0.0
-    for tried, candidate in enumerate(candidates, 1):  # noqa: B007  (used after the loop)
+    for candidate in candidates:
         found = _solve(bench, candidate, rng)
         iterations += found.state.iterations
         seconds += found.state.solver_seconds
@@ -64,9 +57,10 @@ def solve_first(
             best = found
         if best.score > 0.0:
             break
-    assert best is not None  # noqa: S101  (for the type checker: there is at least one candidate)
-    best.state.iterations, best.state.solver_seconds, best.state.function_seconds = iterations, seconds, functions
-    return best, candidates[tried:]
+    if best is not None:
+        state = best.state
+        state.iterations, state.solver_seconds, state.function_seconds = iterations, seconds, functions
+    return best
 
 
 def _solve(bench: Workbench, begin: Candidate, rng: np.random.Generator) -> FirstResult:

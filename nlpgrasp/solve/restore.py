@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 
 import clarabel
 import numpy as np
@@ -24,19 +24,26 @@ PATIENCE = 6
 TOUCHING, ENOUGH = 1e-4, 3  # violation, relative to the rows' scales, that counts as none; candidates wanted
 
 
-def touching_candidates(bench: Workbench, candidates: Sequence[Candidate], stop: Stop) -> list[Candidate]:
-    """Return candidates moved to where all contacts touch: the first few that get there, or the nearest.
+def touching_candidates(bench: Workbench, candidates: Iterable[Candidate], stop: Stop) -> Iterator[Candidate]:
+    """Yield candidates moved to where all contacts touch: those that get there, then the nearest; a few.
 
     With many contacts a hand hardly ever touches with all of them by chance, and the program, which has forces
     to think of as well, seldom gets there from afar.
     """
-    found: list[tuple[Candidate, float]] = []
+    given = 0
+    others: list[tuple[Candidate, float]] = []
     for candidate in candidates:
-        found.append(restored(bench, candidate))
-        if sum(violation <= TOUCHING for _, violation in found) == ENOUGH or stop.requested():
+        if given == ENOUGH or (stop.requested() and given + len(others) > 0):
             break
-    found.sort(key=lambda pair: pair[1])
-    return [candidate for candidate, _ in found[:ENOUGH]]
+        found, violation = restored(bench, candidate)
+        if violation <= TOUCHING:
+            given += 1
+            yield found
+        else:
+            others.append((found, violation))
+    others.sort(key=lambda pair: pair[1])
+    for found, _ in others[: ENOUGH - given]:
+        yield found
 
 
 def restored(bench: Workbench, candidate: Candidate) -> tuple[Candidate, float]:

@@ -70,13 +70,15 @@ def _run(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResult:
     clock = _Clock()
     result: StartResult | None = None
     try:
-        candidates = draw_start(bench, rng)
+        candidates = iter(draw_start(bench, rng))
         if not bench.follows_contacts and len(bench.problem.models) >= MANY:
             candidates = touching_candidates(bench, candidates, stop)
         clock.mark("screen")
-        while candidates and not (result is not None and (result.solved or stop.requested())):
-            first, candidates = solve_first(bench, candidates, rng)
+        while not (result is not None and (result.solved or stop.requested())):
+            first = solve_first(bench, candidates, rng)
             clock.mark("vertex")
+            if first is None:
+                break
             found = _finish(bench, index, first, rng, stop, clock)
             if result is None or (found.solved and not result.solved):
                 result = found

@@ -35,6 +35,16 @@ SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes the exchange's program hold
 MESH_SAMPLES = 20000  # points of a mesh that contacts may slide to
 MESH_ANGLE = np.radians(30.0)  # most between the mesh's normal there and the smooth one: keeps off sharp edges
 POSED_ITERATIONS = 150  # most of the first program with a hand's pose: another pose is worth more then
+# with a hand's pose the first program ends once contacts and hand fit together: the exchange is faster from there
+POSED = {
+    "mu_strategy": "adaptive",
+    "acceptable_iter": 1,
+    "acceptable_tol": 1e5,
+    "acceptable_constr_viol_tol": 1e-5,
+    "acceptable_obj_change_tol": 0.5,
+    "acceptable_dual_inf_tol": 1e10,
+    "acceptable_compl_inf_tol": 1e2,
+}
 FEASIBLE = 1e-5  # relative to a row's scale
 
 
@@ -129,7 +139,7 @@ class Workbench(RowValues):
                 program = support_program(problem, faces, count, eliminate=False)
             limits: dict[str, Any] = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
             if not self.follows_contacts:
-                limits["max_iter"] = min(self.options.max_iterations, POSED_ITERATIONS)
+                limits |= POSED | {"max_iter": min(self.options.max_iterations, POSED_ITERATIONS)}
             self._first = self._compiled(program, limits)
         return self._first
 

@@ -4,9 +4,16 @@ import sys
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import by_hand, ellipsoid, hands, measures, meshes
+from tests.benchmarks import by_hand, ellipsoid, hands, measures, meshes, power
 
-ALL = {"ellipsoid": ellipsoid, "measures": measures, "by_hand": by_hand, "meshes": meshes, "hands": hands}
+ALL = {
+    "ellipsoid": ellipsoid,
+    "measures": measures,
+    "by_hand": by_hand,
+    "meshes": meshes,
+    "hands": hands,
+    "power": power,
+}
 
 for name in sys.argv[1:] or ALL:
     print(f"\n== {name}: {ALL[name].__doc__.splitlines()[0]}")

@@ -1,9 +1,8 @@
-"""A 16-joint hand: meshes of ../shared/meshes, primitives against the shared budget, contacts of a power grasp."""
+"""A 16-joint hand: meshes of ../shared/meshes, primitives against the shared budget."""
 
 import numpy as np
 
 import nlpgrasp as ng
-from problems.power_grasp import problem as power_grasp
 from tests.benchmarks.starts import run_starts, stage_medians
 from tests.conftest import SHARED_MESHES
 from tests.hands.urdf import four_finger_hand
@@ -30,12 +29,6 @@ def run():
             _mesh(path, hand)
     else:
         print(f"skipped meshes: no {SHARED_MESHES}")
-    for contacts in (1, 2, 3):
-        problem = power_grasp(contacts)
-        results, seconds = run_starts(problem, 6)
-        solved = np.array([r.solved for r in results])
-        share = f"{solved.mean():.0%} of 6 starts"
-        print(f"power grasp, {problem.hand.count} contacts: {share}, median {np.median(seconds):.2f} s")
 
 
 def _report(problem):

@@ -107,7 +107,7 @@ def test_vertex_program_bounds_the_measure_from_below():
     bench = Workbench(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)
     points = closed_ellipsoid_grasp(np.random.default_rng(1)).points
-    first, _ = solve_first(bench, [Candidate(("surface",) * 4, points, {})], rng)
+    first = solve_first(bench, iter([Candidate(("surface",) * 4, points, {})]), rng)
     state, beta = first.state, first.beta
     bounds = ng.mu(bench.grasp(("surface",) * 4, state.points), BALL, 0.02)
     assert beta * inradius(6, 1) <= bounds.upper
