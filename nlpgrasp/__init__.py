@@ -65,7 +65,12 @@ from nlpgrasp.quality import (
 from nlpgrasp.solution import GraspSolution, Status
 from nlpgrasp.solve import FineManipulation, SolveOptions, fine_manipulation, solve
 from nlpgrasp.spatial import move_torque_origin, rotate_body_frame
-from nlpgrasp.tasks import TaskEllipsoid, TaskSet
+from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSet, TaskSum
+from nlpgrasp.tasks.collision import CollisionEvent, collision_task
+from nlpgrasp.tasks.fit import EllipsoidFit, fit_ellipsoid
+from nlpgrasp.tasks.motion import MassProperties, motion_task, motion_wrenches
+from nlpgrasp.tasks.recording import WrenchRecording
+from nlpgrasp.tasks.tools import cut, disturbance, gravity, insert, lift, pour, press, turn, write
 from nlpgrasp.verify import Verification, verify
 from nlpgrasp.version import __version__
 
@@ -75,10 +80,12 @@ __all__ = [
     "Bounds",
     "Box",
     "BoxRegion",
+    "CollisionEvent",
     "Constraint",
     "Cylinder",
     "CylinderTip",
     "Ellipsoid",
+    "EllipsoidFit",
     "EllipsoidTip",
     "FineManipulation",
     "FingerForces",
@@ -96,6 +103,7 @@ __all__ = [
     "InputError",
     "JointTorqueLimits",
     "LineContact",
+    "MassProperties",
     "Mesh",
     "NlpgraspError",
     "NoGraspError",
@@ -119,34 +127,51 @@ __all__ = [
     "Superquadric",
     "Symmetric",
     "Table",
+    "Task",
     "TaskEllipsoid",
+    "TaskPolytope",
     "TaskSet",
+    "TaskSum",
     "Torus",
     "URDFHand",
     "Verification",
     "Volume",
     "WhyNot",
     "Workspace",
+    "WrenchRecording",
     "__version__",
     "allowed_twists",
+    "collision_task",
+    "cut",
     "delta",
+    "disturbance",
     "equivalence_constants",
     "ferrari_canny",
     "fine_manipulation",
     "finger_forces",
+    "fit_ellipsoid",
+    "gravity",
     "hand_torque_limits",
+    "insert",
     "is_stable",
     "isotropy",
+    "lift",
     "min_weight",
+    "motion_task",
+    "motion_wrenches",
     "move_torque_origin",
     "mu",
     "mu_1",
     "mu_tilde",
     "nu",
+    "pour",
+    "press",
     "pyramid_volume",
     "rotate_body_frame",
     "screen",
     "smallest_singular_value",
     "solve",
+    "turn",
     "verify",
+    "write",
 ]

@@ -18,7 +18,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
 from nlpgrasp.problem_check import check_placements
 from nlpgrasp.spatial import wrench_dimension
-from nlpgrasp.tasks import TaskEllipsoid
+from nlpgrasp.tasks import Task
 from nlpgrasp.validation import FloatArray, array
 
 MOST_CONTACTS = 32
@@ -33,8 +33,8 @@ class GraspProblem:
     body : Body
     contacts : sequence of ContactModel
         One a finger; a single model is used for every fingertip of ``hand``.
-    task : TaskEllipsoid
-        Wrenches to resist, about ``torque_origin``, body frame.
+    task : Task
+        Wrenches to resist, body frame; about ``torque_origin``, or about the task's own point if it has one.
     hand : Hand, optional
         Free point fingertips when left out. Contact i belongs to fingertip i.
     constraints : sequence of PlacementConstraint
@@ -55,7 +55,7 @@ class GraspProblem:
 
     body: Body
     contacts: Sequence[ContactModel] | ContactModel
-    task: TaskEllipsoid
+    task: Task
     hand: Hand | None = None
     constraints: Sequence[PlacementConstraint] = ()
     force_budget: str | ForceBudget = "l2"
@@ -66,8 +66,8 @@ class GraspProblem:
         if not isinstance(self.body, Body):
             raise InputError("GraspProblem.body", self.body, "a body such as ng.Box or ng.Mesh")
         self._set_contacts()
-        if not isinstance(self.task, TaskEllipsoid):
-            raise InputError("GraspProblem.task", self.task, "a TaskEllipsoid")
+        if not isinstance(self.task, Task):
+            raise InputError("GraspProblem.task", self.task, "a task such as ng.TaskEllipsoid")
         wanted = wrench_dimension(self.body.space)
         if self.task.dimension != wanted:
             raise InputError(
@@ -79,6 +79,8 @@ class GraspProblem:
         if self.torque_origin is not None:
             origin = array("GraspProblem.torque_origin", self.torque_origin, (self.body.space,))
             object.__setattr__(self, "torque_origin", tuple(origin.tolist()))
+        if self.task.about is not None:
+            object.__setattr__(self, "task", self.task.at(self.origin))
         if (
             not isinstance(self.name, str)
             or not self.name.strip()

@@ -18,7 +18,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality_data import bounds_data, check_interval, delta_of, measure_data, nu_of
 from nlpgrasp.schema import SCHEMA_NAME
 from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status, SurfaceMatch
-from nlpgrasp.tasks import TaskEllipsoid
+from nlpgrasp.tasks import task_from_dict
 from nlpgrasp.validation import array
 from nlpgrasp.why_not_data import why_not_data, why_not_of
 
@@ -182,7 +182,7 @@ def _grasp_of(data: Mapping[str, Any], name: str) -> tuple[Grasp, tuple[str, ...
 def _check_task(data: Mapping[str, Any], grasp: Grasp | None, name: str) -> None:
     """Refuse a task that is none, or is not of the grasp's dimension."""
     try:
-        task = TaskEllipsoid.from_dict(data)
+        task = task_from_dict(data)
     except InputError as error:
         raise InputError(f"{name}: problem.{error.field}", error.given, error.allowed) from None
     if grasp is not None and task.dimension != grasp.dimension:

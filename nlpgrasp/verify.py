@@ -18,7 +18,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import delta, mu
 from nlpgrasp.quality.volume import nu
 from nlpgrasp.solution import GraspSolution
-from nlpgrasp.tasks import TaskEllipsoid
+from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.validation import FloatArray
 
 FORCE_TOLERANCE = 1e-6
@@ -94,7 +94,7 @@ def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verifica
     grasp = solution.grasp
     if grasp is None:
         return Verification((Check("grasp", False, f"the file holds no grasp ({solution.status.name.lower()})"),), None)
-    task = TaskEllipsoid.from_dict(solution.problem["task"])
+    task = task_from_dict(solution.problem["task"])
     budget = budget_from_dict(solution.problem["force_budget"])
     found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
     bound = budget.at(grasp.frames, grasp.contacts)
@@ -142,7 +142,7 @@ def _other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, 
     return checks
 
 
-def _models(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid) -> list[Check]:
+def _models(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
     """Compare the grasp's contact models and the kind of measure with the problem's."""
     asked = [contact_from_dict(c) for c in solution.problem["contacts"]]
     same = [c.to_dict() for c in asked] == [c.to_dict() for c in grasp.contacts]
@@ -163,14 +163,14 @@ def _overlap(name: str, stated: Bounds, found: Bounds) -> Check:
     return Check(name, good, f"stated {stated}, recomputed {found}")
 
 
-def _direction(solution: GraspSolution, grasp: Grasp, task: TaskEllipsoid, bound: ForceBudget) -> list[Check]:
+def _direction(solution: GraspSolution, grasp: Grasp, task: Task, bound: ForceBudget) -> list[Check]:
     """Evaluate the stated worst direction by hand: its ratio is an upper bound on mu, so never below lower."""
     y = solution.mu.worst_direction
     if y is None:
         return []
     if y.shape != (grasp.dimension,):
         return [Check("worst direction", False, f"{y.size} numbers for dimension {grasp.dimension}")]
-    reach = float(task.center @ y + np.linalg.norm(task.axes @ y))
+    reach = float(task.support(y[None])[0][0])
     if reach <= 0.0:
         return [Check("worst direction", False, "the task asks for nothing in the stated direction")]
     z = (grasp.G.T @ y)[None, :]

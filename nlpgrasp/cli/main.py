@@ -19,7 +19,7 @@ from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.quality import delta, mu, nu
 from nlpgrasp.solution import GraspSolution
 from nlpgrasp.solve import SolveOptions, solve
-from nlpgrasp.tasks import TaskEllipsoid
+from nlpgrasp.tasks import task_from_dict
 from nlpgrasp.validation import integer
 from nlpgrasp.verify import verify
 from nlpgrasp.version import __version__
@@ -99,7 +99,7 @@ def quality_command(
     grasp = solution.grasp
     if torque_scale is None:
         torque_scale = grasp.mean_arm
-    task = TaskEllipsoid.from_dict(solution.problem["task"])
+    task = task_from_dict(solution.problem["task"])
     budget = budget_from_dict(solution.problem["force_budget"])
     found = mu(grasp, task, rtol, force_budget=budget)
     ball = delta(grasp, torque_scale, rtol, force_budget=budget)

@@ -46,8 +46,9 @@ class Scaling:
         space, d = problem.body.space, problem.dimension
         length = problem.body.size
         wrench = np.concatenate([np.ones(space), np.full(d - space, 1.0 / length)])
-        spanning = np.concatenate([problem.task.axes, problem.task.center[None, :]]) * wrench
-        return cls(problem.origin, length, float(np.linalg.norm(spanning, 2)), problem.budget.force_scale(), wrench)
+        moment = problem.task.second_moment() * np.outer(wrench, wrench)
+        size = float(np.sqrt(np.linalg.norm(moment, 2)))
+        return cls(problem.origin, length, size, problem.budget.force_scale(), wrench)
 
     @property
     def beta(self) -> float:

@@ -82,15 +82,10 @@ def _solve(bench: Workbench, begin: Candidate, rng: np.random.Generator) -> Firs
 
 def first_parameters(bench: Workbench, rng: np.random.Generator) -> FloatArray:
     """Return the first program's sampled wrenches or directions, turned at random in the task's own axes."""
-    task, scaling = bench.problem.task, bench.scaling
-    used = np.any(task.axes != 0.0, axis=1)
-    turn = np.zeros((len(used), len(used)))
-    turn[np.ix_(used, used)] = np.linalg.qr(rng.standard_normal((int(used.sum()),) * 2))[0]
-    local = bench.task_directions @ turn
+    task, scaling, samples = bench.problem.task, bench.scaling, bench.task_samples
     if bench.options.transcription == "vertex":
-        return np.asarray((task.boundary(local) * scaling.wrench / scaling.task).ravel())
-    # directions y with L^T y along each local direction (least norm in solver units)
-    y = np.linalg.lstsq(task.axes * scaling.wrench, local.T, rcond=None)[0].T * scaling.wrench
+        return np.asarray((samples.wrenches(rng) * scaling.wrench / scaling.task).ravel())
+    y = samples.directions(rng)
     reach = task.support(y)[0]
     good = reach > 1e-9
     y = np.where(good[:, None], y / np.where(good, reach, 1.0)[:, None], 0.0)

@@ -29,7 +29,7 @@ from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.parallel import NOT_BEGUN, Runner
 from nlpgrasp.solve.start import StartResult
 from nlpgrasp.solve.stop import Stop
-from nlpgrasp.tasks import TaskEllipsoid
+from nlpgrasp.tasks import Task
 from nlpgrasp.validation import FloatArray, integer
 from nlpgrasp.version import __version__
 
@@ -204,11 +204,10 @@ def _volume(grasp: Grasp, scale: float, budget: ForceBudget) -> Volume | None:
 
 
 def _forces(
-    task: TaskEllipsoid, grasp: Grasp, budget: ForceBudget, share: float
+    task: Task, grasp: Grasp, budget: ForceBudget, share: float
 ) -> tuple[tuple[tuple[FloatArray, FloatArray], ...], tuple[FloatArray, ...]]:
-    """Return least finger forces, and moments if any, for the ends of the task's semi-axes times the quality."""
-    axes = task.axes[np.any(task.axes != 0.0, axis=1)]
-    wrenches = share * (task.center + np.concatenate([axes, -axes]))
+    """Return least finger forces, and moments if any, for some of the task's extreme wrenches times the quality."""
+    wrenches = share * task.ends()
     found = finger_forces(grasp, wrenches, force_budget=budget)
     each = [grasp.contact_wrenches(x) for x in found.forces[found.feasible]]
     space = grasp.space

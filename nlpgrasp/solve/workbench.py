@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.budgets.base import extremes
-from nlpgrasp.directions import directions
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.nlp import (
@@ -28,6 +27,7 @@ from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.row_values import RowValues
+from nlpgrasp.solve.task_samples import TaskSamples
 from nlpgrasp.validation import FloatArray
 
 CLOUD = 600  # sample points a face that contacts are drawn from
@@ -71,14 +71,9 @@ class Workbench(RowValues):
         return self.problem.body.space
 
     @cached_property
-    def task_directions(self) -> FloatArray:
-        """Unit directions of the task's own axes that the first program samples, (m, axes)."""
-        axes = self.problem.task.axes
-        used = np.any(axes != 0.0, axis=1)
-        local = directions(int(used.sum()), self.shells)
-        result = np.zeros((len(local), len(axes)))
-        result[:, used] = local
-        return result
+    def task_samples(self) -> TaskSamples:
+        """The wrenches of the task that the first program samples."""
+        return TaskSamples(self.problem.task, self.scaling.wrench, self.shells)
 
     @property
     def shells(self) -> int:
@@ -131,7 +126,7 @@ class Workbench(RowValues):
     def first_program(self, faces: tuple[str, ...]) -> CompiledProgram:
         """Return the compiled first program of a start; it serves every assignment of faces."""
         if self._first is None:
-            count = len(self.task_directions)
+            count = self.task_samples.count
             problem = self.problem.unchecked(force_budget=self.closure_budget)
             if self.options.transcription == "vertex":
                 program = vertex_program(problem, faces, count)

@@ -1,7 +1,10 @@
-"""Tasks: the set of wrenches a grasp has to resist."""
+"""Tasks: sets of wrenches a grasp has to resist."""
 
 from nlpgrasp.tasks.base import Task
 from nlpgrasp.tasks.convex import TaskSet
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
+from nlpgrasp.tasks.polytope import TaskPolytope
+from nlpgrasp.tasks.registry import task_from_dict
+from nlpgrasp.tasks.sum import TaskSum
 
-__all__ = ["Task", "TaskEllipsoid", "TaskSet"]
+__all__ = ["Task", "TaskEllipsoid", "TaskPolytope", "TaskSet", "TaskSum", "task_from_dict"]

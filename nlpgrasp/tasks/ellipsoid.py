@@ -108,6 +108,31 @@ class TaskEllipsoid(Task):
         return cls.from_axes((radius / np.sqrt(values))[:, None] * vectors.T, -half)
 
     @classmethod
+    def fit(
+        cls,
+        wrenches: ArrayLike,
+        *,
+        outliers: float = 0.0,
+        probability: float | None = None,
+        center: ArrayLike | None = None,
+    ) -> TaskEllipsoid:
+        """Return the ellipsoid of least volume around wrenches; see :func:`nlpgrasp.fit_ellipsoid`.
+
+        Parameters
+        ----------
+        wrenches : (m, d) array
+        outliers : float
+            Share that may be left outside.
+        probability : float, optional
+            Instead, the ellipsoid of the covariance that holds this share of normally distributed wrenches.
+        center : (d,) array, optional
+            Where the centre has to be; free when left out.
+        """
+        from nlpgrasp.tasks.fit import fit_ellipsoid  # makes ellipsoids itself
+
+        return fit_ellipsoid(wrenches, outliers=outliers, probability=probability, center=center).task
+
+    @classmethod
     def from_axes(cls, axes: ArrayLike, center: ArrayLike | None = None) -> TaskEllipsoid:
         """Return the ellipsoid ``{c + sum_j u_j axes_j, |u| <= 1}``; rows need not be orthogonal.
 
@@ -147,6 +172,11 @@ class TaskEllipsoid(Task):
     def second_moment(self) -> FloatArray:
         """Return ``L L^T + c c^T``."""
         return self.axes.T @ self.axes + np.outer(self.center, self.center)
+
+    def ends(self) -> FloatArray:
+        """Return the ends of the semi-axes that are not zero: ``c + axes`` and ``c - axes``."""
+        axes = self.axes[np.any(self.axes != 0.0, axis=1)]
+        return np.asarray(self.center + np.concatenate([axes, -axes]))
 
     def boundary(self, directions: FloatArray) -> FloatArray:
         """Return the wrenches ``c + L u_j`` for unit directions ``u`` (m, axes)."""

@@ -1,0 +1,154 @@
+"""Wrenches that a motion asks for: gravity and inertia along a trajectory (Newton and Euler)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.polytope import TaskPolytope
+from nlpgrasp.validation import FloatArray, array, number, read_only
+
+GRAVITY = (0.0, 0.0, -9.81)  # m / s^2, world frame
+FEWEST_POSES = 4
+BETWEEN = 4  # times a step that the wrenches are looked at
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass, centre of mass and inertia of the held body, body frame.
+
+    Parameters
+    ----------
+    mass : float
+        Kilograms.
+    center_of_mass : (3,) array
+    inertia : (3, 3) array
+        About the centre of mass, kg m^2.
+    """
+
+    mass: float
+    center_of_mass: ArrayLike = (0.0, 0.0, 0.0)
+    inertia: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass", number("MassProperties.mass", self.mass, above=0.0))
+        middle = array("MassProperties.center_of_mass", self.center_of_mass, (3,))
+        object.__setattr__(self, "center_of_mass", read_only(middle))
+        given = np.zeros((3, 3)) if self.inertia is None else self.inertia
+        inertia = array("MassProperties.inertia", given, (3, 3))
+        moments = np.linalg.eigvalsh(0.5 * (inertia + inertia.T))
+        skew = float(np.max(np.abs(inertia - inertia.T)))
+        if skew > 1e-9 * max(float(np.max(np.abs(inertia))), 1e-300) or moments[0] < -1e-12 * abs(moments[-1]):
+            raise InputError("MassProperties.inertia", inertia.tolist(), "a symmetric matrix without negative moments")
+        if moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6):
+            raise InputError(
+                "MassProperties.inertia", f"moments {moments.tolist()}", "moments of which none exceeds the other two"
+            )
+        object.__setattr__(self, "inertia", read_only(inertia))
+
+    @classmethod
+    def of_mesh(cls, mesh: trimesh.Trimesh, density: float) -> MassProperties:
+        """Return those of a closed mesh (``body.mesh``) of one density, kg / m^3."""
+        if not isinstance(mesh, trimesh.Trimesh) or not mesh.is_volume:
+            raise InputError("mesh", mesh, "a closed trimesh.Trimesh, such as the mesh of an ng.Mesh")
+        found = mesh.copy()
+        found.density = number("density", density, above=0.0)
+        return cls(float(found.mass), np.array(found.center_mass), np.array(found.moment_inertia))
+
+    def wrenches(
+        self, rotation: FloatArray, acceleration: FloatArray, spin: FloatArray, change: FloatArray
+    ) -> FloatArray:
+        """Return the wrenches that move the body so, body frame, about its origin, (m, 6).
+
+        Parameters
+        ----------
+        rotation : (m, 3, 3) array
+            Body to world.
+        acceleration : (m, 3) array
+            Of the centre of mass less gravity, world frame.
+        spin, change : (m, 3) array
+            Angular velocity and acceleration, body frame.
+        """
+        force = self.mass * np.einsum("mji,mj->mi", rotation, acceleration)
+        inertia, middle = np.asarray(self.inertia), np.asarray(self.center_of_mass)
+        moment = change @ inertia + np.cross(spin, spin @ inertia) + np.cross(middle, force)
+        return np.concatenate([force, moment], axis=1)
+
+
+def motion_wrenches(
+    times: ArrayLike,
+    positions: ArrayLike,
+    quaternions: ArrayLike,
+    mass: MassProperties,
+    gravity: ArrayLike = GRAVITY,
+) -> FloatArray:
+    """Return the wrenches that the fingers exert along a trajectory, body frame, about its origin.
+
+    A spline of class C^2 through the poses is differentiated: ``f = m (a - g)`` and ``m = I w' + w x I w`` about the
+    centre of mass.
+
+    Parameters
+    ----------
+    times : (m,) array
+        Seconds, increasing; at least 4.
+    positions : (m, 3) array
+        Of the body frame's origin, world frame, metres.
+    quaternions : (m, 4) array
+        (w, x, y, z), body to world.
+    mass : MassProperties
+    gravity : (3,) array
+        World frame, m / s^2.
+
+    Returns
+    -------
+    (4 m - 3, 6) array
+        At the given times and between them.
+
+    Raises
+    ------
+    InputError
+        On times that do not increase (the first such row is named), too few poses, quaternions that are none.
+    """
+    t = array("times", times, (None,))
+    if len(t) < FEWEST_POSES:
+        raise InputError("times", f"{len(t)} poses", f"at least {FEWEST_POSES}")
+    late = np.flatnonzero(np.diff(t) <= 0.0)
+    if len(late):
+        i = int(late[0])
+        raise InputError("times", f"{t[i + 1]:g} s after {t[i]:g} s at row {i + 1}", "increasing times")
+    p, q = array("positions", positions, (len(t), 3)), array("quaternions", quaternions, (len(t), 4))
+    sizes = np.linalg.norm(q, axis=1)
+    if np.any(np.abs(sizes - 1.0) > 1e-3):
+        i = int(np.argmax(np.abs(sizes - 1.0)))
+        raise InputError("quaternions", f"length {sizes[i]:g} at row {i}", "unit quaternions (w, x, y, z)")
+    if not isinstance(mass, MassProperties):
+        raise InputError("mass", mass, "MassProperties")
+    down = array("gravity", gravity, (3,))
+    turning = RotationSpline(t, Rotation.from_quat(q, scalar_first=True))
+    moving = CubicSpline(t, p)
+    steps = np.arange(BETWEEN * (len(t) - 1) + 1) / BETWEEN
+    at = np.interp(steps, np.arange(len(t)), t)
+    rotation, spin, change = turning(at).as_matrix(), turning(at, 1), turning(at, 2)
+    arm = np.asarray(mass.center_of_mass)
+    inward = np.cross(change, arm) + np.cross(spin, np.cross(spin, arm))
+    acceleration = moving(at, 2) + np.einsum("mij,mj->mi", rotation, inward)
+    return mass.wrenches(rotation, acceleration - down, spin, change)
+
+
+def motion_task(
+    times: ArrayLike,
+    positions: ArrayLike,
+    quaternions: ArrayLike,
+    mass: MassProperties,
+    gravity: ArrayLike = GRAVITY,
+) -> TaskPolytope:
+    """Return the hull of :func:`motion_wrenches`, about the body frame's origin."""
+    task = TaskPolytope(motion_wrenches(times, positions, quaternions, mass, gravity))
+    task._about(np.zeros(3))
+    return task

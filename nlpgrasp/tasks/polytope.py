@@ -1,0 +1,90 @@
+"""Polytopes of wrenches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.base import Task
+from nlpgrasp.validation import FloatArray, array, read_only
+
+MOST_ENDS = 24  # wrenches that stand for the whole
+ROUNDING = 1e-9  # relative: a wrench this close to another's opposite is its opposite
+
+
+class TaskPolytope(Task):
+    """The convex hull of wrenches: ``phi(y) = max_v <v, y>``.
+
+    Parameters
+    ----------
+    wrenches : (m, d) array
+        At least one, not all of them zero; they need not be extreme.
+
+    Raises
+    ------
+    InputError
+        On another shape, numbers that are not finite, or nothing but zeros.
+    """
+
+    wrenches: FloatArray
+
+    def __init__(self, wrenches: ArrayLike) -> None:
+        rows = array("TaskPolytope.wrenches", wrenches, (None, None))
+        if rows.shape[1] not in range(1, 7) or not np.any(rows):
+            raise InputError(
+                "TaskPolytope.wrenches", f"shape {rows.shape}", "at least one wrench of length 3 or 6 that is not zero"
+            )
+        self.wrenches = read_only(rows)
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of wrench space."""
+        return int(self.wrenches.shape[1])
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether each wrench's opposite is a wrench too."""
+        size = np.max(np.abs(self.wrenches), axis=0)
+        near = ROUNDING * np.where(size > 0.0, size, 1.0)
+        gaps = np.abs(self.wrenches[:, None] + self.wrenches[None]) / near if len(self.wrenches) <= 1000 else None
+        return gaps is not None and bool(np.all(np.min(np.max(gaps, axis=2), axis=1) <= 1.0))
+
+    def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest work and the wrench that does it."""
+        work = y @ self.wrenches.T
+        best = np.argmax(work, axis=1)
+        return work[np.arange(len(y)), best], self.wrenches[best]
+
+    def transformed(self, matrix: FloatArray) -> Task:
+        """Return the hull of the images."""
+        return TaskPolytope(self.wrenches @ matrix.T)
+
+    def second_moment(self) -> FloatArray:
+        """Return the mean of ``v v^T`` over the wrenches, times the dimension."""
+        return self.dimension * self.wrenches.T @ self.wrenches / len(self.wrenches)
+
+    def ends(self) -> FloatArray:
+        """Return the wrenches, or of many those that reach farthest."""
+        return self.wrenches if len(self.wrenches) <= MOST_ENDS else super().ends()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the wrenches."""
+        return {"type": "polytope", "wrenches": self.wrenches.tolist()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> TaskPolytope:
+        """Return the task that :meth:`to_dict` wrote."""
+        return cls(data["wrenches"])
+
+    def __repr__(self) -> str:
+        return f"TaskPolytope({len(self.wrenches)} wrenches of dimension {self.dimension})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TaskPolytope) and np.array_equal(self.wrenches, other.wrenches)
+
+    def __hash__(self) -> int:
+        return hash(self.wrenches.tobytes())

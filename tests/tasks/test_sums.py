@@ -1,0 +1,144 @@
+"""Polytopes, sums and changes of origin."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.tasks import task_from_dict
+from tests.samples import closed_ellipsoid_grasp
+
+WRENCHES = np.array([[0, 0, 5, 0, 0, 0], [0, 2, 1, 0.5, 0, 0], [1, 0, 0, 0, 0, 1], [-3, 0, 0, 0, 0, -1.0]])
+
+
+def overlap(one, other):
+    return one.lower <= other.upper * (1 + 1e-9) and other.lower <= one.upper * (1 + 1e-9)
+
+
+def test_a_polytope_is_resisted_where_its_wrenches_are(rng):
+    """The least force that makes each wrench, by other code: mu-tilde is one over the largest."""
+    grasp = closed_ellipsoid_grasp(rng)
+    task = ng.TaskPolytope(WRENCHES)
+    bounds = ng.mu(grasp, task)
+    used = np.max(ng.finger_forces(grasp, WRENCHES).used)
+    assert bounds.lower <= 1.0 / used <= bounds.upper * (1 + 1e-9)
+    assert bounds.gap <= 0.0101
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_wrenches(count, rng):
+    grasp = closed_ellipsoid_grasp(rng)
+    bounds = ng.mu(grasp, ng.TaskPolytope(WRENCHES[:count]))
+    used = np.max(ng.finger_forces(grasp, WRENCHES[:count]).used)
+    assert bounds.lower <= 1.0 / used <= bounds.upper * (1 + 1e-9)
+
+
+def test_supports_add(rng):
+    parts = [ng.TaskPolytope(WRENCHES), ng.TaskEllipsoid([1, 2, 1, 0.1, 0.2, 0.3]), ng.TaskPolytope(-WRENCHES[:2])]
+    together = parts[0] + parts[1] + parts[2]
+    y = rng.standard_normal((50, 6))
+    values, maximisers = together.support(y)
+    np.testing.assert_allclose(values, np.sum([part.support(y)[0] for part in parts], axis=0))
+    np.testing.assert_allclose(np.sum(maximisers * y, axis=1), values)
+
+
+def test_sums_take_their_simplest_form():
+    point, hull, ball = ng.TaskPolytope(WRENCHES[:1]), ng.TaskPolytope(WRENCHES), ng.TaskEllipsoid([1.0] * 6)
+    moved = ball + point
+    assert isinstance(moved, ng.TaskEllipsoid)
+    np.testing.assert_allclose(moved.center, WRENCHES[0])
+    both = hull + hull
+    assert isinstance(both, ng.TaskPolytope)
+    assert len(both.wrenches) == 16
+    assert isinstance(ball + ball, ng.TaskSum)
+    assert isinstance(ball + ball + ball, ng.TaskSum)
+    assert len((ball + ball + ball).tasks) == 3
+
+
+def test_an_ellipsoid_twice_is_twice_the_ellipsoid(rng):
+    grasp, ball = closed_ellipsoid_grasp(rng), ng.TaskEllipsoid([1, 1, 1, 0.5, 0.5, 0.5])
+    once, twice, scaled = ng.mu(grasp, ball), ng.mu(grasp, ball + ball), ng.mu(grasp, 2.0 * ball)
+    assert overlap(twice, scaled)
+    assert twice.lower <= 0.5 * once.upper * (1 + 1e-9)
+    assert 0.5 * once.lower <= twice.upper * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        ng.TaskPolytope(WRENCHES),
+        ng.TaskEllipsoid([1, 1, 1, 0.5, 0.5, 0.5], center=[0, 0, 0.2, 0, 0, 0]),
+        ng.TaskEllipsoid([1, 1, 1, 0.5, 0.5, 0.5]) + ng.TaskPolytope(WRENCHES),
+    ],
+    ids=["polytope", "ellipsoid", "sum"],
+)
+def test_mu_does_not_depend_on_the_torque_origin(task, rng):
+    """(3.3-7b): task and grasp moved to another origin together."""
+    grasp, origin = closed_ellipsoid_grasp(rng), np.array([0.3, -0.2, 0.4])
+    given = task.given_about(grasp.torque_origin)
+    other = ng.Grasp(grasp.points, grasp.normals, grasp.contacts, origin)
+    assert overlap(ng.mu(grasp, given), ng.mu(other, given.at(origin)))
+    again = given.at(origin).at(grasp.torque_origin)
+    y = rng.standard_normal((20, 6))
+    np.testing.assert_allclose(again.support(y)[0], given.support(y)[0], rtol=1e-12)
+
+
+def test_moments_about_another_point():
+    """A force of 2 N along z at x = 0.5 turns about y by -1 N m about the frame's origin, by nothing about there."""
+    task = ng.TaskPolytope([[0.0, 0.0, 2.0, 0.0, -1.0, 0.0]])
+    np.testing.assert_allclose(task.at([0.5, 0.0, 0.0]).wrenches, [[0, 0, 2, 0, 0, 0]])
+
+
+def test_planar_tasks_move_too():
+    task = ng.TaskPolytope([[0.0, 2.0, 1.0]])
+    np.testing.assert_allclose(task.at([0.5, 0.0]).wrenches, [[0, 2, 0]])
+
+
+def test_a_problem_moves_the_task_to_its_own_origin():
+    task = ng.press([0.0, 0.0, -0.1], [1.0, 0.0, 0.0], 4.0, sideways=0.0)
+    problem = ng.GraspProblem(ng.Sphere(0.05), [ng.FrictionContact(0.5)] * 3, task, torque_origin=[0.0, 0.0, -0.1])
+    np.testing.assert_allclose(problem.task.center, [2, 0, 0, 0, 0, 0], atol=1e-12)
+    about_middle = ng.GraspProblem(ng.Sphere(0.05), [ng.FrictionContact(0.5)] * 3, task)
+    np.testing.assert_allclose(about_middle.task.center, [2, 0, 0, 0, -0.2, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "task",
+    [ng.TaskPolytope(WRENCHES), ng.TaskEllipsoid([1.0] * 6) + ng.TaskPolytope(WRENCHES)],
+    ids=["polytope", "sum"],
+)
+def test_json_round_trip(task, rng):
+    again = task_from_dict(task.to_dict())
+    assert again.to_dict() == task.to_dict()
+    y = rng.standard_normal((9, 6))
+    np.testing.assert_array_equal(again.support(y)[0], task.support(y)[0])
+
+
+def test_is_centred():
+    assert ng.TaskPolytope(np.concatenate([WRENCHES, -WRENCHES])).is_centred
+    assert not ng.TaskPolytope(WRENCHES).is_centred
+    assert (ng.TaskEllipsoid([1.0] * 6) + ng.TaskPolytope(np.concatenate([WRENCHES, -WRENCHES]))).is_centred
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ng.TaskPolytope([]), "TaskPolytope.wrenches"),
+        (lambda: ng.TaskPolytope(np.zeros((3, 6))), "not zero"),
+        (lambda: ng.TaskPolytope([[1.0, np.nan, 0, 0, 0, 0]]), "no NaN"),
+        (lambda: ng.TaskPolytope(np.ones((2, 9))), "length 3 or 6"),
+        (lambda: ng.TaskPolytope([[1.0, 0, 0]]) + ng.TaskEllipsoid([1.0] * 6), "dimensions 3 and 6"),
+        (lambda: ng.turn([0, 0, 1], 1.0) + ng.TaskEllipsoid([1.0] * 6), "given_about"),
+        (lambda: -1.0 * ng.TaskEllipsoid([1.0] * 6), "greater than 0"),
+        (lambda: ng.TaskEllipsoid([1.0] * 6).at([0.0, 1.0]), "origin"),
+        (lambda: ng.TaskSum([]), "at least one task"),
+    ],
+)
+def test_bad_input_is_one_sentence(call, message):
+    with pytest.raises(ng.InputError, match=message) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_task_and_a_number_do_not_add():
+    with pytest.raises(TypeError):
+        ng.TaskEllipsoid([1.0] * 6) + 1.0
