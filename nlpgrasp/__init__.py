@@ -63,7 +63,15 @@ from nlpgrasp.quality import (
     smallest_singular_value,
 )
 from nlpgrasp.solution import GraspSolution, Status
-from nlpgrasp.solve import FineManipulation, SolveOptions, fine_manipulation, solve
+from nlpgrasp.solve import (
+    DynamicGrasp,
+    DynamicStep,
+    FineManipulation,
+    SolveOptions,
+    fine_manipulation,
+    follow_task,
+    solve,
+)
 from nlpgrasp.spatial import move_torque_origin, rotate_body_frame
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSet, TaskSum
 from nlpgrasp.tasks.collision import CollisionEvent, collision_task
@@ -84,6 +92,8 @@ __all__ = [
     "Constraint",
     "Cylinder",
     "CylinderTip",
+    "DynamicGrasp",
+    "DynamicStep",
     "Ellipsoid",
     "EllipsoidFit",
     "EllipsoidTip",
@@ -150,6 +160,7 @@ __all__ = [
     "fine_manipulation",
     "finger_forces",
     "fit_ellipsoid",
+    "follow_task",
     "gravity",
     "hand_torque_limits",
     "insert",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -64,6 +65,19 @@ class Workbench(RowValues):
         self._first: CompiledProgram | None = None
         self._cuts: CompiledProgram | None = None
         self._clouds: dict[tuple[str, ...], tuple[Any, FloatArray, FloatArray, cKDTree]] = {}
+
+    def with_task(self, problem: GraspProblem) -> Workbench:
+        """Return the workbench of a problem that differs in its task alone: the exchange's program and samples stay."""
+        self.cut_program(tuple(problem.allowed_faces(i)[0] for i in range(len(problem.models))))
+        shared = [
+            self.cloud,
+            self.mesh_cloud if isinstance(problem.body, Mesh) else None,
+        ]  # made before they are copied
+        del shared
+        result = copy(self)
+        result.problem, result.scaling, result._first = problem, Scaling.of(problem), None
+        result.__dict__.pop("task_samples", None)
+        return result
 
     @property
     def space(self) -> int:
