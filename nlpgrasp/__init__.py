@@ -35,7 +35,7 @@ from nlpgrasp.contacts import (
     SoftContact,
 )
 from nlpgrasp.errors import InputError, NlpgraspError, NoGraspError
-from nlpgrasp.findings import ShadowPrice, WhyNot
+from nlpgrasp.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
@@ -64,12 +64,14 @@ from nlpgrasp.quality import (
 )
 from nlpgrasp.solution import GraspSolution, Status
 from nlpgrasp.solve import (
+    ContactCurve,
     DynamicGrasp,
     DynamicStep,
     FineManipulation,
     SolveOptions,
     fine_manipulation,
     follow_task,
+    how_many_contacts,
     solve,
 )
 from nlpgrasp.spatial import move_torque_origin, rotate_body_frame
@@ -79,7 +81,8 @@ from nlpgrasp.tasks.fit import EllipsoidFit, fit_ellipsoid
 from nlpgrasp.tasks.motion import MassProperties, motion_task, motion_wrenches
 from nlpgrasp.tasks.recording import WrenchRecording
 from nlpgrasp.tasks.tools import cut, disturbance, gravity, insert, lift, pour, press, turn, write
-from nlpgrasp.verify import Verification, verify
+from nlpgrasp.verify import verify
+from nlpgrasp.verify_measures import Verification
 from nlpgrasp.version import __version__
 
 __all__ = [
@@ -90,6 +93,7 @@ __all__ = [
     "BoxRegion",
     "CollisionEvent",
     "Constraint",
+    "ContactCurve",
     "Cylinder",
     "CylinderTip",
     "DynamicGrasp",
@@ -124,6 +128,7 @@ __all__ = [
     "PointContact",
     "Polygon",
     "Prism",
+    "Robustness",
     "ShadowPrice",
     "SharedJointTorqueLimits",
     "SoftContact",
@@ -163,6 +168,7 @@ __all__ = [
     "follow_task",
     "gravity",
     "hand_torque_limits",
+    "how_many_contacts",
     "insert",
     "is_stable",
     "isotropy",

@@ -1,9 +1,10 @@
-"""What is found out after a solve: prices of limits, and why there is no grasp."""
+"""What is found out after a solve: prices of limits, how robust the grasp is, and why there is no grasp."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.validation import FloatArray
 
 
@@ -34,6 +35,33 @@ class ShadowPrice:
     def __str__(self) -> str:
         what = f"{self.unit} more at" if self.unit.endswith("range") else f"{self.unit} more of"
         return f"{what} {self.name} changes mu by {self.gain:+.3g}"
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """The quality left when contacts are off and friction is less, at the worst placement found.
+
+    Parameters
+    ----------
+    offset : float
+        How far each contact may be off along its face, metres.
+    friction_share : float
+        Share by which friction and torsional friction may be less.
+    mu : Bounds
+        Certified, of the worst placement found with the least friction: its upper bound is one on the worst there is.
+    points, normals : (k, space) array
+        That placement: contacts and inward normals.
+    """
+
+    offset: float
+    friction_share: float
+    mu: Bounds
+    points: FloatArray
+    normals: FloatArray
+
+    def __str__(self) -> str:
+        friction = f"{self.friction_share:.0%} less friction"
+        return f"contacts {1e3 * self.offset:g} mm off and {friction} leave {self.mu} (worst found)"
 
 
 @dataclass(frozen=True)

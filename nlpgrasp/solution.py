@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.findings import ShadowPrice, WhyNot
+from nlpgrasp.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
@@ -142,6 +142,8 @@ class GraspSolution:
     constraints : tuple of ConstraintReport
     prices : tuple of ShadowPrice
         What limits cost, those that bind first.
+    robust : Robustness or None
+        What is left of mu when contacts are off and friction is less.
     why_not : WhyNot or None
         Where no grasp was found.
     hand : mapping or None
@@ -167,6 +169,7 @@ class GraspSolution:
     moments: Sequence[FloatArray] = ()
     constraints: tuple[ConstraintReport, ...] = ()
     prices: tuple[ShadowPrice, ...] = ()
+    robust: Robustness | None = None
     why_not: WhyNot | None = None
     hand: Mapping[str, Any] | None = None
     surface: SurfaceMatch | None = None
@@ -205,6 +208,8 @@ class GraspSolution:
             for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
                 position, normal = (np.array2string(v, precision=5, suppress_small=True) for v in (p, n))
                 lines.append(f"  contact {i} on {face}: position {position} m, inward normal {normal}")
+        if self.robust is not None:
+            lines.append(f"  {self.robust}")
         lines += [f"  {price}" for price in self.prices[:3]]
         if self.why_not is not None:
             lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]

@@ -16,6 +16,7 @@ from nlpgrasp.findings import ShadowPrice
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality_data import bounds_data, check_interval, delta_of, measure_data, nu_of
+from nlpgrasp.robust_data import robust_data, robust_of
 from nlpgrasp.schema import SCHEMA_NAME
 from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status, SurfaceMatch
 from nlpgrasp.tasks import task_from_dict
@@ -39,6 +40,7 @@ def to_data(solution: GraspSolution) -> dict[str, Any]:
             "mu": bounds_data(solution.mu, solution.kind),
             "delta": measure_data(solution.delta),
             "nu": measure_data(solution.nu),
+            "robust": robust_data(solution.robust),
         },
         "forces": [
             {
@@ -127,6 +129,7 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
         moments=moments,
         constraints=constraints,
         prices=prices,
+        robust=robust_of(data["quality"].get("robust"), name),
         why_not=why_not,
         hand=data.get("hand"),
         surface=surface,

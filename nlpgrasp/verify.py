@@ -6,7 +6,6 @@ computed again with other random directions, and the finger forces are put back 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,58 +13,13 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.grasp import Grasp
-from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.measures import delta, mu
-from nlpgrasp.quality.volume import nu
+from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution import GraspSolution
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.validation import FloatArray
+from nlpgrasp.verify_measures import OTHER_SEED, Check, Verification, interval, other_measures, overlap, robustness
 
 FORCE_TOLERANCE = 1e-6
-OTHER_SEED = 7919
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was checked.
-
-    Parameters
-    ----------
-    name : str
-    passed : bool
-    detail : str
-        What was compared, with numbers.
-    """
-
-    name: str
-    passed: bool
-    detail: str
-
-
-@dataclass(frozen=True)
-class Verification:
-    """The outcome of :func:`verify`; true when every check passed.
-
-    Parameters
-    ----------
-    checks : tuple of Check
-    mu : Bounds or None
-        Computed anew.
-    """
-
-    checks: tuple[Check, ...]
-    mu: Bounds | None
-
-    @property
-    def passed(self) -> bool:
-        """Whether every check passed."""
-        return all(check.passed for check in self.checks)
-
-    def __bool__(self) -> bool:
-        return self.passed
-
-    def __str__(self) -> str:
-        return "\n".join(f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.detail}" for c in self.checks)
 
 
 def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verification:
@@ -100,11 +54,12 @@ def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verifica
     bound = budget.at(grasp.frames, grasp.contacts)
     checks = [
         _grasp_map(grasp),
-        _interval(solution.mu),
-        _overlap("certified quality", solution.mu, found),
+        interval(solution.mu),
+        overlap("certified quality", solution.mu, found),
         *_direction(solution, grasp, task, bound),
         *_forces(solution, grasp, bound),
-        *_other_measures(solution, grasp, budget, rtol),
+        *other_measures(solution, grasp, budget, rtol),
+        *robustness(solution, grasp, task, budget, rtol),
         *_models(solution, grasp, task),
         *_constraints(solution),
     ]
@@ -128,20 +83,6 @@ def _grasp_map(grasp: Grasp) -> Check:
     return Check("grasp map", error < 1e-9, f"rebuilt column by column, relative difference {error:.1e}")
 
 
-def _other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
-    """Compute delta and nu anew, at the stated torque scale."""
-    checks = []
-    if solution.delta is not None:
-        found = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
-        checks.append(_overlap("delta", solution.delta, found))
-    if solution.nu is not None:
-        volume = nu(grasp, solution.nu.torque_scale or 1.0, 0.05, force_budget=budget, seed=OTHER_SEED)
-        near = abs(volume.value - solution.nu.value) <= 2.0 * (volume.error + solution.nu.error)
-        overlap = _overlap("nu", solution.nu, volume)
-        checks.append(Check("nu", overlap.passed and near, f"stated {solution.nu}, recomputed {volume}"))
-    return checks
-
-
 def _models(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
     """Compare the grasp's contact models and the kind of measure with the problem's."""
     asked = [contact_from_dict(c) for c in solution.problem["contacts"]]
@@ -151,16 +92,6 @@ def _models(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
         Check("contact models", same, f"{len(grasp)} contacts, {'as' if same else 'not as'} the problem asks"),
         Check("kind of measure", solution.kind == kind, f"stated {solution.kind}, by the task {kind}"),
     ]
-
-
-def _interval(stated: Bounds) -> Check:
-    good = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
-    return Check("interval", good, f"stated {stated}")
-
-
-def _overlap(name: str, stated: Bounds, found: Bounds) -> Check:
-    good = stated.lower <= found.upper and found.lower <= stated.upper
-    return Check(name, good, f"stated {stated}, recomputed {found}")
 
 
 def _direction(solution: GraspSolution, grasp: Grasp, task: Task, bound: ForceBudget) -> list[Check]:

@@ -17,8 +17,10 @@ LAYERS = [
     ["problem_check"],
     ["problem"],
     ["findings"],
-    ["solution", "solution_data", "solution_file", "why_not_data"],
-    ["nlp", "verify"],
+    ["robust_data", "why_not_data"],
+    ["solution", "solution_data", "solution_file"],
+    ["nlp", "verify_measures"],
+    ["verify"],
     ["solve"],
     ["cli"],
     ["__init__", "__main__"],
@@ -31,7 +33,6 @@ ALLOWED = {
     ("solution_file", "solution"),
     ("solution_file", "solution_data"),
     ("solution_data", "solution"),
-    ("solution_data", "why_not_data"),
     ("problem_check", "problem"),
 }
 

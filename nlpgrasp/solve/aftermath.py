@@ -8,12 +8,13 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from nlpgrasp.findings import ShadowPrice, WhyNot
+from nlpgrasp.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.solve.link_depth import LinkDepth, link_depth
 from nlpgrasp.solve.pregrasp import Pregrasp, pregrasp
+from nlpgrasp.solve.robust import robustness_of
 from nlpgrasp.solve.shadow import shadow_prices
-from nlpgrasp.solve.start import StartResult
+from nlpgrasp.solve.start_result import StartResult
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.why_not import why_not
 from nlpgrasp.solve.workbench import Workbench
@@ -34,12 +35,14 @@ class Aftermath:
         Without a grasp.
     link_depth : LinkDepth or None
         With a hand that has links.
+    robust : Robustness or None
     """
 
     prices: tuple[ShadowPrice, ...] = ()
     pregrasp: Pregrasp | None = None
     why_not: WhyNot | None = None
     link_depth: LinkDepth | None = None
+    robust: Robustness | None = None
 
 
 def look_back(
@@ -61,7 +64,8 @@ def look_back(
             linked, placed = hand, best.hand
             depth = _attempted(lambda: link_depth(bench.problem.body, linked, placed))
         prices = _attempted(lambda: shadow_prices(bench, best, stop)) if bench.options.shadow_prices else None
-        return Aftermath(prices or (), opened, link_depth=depth)
+        robust = best.robust or _attempted(lambda: robustness_of(bench, best))
+        return Aftermath(prices or (), opened, link_depth=depth, robust=robust)
 
 
 def _attempted(work: Callable[[], T]) -> T | None:

@@ -20,6 +20,7 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution import GraspSolution, Status
+from nlpgrasp.solve.dynamic_grasp import DynamicGrasp, DynamicStep
 from nlpgrasp.solve.exchange import ExchangeState, exchange
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.on_body import OnBody, put_on_body
@@ -35,59 +36,6 @@ FOLLOWED = 6  # local optima that are followed
 HOPEFUL = 0.85  # of the best one's quality: others are improved for the new task only from there
 TURNS = 3  # and each of them every so many steps
 STAYED_RTOL = 0.02
-
-
-@dataclass(frozen=True)
-class DynamicStep:
-    """The grasp for one value of the parameter.
-
-    Parameters
-    ----------
-    parameter : float
-    solution : GraspSolution
-        Certified; can be saved and verified on its own.
-    moved : (k,) array
-        How far each contact is from where it was for the value before, metres.
-    regrasp : bool
-        Whether this is another local optimum, which no sliding leads to.
-    stayed : float
-        What the contacts of the value before would give for this task (an upper bound on their mu).
-    """
-
-    parameter: float
-    solution: GraspSolution
-    moved: FloatArray
-    regrasp: bool
-    stayed: float
-
-
-@dataclass(frozen=True)
-class DynamicGrasp:
-    """Grasps along a task that changes.
-
-    Parameters
-    ----------
-    name : str
-    steps : tuple of DynamicStep
-    """
-
-    name: str
-    steps: tuple[DynamicStep, ...]
-
-    @property
-    def paths(self) -> FloatArray:
-        """Contacts over the parameter, (steps, k, space); a step with a regrasp begins another path."""
-        return np.array([step.solution.grasp.points for step in self.steps if step.solution.grasp is not None])
-
-    def __str__(self) -> str:
-        lines = [f"{self.name}: {len(self.steps)} steps"]
-        for step in self.steps:
-            bounds, most = step.solution.mu, 1e3 * float(np.max(step.moved, initial=0.0))
-            what = "regrasp" if step.regrasp else f"slide by at most {most:.1f} mm"
-            kind = step.solution.kind
-            text = f"{step.parameter:10.4g}: {kind} in [{bounds.lower:.4g}, {bounds.upper:.4g}], {what}"
-            lines.append(f"{text}; staying would give at most {step.stayed:.4g}")
-        return "\n".join(lines)
 
 
 @dataclass

@@ -36,6 +36,12 @@ class SolveOptions:
         How far the fingers of a hand with a pose open for the pregrasp, metres.
     shadow_prices : bool
         Compute what limits cost, of the best start.
+    robust_offset : float
+        How far contacts may be off in the robustness stated of every solution, metres.
+    robust_friction : float
+        By which share friction may be less there, below 1.
+    maximise_robust : bool
+        Take the start whose worst placement is best instead of the one with the best mu.
     time_limit : float, optional
         Seconds of wall time for the whole solve; the best grasp so far is returned.
     workers : int, optional
@@ -53,6 +59,9 @@ class SolveOptions:
     final_rtol: float = 0.01
     pregrasp_clearance: float = 0.01
     shadow_prices: bool = True
+    robust_offset: float = 0.001
+    robust_friction: float = 0.1
+    maximise_robust: bool = False
     time_limit: float | None = None
     workers: int | None = None
     max_iterations: int = 300
@@ -66,13 +75,17 @@ class SolveOptions:
             object.__setattr__(self, name, integer(f"SolveOptions.{name}", getattr(self, name), at_least=1))
         for name in ("rtol", "final_rtol", "pregrasp_clearance"):
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), above=0.0))
+        for name in ("robust_offset", "robust_friction"):
+            object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), at_least=0.0))
+        if self.robust_friction >= 1.0:
+            raise InputError("SolveOptions.robust_friction", self.robust_friction, "a share below 1")
         if self.time_limit is not None:
             limit = number("SolveOptions.time_limit", self.time_limit, above=0.0)
             object.__setattr__(self, "time_limit", limit)
         if self.workers is not None:
             workers = integer("SolveOptions.workers", self.workers, at_least=1, at_most=1024)
             object.__setattr__(self, "workers", workers)
-        for name in ("exchange", "shadow_prices"):
+        for name in ("exchange", "shadow_prices", "maximise_robust"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
 

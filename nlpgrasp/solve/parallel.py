@@ -21,7 +21,8 @@ from nlpgrasp.problem import GraspProblem
 from nlpgrasp.solution import StartRecord, Status
 from nlpgrasp.solve.aftermath import Aftermath, look_back
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start import StartResult, run_start
+from nlpgrasp.solve.start import run_start
+from nlpgrasp.solve.start_result import StartResult
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import Workbench
 

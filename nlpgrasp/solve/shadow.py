@@ -29,7 +29,7 @@ from nlpgrasp.solve.exchange import (
 )
 from nlpgrasp.solve.limits import Limit, limits_of
 from nlpgrasp.solve.minimisers import weakest_directions
-from nlpgrasp.solve.start import StartResult
+from nlpgrasp.solve.start_result import StartResult
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import SLOTS, Workbench
 from nlpgrasp.validation import FloatArray

@@ -27,7 +27,7 @@ from nlpgrasp.solve.aftermath import Aftermath
 from nlpgrasp.solve.interrupt import Interrupt
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.parallel import NOT_BEGUN, Runner
-from nlpgrasp.solve.start import StartResult
+from nlpgrasp.solve.start_result import StartResult
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.tasks import Task
 from nlpgrasp.validation import FloatArray, integer
@@ -123,9 +123,9 @@ def _best(results: Sequence[StartResult]) -> StartResult | None:
     solved = [r for r in results if r.record.status is Status.SOLVED]
     if not solved:
         return None
-    lower = max(r.record.mu.lower for r in solved)
-    close = [r for r in solved if r.record.mu.upper >= lower and r.record.mu.lower >= (1.0 - CLOSE) * lower]
-    return max(close, key=lambda r: (r.record.mu.upper, -r.record.index))
+    lower = max(r.rank.lower for r in solved)
+    close = [r for r in solved if r.rank.upper >= lower and r.rank.lower >= (1.0 - CLOSE) * lower]
+    return max(close, key=lambda r: (r.rank.upper, -r.record.index))
 
 
 def _solution(
@@ -174,6 +174,7 @@ def _solution(
         moments=moments,
         constraints=best.constraints,
         prices=after.prices,
+        robust=after.robust,
         hand=_hand_data(problem, best, after),
         surface=best.surface,
         starts=records,

@@ -3,56 +3,26 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality import mu
-from nlpgrasp.solution import ConstraintReport, StartRecord, Status, SurfaceMatch
+from nlpgrasp.solution import StartRecord, Status
 from nlpgrasp.solve.candidates import MANY, draw_start
 from nlpgrasp.solve.exchange import exchange
 from nlpgrasp.solve.first import FirstResult, solve_first
 from nlpgrasp.solve.on_body import put_on_body
 from nlpgrasp.solve.reports import constraint_reports
 from nlpgrasp.solve.restore import touching_candidates
+from nlpgrasp.solve.robust import robustness_of
 from nlpgrasp.solve.sequential import sequential_exchange
+from nlpgrasp.solve.start_result import StartResult
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import FEASIBLE, Workbench
-from nlpgrasp.validation import FloatArray
 
 GRACE = 1.0  # seconds a certificate may still take once a stop was requested
-
-
-@dataclass(frozen=True)
-class StartResult:
-    """What one start found.
-
-    Parameters
-    ----------
-    record : StartRecord
-    grasp : Grasp or None
-    constraints : tuple of ConstraintReport
-    hand : mapping or None
-        Values of the hand's variables, name to array.
-    surface : SurfaceMatch or None
-    solver_seconds, function_seconds : float
-        Time in IPOPT, and in function evaluations within it.
-    """
-
-    record: StartRecord
-    grasp: Grasp | None = None
-    constraints: tuple[ConstraintReport, ...] = ()
-    hand: dict[str, FloatArray] | None = None
-    surface: SurfaceMatch | None = None
-    solver_seconds: float = 0.0
-    function_seconds: float = 0.0
-
-    @property
-    def solved(self) -> bool:
-        """Whether the start ended with a certified grasp that keeps the constraints."""
-        return self.record.status is Status.SOLVED
 
 
 def run_start(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResult:
@@ -111,15 +81,20 @@ def _finish(
     kept = found.violation <= (FEASIBLE if found.surface is None else 10.0 * FEASIBLE)
     status = Status.SOLVED if bounds.lower > 0.0 and kept else Status.NO_GRASP
     record = StartRecord(index, status, faces, bounds, found.violation, state.iterations, {}, first.message)
-    return StartResult(
+    result = StartResult(
         record,
         found.grasp,
         constraint_reports(bench, found, state),
         found.hand,
         found.surface,
-        state.solver_seconds,
-        state.function_seconds,
+        solver_seconds=state.solver_seconds,
+        function_seconds=state.function_seconds,
     )
+    if not bench.options.maximise_robust or not result.solved:
+        return result
+    robust = robustness_of(bench, result)
+    clock.mark("robust")
+    return replace(result, robust=robust)
 
 
 class _Clock:

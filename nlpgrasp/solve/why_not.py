@@ -22,7 +22,7 @@ from nlpgrasp.quality import mu
 from nlpgrasp.solve.candidates import Candidate, draw_start
 from nlpgrasp.solve.exchange import fill_start, no_cuts
 from nlpgrasp.solve.quadratic import step_bounds
-from nlpgrasp.solve.start import StartResult
+from nlpgrasp.solve.start_result import StartResult
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.wording import conflict_of, direction_words
 from nlpgrasp.solve.workbench import Workbench

@@ -1,0 +1,84 @@
+"""How many contacts a task needs (Section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.problem import GraspProblem
+from nlpgrasp.solution import GraspSolution
+from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.solve import solve
+from nlpgrasp.validation import integer, number
+
+
+@dataclass(frozen=True)
+class ContactCurve:
+    """The certified quality against the number of contacts.
+
+    Parameters
+    ----------
+    solutions : tuple of (int, GraspSolution)
+        By number of contacts, increasing.
+    """
+
+    solutions: tuple[tuple[int, GraspSolution], ...]
+
+    def fewest(self, force: float) -> int | None:
+        """Return the least number of contacts whose force resists the whole task, or None where none does.
+
+        Parameters
+        ----------
+        force : float
+            In units of the force budget: the grasp found with so many contacts has ``1 / mu.lower`` at most this.
+        """
+        limit = number("force", force, above=0.0)
+        return next((k for k, found in self.solutions if found.mu.lower * limit >= 1.0), None)
+
+    def best(self, penalty: float) -> int:
+        """Return the number of contacts with the largest ``mu - penalty * contacts``, mu at its lower bound."""
+        cost = number("penalty", penalty, at_least=0.0)
+        return max(self.solutions, key=lambda pair: (pair[1].mu.lower - cost * pair[0], -pair[0]))[0]
+
+    def __str__(self) -> str:
+        lines = []
+        for k, found in self.solutions:
+            kind = "mu-tilde" if found.kind == "mu_tilde" else "mu"
+            bounds = f"{kind} in {found.mu}" if found.success else found.status.name.lower()
+            lines.append(f"{k:3d} contacts: {bounds}")
+        return "\n".join(lines)
+
+
+def how_many_contacts(
+    problem_with: Callable[[int], GraspProblem],
+    counts: Iterable[int],
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+) -> ContactCurve:
+    """Solve a problem with different numbers of contacts.
+
+    Parameters
+    ----------
+    problem_with : callable
+        The problem with a number of contacts; the task is the same for all.
+    counts : iterable of int
+    starts, seed, options
+        As of :func:`nlpgrasp.solve`.
+
+    Raises
+    ------
+    InputError
+        On no counts, problems with another number of contacts, or tasks that differ.
+    """
+    numbers = sorted({integer("counts", k, at_least=1) for k in counts})
+    if not numbers:
+        raise InputError("counts", "no numbers of contacts", "at least one")
+    problems = [problem_with(k) for k in numbers]
+    for k, problem in zip(numbers, problems, strict=True):
+        if not isinstance(problem, GraspProblem) or len(problem.models) != k:
+            raise InputError("problem_with", problem, f"a GraspProblem with {k} contacts")
+        if problem.task.to_dict() != problems[0].task.to_dict():
+            raise InputError("problem_with", f"another task with {k} contacts", "the same task for all")
+    return ContactCurve(tuple((k, solve(p, starts, seed, options)) for k, p in zip(numbers, problems, strict=True)))

@@ -1,0 +1,139 @@
+"""How much of the quality is left when contacts are a little off and friction is a little less.
+
+Friction that is less makes every cone smaller, so the worst of it is the least friction. Where the contacts are worst
+is searched for: each slides in turn to the place within reach that hurts most, until no slide hurts more. What is
+found is a placement that may happen, with its certified quality: an upper bound on the worst there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.contacts import ContactModel, less_friction
+from nlpgrasp.findings import Robustness
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.quality import mu
+from nlpgrasp.quality.screening import sampled_ratios
+from nlpgrasp.solve.minimisers import weakest_directions
+from nlpgrasp.solve.start_result import StartResult
+from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.spatial import tangents
+from nlpgrasp.validation import FloatArray
+
+AROUND = 16  # places around a contact
+SWEEPS, ROUNDS = 6, 3  # of slides in turn, and of looking for weak directions anew
+BEGINNINGS = 3  # the contacts where they are, and random places
+RTOL = 0.02
+TOO_FAR = 1.5  # times the reach: such a place is not on the face any more
+
+
+def robustness(
+    bench: Workbench,
+    faces: tuple[str, ...],
+    grasp: Grasp,
+    hand: dict[str, FloatArray],
+    offset: float,
+    friction_share: float,
+) -> Robustness:
+    """Return the quality of the worst placement found near a grasp.
+
+    Parameters
+    ----------
+    bench : Workbench
+    faces : tuple of k str
+    grasp : Grasp
+    hand : dict
+        The hand's variables; its posture counts as the same.
+    offset : float
+        How far each contact may be off along the surface, metres.
+    friction_share : float
+        Share by which friction may be less.
+    """
+    task, rng = bench.problem.task, np.random.default_rng(0)
+    models = less_friction(grasp.contacts, friction_share)
+    places = [_places(bench, faces[i], grasp.points[i], grasp.normals[i], offset) for i in range(len(grasp))]
+    budget = bench.budget(grasp.points, hand)
+    worst: tuple[float, list[int]] | None = None
+    y = np.zeros((0, task.dimension))
+    for beginning in range(BEGINNINGS):
+        chosen = [0 if beginning == 0 else int(rng.integers(len(points))) for points, _ in places]
+        for _ in range(ROUNDS):
+            weakest = weakest_directions(_at(bench, models, places, chosen), task, y, rng, budget, 60, 25)
+            if worst is None or weakest.value < worst[0]:
+                worst = weakest.value, list(chosen)
+            if weakest.value <= 0.0:
+                break
+            y = np.concatenate([y, weakest.directions])[-300:]
+            if not _slide(bench, models, places, chosen, y):
+                break
+    assert worst is not None  # noqa: S101  (for the type checker: the first round sets it)
+    found = _at(bench, models, places, worst[1])
+    bounds = mu(found, task, RTOL, force_budget=budget)
+    return Robustness(offset, friction_share, bounds, found.points, found.normals)
+
+
+def robustness_of(bench: Workbench, found: StartResult) -> Robustness | None:
+    """Return the robustness that the options ask for of what a start found."""
+    options = bench.options
+    if found.grasp is None:
+        return None
+    offset, share = options.robust_offset, options.robust_friction
+    return robustness(bench, found.record.faces, found.grasp, found.hand or {}, offset, share)
+
+
+Places = list[tuple[FloatArray, FloatArray]]
+
+
+def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray) -> bool:
+    """Move contacts in turn, in place, to where the least ratio is least; return whether any moved."""
+    moved = False
+    for _ in range(SWEEPS):
+        before = list(chosen)
+        for i, (points, normals) in enumerate(places):
+            count = len(points)
+            p = np.stack([np.array([places[j][0][c] for j, c in enumerate(chosen)])] * count)
+            n = np.stack([np.array([places[j][1][c] for j, c in enumerate(chosen)])] * count)
+            p[:, i], n[:, i] = points, normals
+            stack = GraspStack(p, n, models, bench.problem.origin)
+            ratios = sampled_ratios(stack, bench.problem.task, y, bench.screening_budget)
+            chosen[i] = int(np.argmin(np.min(ratios, axis=1)))
+        if chosen == before:
+            break
+        moved = True
+    return moved
+
+
+def _at(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]) -> Grasp:
+    points = np.array([p[c] for (p, _), c in zip(places, chosen, strict=True)])
+    normals = np.array([n[c] for (_, n), c in zip(places, chosen, strict=True)])
+    return Grasp(points, normals, models, bench.problem.origin)
+
+
+def _places(
+    bench: Workbench, face: str, point: FloatArray, normal: FloatArray, offset: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the contact itself and places around it on its own face, with inward normals."""
+    body, space = bench.problem.body, bench.space
+    across = tangents(normal[None])[0]
+    if space == 2:
+        ring = np.concatenate([across, -across])
+    else:
+        angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
+        ring = np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1]
+    wanted = point + offset * ring
+    if isinstance(body, Mesh):
+        points, outward, _ = body.closest(wanted)
+        inward = -outward
+        near = np.linalg.norm(points - point, axis=1) <= TOO_FAR * offset
+    else:
+        points = body.snap(face, wanted)
+        _, _, outward, extent = body.evaluate(face, points)
+        inward = -outward
+        near = np.linalg.norm(points - point, axis=1) <= TOO_FAR * offset
+        near &= extent <= 1e-9 * body.size
+    good = near & np.all(np.isfinite(points), axis=1) & np.all(np.isfinite(inward), axis=1)
+    return np.concatenate([point[None], points[good]]), np.concatenate([normal[None], inward[good]])
