@@ -39,6 +39,7 @@ from nlpgrasp.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
 from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
+from nlpgrasp.pictures import draw_fit
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import (
     Bounds,
@@ -160,6 +161,7 @@ __all__ = [
     "cut",
     "delta",
     "disturbance",
+    "draw_fit",
     "equivalence_constants",
     "ferrari_canny",
     "fine_manipulation",

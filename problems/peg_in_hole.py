@@ -1,9 +1,9 @@
 """Example 3-4: holding a peg that is pushed into a hole along -y.
 
-Collisions are likely, in decreasing order, along -f_y, then tau_z, tau_x, f_z, f_x and tau_y: the semi-axes of the
-task ellipsoid (3.3-1). Its centre is at -c1 along f_y (collisions push the peg back, never in) and -c2 along f_z
-(its weight). Forces are in newtons, torques in newton-metres; the lower half of the peg is in the hole and must
-stay free.
+What the fingers exert is largest, in decreasing order, along -f_y, then tau_z, tau_x, f_z, f_x and tau_y: the
+semi-axes of the task ellipsoid (3.3-1). Its centre is at -c1 along f_y (the peg is pushed in, against collisions that
+push it back) and at c2 along f_z (against its weight). Forces are in newtons, torques in newton-metres; the lower half
+of the peg is in the hole and must stay free.
 """
 
 import nlpgrasp as ng
@@ -22,7 +22,7 @@ def problem() -> ng.GraspProblem:
     return ng.GraspProblem(
         body=ng.Cylinder(RADIUS, LENGTH),
         contacts=[ng.SoftContact(0.8, 0.004, faces="side")] * 3,
-        task=ng.TaskEllipsoid(axes, center=[-0.5, 0.0, 3.0, 0.0, 0.0, 0.0]),
+        task=ng.TaskEllipsoid(axes, center=[0.5, 0.0, -3.0, 0.0, 0.0, 0.0]),
         constraints=[ng.Forbid(ng.HalfSpace([0.0, 0.0, -1.0], 0.0))],
         name="peg in hole, Example 3-4",
     )

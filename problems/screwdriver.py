@@ -33,7 +33,7 @@ def problem() -> ng.GraspProblem:
     return ng.GraspProblem(
         body=ng.Mesh(screwdriver(), source="problems/screwdriver.py"),
         contacts=[ng.FrictionContact(0.6)] * 4,
-        task=ng.TaskEllipsoid([2.0, 2.0, 10.0, 0.1, 0.1, 0.4], center=[0.0, 0.0, 15.0, 0.0, 0.0, 0.0]),
+        task=ng.TaskEllipsoid([2.0, 2.0, 10.0, 0.1, 0.1, 0.4], center=[0.0, 0.0, -15.0, 0.0, 0.0, 0.0]),
         hand=ng.Fingertips(count=4, radius=0.006, reach=0.08),
         constraints=[ng.Forbid(ng.HalfSpace([0.0, 0.0, -1.0], -0.005))],
         torque_origin=TIP,

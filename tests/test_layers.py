@@ -22,7 +22,7 @@ LAYERS = [
     ["nlp", "verify_measures"],
     ["verify"],
     ["solve"],
-    ["cli"],
+    ["cli", "pictures"],
     ["__init__", "__main__"],
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
