@@ -13,7 +13,6 @@ FINGERS = ("index", "middle", "ring", "thumb")
 LINK_RADIUS, TIP_RADIUS = 0.009, 0.011
 LENGTHS = {"thumb": (0.05, 0.045)}  # of the two inner links; the other fingers' are alike
 OTHER_LENGTHS = (0.052, 0.038)
-ENDS = 0.004  # of a link that take no contact
 
 
 def hand(contacts_a_finger: int = 3) -> ng.URDFHand:
@@ -31,7 +30,7 @@ def hand(contacts_a_finger: int = 3) -> ng.URDFHand:
 
 def side(length: float) -> ng.CylinderTip:
     """Return the side of a finger's link along its z axis."""
-    return ng.CylinderTip(LINK_RADIUS, [0.0, 0.0, ENDS], [0.0, 0.0, length - ENDS])
+    return ng.CylinderTip(LINK_RADIUS, [0.0, 0.0, 0.0], [0.0, 0.0, length])
 
 
 def problem(contacts_a_finger: int = 3) -> ng.GraspProblem:

@@ -23,6 +23,9 @@ def test_code_blocks_run(page, tmp_path):
     if page.stem == "hands":
         assert "mu certified in [0.4" in done.stdout
         assert "spread, fingers" in done.stdout
+    if page.stem == "tasks":
+        assert "of 2000 wrenches inside" in done.stdout
+        assert "less friction leave" in done.stdout
     if page.stem == "measures":
         assert "True True" in done.stdout
         assert "False [" in done.stdout

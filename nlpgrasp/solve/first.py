@@ -69,22 +69,33 @@ def _solve(bench: Workbench, begin: Candidate, rng: np.random.Generator) -> Firs
     compiled = bench.first_program(faces)
     start = fill_start(bench, compiled, faces, begin.points, begin.hand)
     start[compiled.program.block("beta").range] = FIRST_BETA
-    parameters = np.concatenate([first_parameters(bench, rng), face_parameters(bench.problem, faces)])
-    result = compiled.solve(start, parameters)
-    options = [(begin.points, begin.hand), contacts_of(bench, compiled, faces, result.z)]
-    scores = [_score(bench, faces, points, hand, rng) for points, hand in options]
-    points, hand = options[int(np.argmax(scores))]
+    options, results = [(begin.points, begin.hand)], []
+    scores = [_score(bench, faces, begin.points, begin.hand, rng)]
+    for factor in bench.task_samples.factors:
+        parameters = np.concatenate([first_parameters(bench, rng, factor), face_parameters(bench.problem, faces)])
+        results.append(compiled.solve(start, parameters))
+        options.append(contacts_of(bench, compiled, faces, results[-1].z))
+        scores.append(_score(bench, faces, *options[-1], rng))
+        if scores[-1] > 0.0:
+            break
+    best = int(np.argmax(scores))
+    points, hand = options[best]
+    result = results[max(best - 1, 0)]
     multipliers = result.multipliers[compiled.program.placement]
-    state = ExchangeState(points, 0.0, hand, multipliers, result.iterations)
-    state.solver_seconds, state.function_seconds = result.seconds, result.function_seconds
+    state = ExchangeState(points, 0.0, hand, multipliers, sum(r.iterations for r in results))
+    state.solver_seconds = sum(r.seconds for r in results)
+    state.function_seconds = sum(r.function_seconds for r in results)
     return FirstResult(faces, state, result.objective / bench.scaling.beta, max(scores), result.status)
 
 
-def first_parameters(bench: Workbench, rng: np.random.Generator) -> FloatArray:
-    """Return the first program's sampled wrenches or directions, turned at random in the task's own axes."""
+def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
+    """Return the first program's sampled wrenches or directions, turned at random in the task's own axes.
+
+    Wrenches are ``factor`` times as far from the task's middle.
+    """
     task, scaling, samples = bench.problem.task, bench.scaling, bench.task_samples
     if bench.options.transcription == "vertex":
-        return np.asarray((samples.wrenches(rng) * scaling.wrench / scaling.task).ravel())
+        return np.asarray((samples.wrenches(rng, factor) * scaling.wrench / scaling.task).ravel())
     y = samples.directions(rng)
     reach = task.support(y)[0]
     good = reach > 1e-9

@@ -65,7 +65,7 @@ def weakest_directions(
     if problem is None:
         y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
         return Weakest(0.0, y)
-    if isinstance(budget, L2Budget):
+    if isinstance(budget, L2Budget) and task.is_centred:
         start = random_directions(fresh, problem.rank, rng)
         if len(known):
             old = np.linalg.lstsq(problem.matrix.T, known.T, rcond=None)[0].T

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.directions import directions
+from nlpgrasp.directions import directions, inradius
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 from nlpgrasp.validation import FloatArray
 
@@ -35,19 +35,42 @@ class TaskSamples:
             self._axes = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         size = np.linalg.norm(self._axes, axis=1)
         self._used = size > 1e-9 * size.max()
-        self._local = directions(int(self._used.sum()), shells)
+        self._local, self._shells = directions(int(self._used.sum()), shells), shells
 
     @property
     def count(self) -> int:
         """Number of samples."""
         return len(self._local) if self._all is None else len(self._all)
 
-    def wrenches(self, rng: np.random.Generator) -> FloatArray:
-        """Return wrenches of the boundary, turned at random in the task's own axes; all of a small polytope's."""
+    @property
+    def factors(self) -> tuple[float, ...]:
+        """How far beyond the task its samples may be moved, the first to be tried first.
+
+        A grasp that produces the samples produces their hull. Where the task's middle is not zero the rest of the
+        task may need forces of other directions, which no grasp that lacks them has at any size: samples so far
+        out that the task is in their hull are tried first, and the task's own where that is too much to ask.
+        """
+        if self._all is not None or self.task.is_centred:
+            return (1.0,)
+        return (1.0 / inradius(self._local.shape[1], self._shells), 1.0)
+
+    def wrenches(self, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
+        """Return wrenches of the boundary, turned at random in the task's own axes; all of a small polytope's.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        factor : float
+            Of their distance from the task's middle.
+        """
         if self._all is not None:
             return self._all
         local = self._turned(rng)
-        return self.task.boundary(local) if isinstance(self.task, TaskEllipsoid) else self._farthest(local)
+        if isinstance(self.task, TaskEllipsoid):
+            return self.task.boundary(factor * local)
+        found = self._farthest(local)
+        middle = found.mean(axis=0)
+        return np.asarray(middle + factor * (found - middle))
 
     def directions(self, rng: np.random.Generator) -> FloatArray:
         """Return as many directions of wrench space, (m, d)."""

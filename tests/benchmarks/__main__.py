@@ -4,7 +4,7 @@ import sys
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import by_hand, ellipsoid, hands, measures, meshes, power
+from tests.benchmarks import by_hand, ellipsoid, hands, measures, meshes, power, tasks
 
 ALL = {
     "ellipsoid": ellipsoid,
@@ -13,6 +13,7 @@ ALL = {
     "meshes": meshes,
     "hands": hands,
     "power": power,
+    "tasks": tasks,
 }
 
 for name in sys.argv[1:] or ALL:

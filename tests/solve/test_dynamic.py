@@ -1,0 +1,91 @@
+"""Dynamic grasping: followed grasps against cold solves, certified one by one; the filling cup; bad input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from problems.filling_cup import center_of_mass, filled
+
+ONE = ng.SolveOptions(workers=1, shadow_prices=False)
+LEVELS = np.linspace(0.2, 1.0, 6)
+
+
+@pytest.fixture(scope="module")
+def cup():
+    return ng.follow_task(filled, LEVELS, starts=3, options=ONE)
+
+
+def test_the_fingers_follow_the_rising_water(cup):
+    """Section 3.6: as the cup fills the fingers move up, with the centre of mass."""
+    heights = cup.paths[:, :, 2].mean(axis=1)
+    rising = [center_of_mass(level)[1] for level in LEVELS]
+    assert rising[-1] - rising[0] > 0.03
+    assert heights[-1] - heights[0] > 0.02
+    assert np.all(np.diff(heights) > -2e-3)
+
+
+@pytest.mark.parametrize("index", [2, 5])
+def test_no_worse_than_a_cold_solve(cup, index):
+    cold = ng.solve(filled(LEVELS[index]), 3, options=ONE)
+    assert cup.steps[index].solution.mu.lower >= 0.99 * cold.mu.lower
+
+
+def test_every_step_is_a_solution_that_verifies(cup, tmp_path):
+    path = cup.steps[3].solution.save(tmp_path / "step.json")
+    assert ng.verify(path).passed
+    assert cup.steps[3].solution.name == "cup filled to 68%"
+    for step in cup.steps:
+        assert step.solution.mu.gap <= 0.0101
+
+
+def test_what_staying_would_give(cup):
+    """An upper bound of the contacts of the step before under this step's task, certified anew."""
+    before, step = cup.steps[4].solution.grasp, cup.steps[5]
+    here = ng.mu(before, filled(LEVELS[5]).task)
+    assert here.lower <= step.stayed <= here.upper * 1.05
+    np.testing.assert_allclose(step.moved, np.linalg.norm(step.solution.grasp.points - before.points, axis=1))
+    assert "slide by at most" in str(cup)
+
+
+def turning(share):
+    """Return a task that turns from a force along x to one along y: another pair of faces is best."""
+    force = 3.0 * np.array([1.0 - share, share])
+    axes = [0.2 + force[0], 0.2 + force[1], 0.2, 0.01, 0.01, 0.01]
+    return ng.GraspProblem(ng.Box([0.06, 0.06, 0.02]), [ng.FrictionContact(0.3)] * 4, ng.TaskEllipsoid(axes))
+
+
+@pytest.mark.slow
+def test_a_regrasp_where_sliding_does_not_help():
+    found = ng.follow_task(turning, np.linspace(0.0, 1.0, 5), starts=6, options=ONE)
+    switched = [step for step in found.steps if step.regrasp]
+    assert switched
+    for step in switched:
+        assert step.solution.mu.lower > 1.05 * step.stayed
+    assert "regrasp" in str(found)
+    cold = ng.solve(turning(1.0), 6, options=ONE)
+    assert found.steps[-1].solution.mu.lower >= 0.99 * cold.mu.lower
+
+
+def growing(size):
+    return replace(filled(size), body=ng.Cylinder(0.03, 0.1 + 0.1 * size))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ng.follow_task(filled, [0.5]), "at least 2"),
+        (lambda: ng.follow_task(lambda t: t, [0.5, 1.0]), "a GraspProblem at 0.5"),
+        (
+            lambda: ng.follow_task(growing, [0.5, 1.0]),
+            "another body at 1",
+        ),
+        (lambda: ng.follow_task(filled, [0.5, np.nan]), "parameters"),
+        (lambda: ng.follow_task(filled, [0.5, 1.0], regrasp_gain=-1.0), "regrasp_gain"),
+    ],
+)
+def test_bad_input_is_one_sentence(call, message):
+    with pytest.raises(ng.InputError, match=message) as caught:
+        call()
+    assert "\n" not in str(caught.value)
