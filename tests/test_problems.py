@@ -20,7 +20,7 @@ VALUES = {
     "ellipsoid": (2, 0.710, 0.7335),
     "screwdriver": (2, 0.025, 0.0400),
     "odd_object_on_table": (2, 0.290, 0.3080),
-    "power_grasp": (1, 0.130, 0.5200),
+    "power_grasp": (1, 0.130, 0.9000),
     "filling_cup": (4, 0.150, 0.1700),
     "hammer": (2, 0.018, 0.0300),
     "how_many_fingers": (2, 0.250, 0.9000),

@@ -16,7 +16,7 @@ from nlpgrasp.solve.workbench import FEASIBLE, Workbench
 from nlpgrasp.validation import FloatArray
 
 ENUMERATE_BELOW = 64
-BATCHES, CLOSED = 8, 1e-9  # of placements, for centred tasks until one resists every sampled direction
+BATCHES = 8  # of placements, for tasks that are not centred
 POSES_A_CANDIDATE, CHECKED = 8, 48  # random hand poses a candidate; the best of them whose clearances are computed
 BLOCKED = 0.2  # weight of the links' mean overlap, over the body's size
 TRIES = 3  # poses a start may begin from, one after another
@@ -45,26 +45,18 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Candidate
     """Return the best of the screened placements; with a hand that has a pose, the best few.
 
     Face assignments are enumerated where there are few, so that each gets its share of the candidates, and
-    sampled where there are many. Candidates that violate a constraint come after all that do not. More are drawn
-    until one of them keeps the constraints and resists the task in every sampled direction; with a task that is
-    not centred, which few placements resist and some of them hardly, several times as many in any case.
+    sampled where there are many. Candidates that violate a constraint come after all that do not. For a
+    task that is not centred, which few placements resist and some of them hardly, several times as many are drawn.
     """
     hand = bench.problem.hand
     if hand is not None and not hand.follows_contacts:
         return draw_posed_start(bench, hand, rng)
-    best: tuple[float, Candidate] | None = None
-    for _ in range(BATCHES):
-        score, candidate = _best_placement(bench, rng)
-        if best is None or score > best[0]:
-            best = score, candidate
-        if best[0] > CLOSED and bench.problem.task.is_centred:
-            break
-    assert best is not None  # noqa: S101  (for the type checker: there is at least one batch)
-    return [best[1]]
+    batches = 1 if bench.problem.task.is_centred else BATCHES
+    return [max((_best_placement(bench, rng) for _ in range(batches)), key=lambda found: found[0])[1]]
 
 
 def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, Candidate]:
-    """Return the best of some random placements and its score: its estimated quality, or -1 less its violation."""
+    """Return the best of some random placements and its rank: by quality, or -1 less its violation."""
     assignments = _assignments(bench, bench.options.candidates, rng)
     points = np.stack([_place(bench, faces, rng) for faces in assignments])
     normals = _normals(bench, assignments, points)
@@ -76,7 +68,7 @@ def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, 
     rank = np.where(violation <= FEASIBLE, score, -1.0 - violation)
     best = int(np.argmax(rank))
     found = Candidate(assignments[best], points[best], {name: v[best] for name, v in values.items()})
-    return float(rank[best] if rank[best] < 0.0 else ratios[best].min()), found
+    return float(rank[best]), found
 
 
 def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> Sequence[Candidate]:
