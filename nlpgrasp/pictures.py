@@ -15,6 +15,7 @@ from nlpgrasp.validation import array
 
 MOST_POINTS = 5000  # drawn of each kind
 ROUND = np.linspace(0.0, 2.0 * np.pi, 181)
+FORMATS = (".png", ".svg", ".pdf")
 UNITS = {"f": "N", "m": "N m"}
 
 
@@ -37,6 +38,10 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
         On wrenches of another shape, or a path that cannot be written.
     """
     plt = _pyplot("draw_fit")
+    if not isinstance(fit, EllipsoidFit):
+        raise InputError("fit", fit, "what ng.fit_ellipsoid returns")
+    if not isinstance(path, str | Path) or Path(path).suffix.lower() not in FORMATS:
+        raise InputError("path", path, "a file name that ends in " + ", ".join(FORMATS))
     rows = array("wrenches", wrenches, (len(fit.inside), fit.task.dimension))
     d = fit.task.dimension
     names = NAMES[d]

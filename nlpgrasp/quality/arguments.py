@@ -16,9 +16,11 @@ def require_grasp(value: Any, *, stack: bool = False) -> None:
         raise InputError("grasp", value, "a Grasp or a GraspStack" if stack else "a Grasp")
 
 
-def require_task(value: Any, dimension: int) -> None:
-    """Refuse what is not a task of this wrench dimension."""
+def task_for(value: Any, grasp: Grasp | GraspStack) -> Task:
+    """Return a task about the grasp's torque origin; refuse what is none, or is of another dimension."""
+    dimension = grasp.dimension
     if not isinstance(value, Task):
         raise InputError("task", value, "a task such as ng.TaskEllipsoid")
     if value.dimension != dimension:
         raise InputError("task", f"dimension {value.dimension}", f"the grasp's wrench dimension {dimension}")
+    return value if value.about is None else value.at(grasp.torque_origin)

@@ -11,7 +11,7 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
-from nlpgrasp.quality.arguments import require_grasp, require_task
+from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskSet
@@ -100,7 +100,7 @@ def mu_1(
     force_budget : str or ForceBudget
     """
     require_grasp(grasp, stack=True)
-    require_task(task, grasp.dimension)
+    task = task_for(task, grasp)
     b = array("center", center, (grasp.dimension,))
     factor = number("scale", scale, above=0.0)
 

@@ -10,7 +10,7 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
-from nlpgrasp.quality.arguments import require_grasp, require_task
+from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bilateral import bilateral_ellipsoid
 from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.containment import conditioned
@@ -85,7 +85,7 @@ def mu(
         When the task's dimension is not the grasp's, rtol is not positive, or the budget does not fit.
     """
     require_grasp(grasp, stack=True)
-    require_task(task, grasp.dimension)
+    task = task_for(task, grasp)
     seed = integer("seed", seed, at_least=0, at_most=2**63 - 1)
     deadline = None if deadline is None else number("deadline", deadline)
     if isinstance(grasp, GraspStack):

@@ -10,7 +10,7 @@ from nlpgrasp.budgets.base import project, ranges
 from nlpgrasp.directions import directions
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp_stack import GraspStack
-from nlpgrasp.quality.arguments import require_task
+from nlpgrasp.quality.arguments import task_for
 from nlpgrasp.tasks import Task
 from nlpgrasp.validation import FloatArray
 
@@ -41,7 +41,7 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     """
     if not isinstance(stack, GraspStack):
         raise InputError("stack", stack, "a GraspStack")
-    require_task(task, stack.dimension)
+    task = task_for(task, stack)
     budget = _budget(stack, force_budget)
     if not len(stack):
         return np.zeros(0)

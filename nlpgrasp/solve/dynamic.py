@@ -74,6 +74,10 @@ def follow_task(
     InputError
         When more than the task changes, or no grasp is found at either end.
     """
+    if not callable(problem_at):
+        raise InputError("problem_at", problem_at, "a function of the parameter")
+    if options is not None and not isinstance(options, SolveOptions):
+        raise InputError("options", options, "a SolveOptions")
     values = array("parameters", parameters, (None,))
     if len(values) < 2:
         raise InputError("parameters", f"{len(values)} values", "at least 2")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.solution import GraspSolution
@@ -72,6 +74,10 @@ def how_many_contacts(
     InputError
         On no counts, problems with another number of contacts, or tasks that differ.
     """
+    if not callable(problem_with):
+        raise InputError("problem_with", problem_with, "a function of the number of contacts")
+    if not isinstance(counts, Iterable):
+        raise InputError("counts", counts, "numbers of contacts")
     numbers = sorted({integer("counts", k, at_least=1) for k in counts})
     if not numbers:
         raise InputError("counts", "no numbers of contacts", "at least one")
@@ -79,6 +85,9 @@ def how_many_contacts(
     for k, problem in zip(numbers, problems, strict=True):
         if not isinstance(problem, GraspProblem) or len(problem.models) != k:
             raise InputError("problem_with", problem, f"a GraspProblem with {k} contacts")
-        if problem.task.to_dict() != problems[0].task.to_dict():
-            raise InputError("problem_with", f"another task with {k} contacts", "the same task for all")
+        same = np.array_equal(problem.origin, problems[0].origin) and problem.budget == problems[0].budget
+        if not same or problem.task.to_dict() != problems[0].task.to_dict():
+            raise InputError(
+                "problem_with", f"another task, torque origin or budget with {k} contacts", "the same task for all"
+            )
     return ContactCurve(tuple((k, solve(p, starts, seed, options)) for k, p in zip(numbers, problems, strict=True)))

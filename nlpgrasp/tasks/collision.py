@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.fit import EllipsoidFit, fit_ellipsoid
-from nlpgrasp.validation import array, number, read_only
+from nlpgrasp.validation import SMALLEST, array, number, read_only
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class CollisionEvent:
     def __post_init__(self) -> None:
         for name in ("point", "direction"):
             object.__setattr__(self, name, read_only(array(f"CollisionEvent.{name}", getattr(self, name), (3,))))
-        if not np.any(self.direction):
+        if not np.linalg.norm(np.asarray(self.direction)) > SMALLEST:
             raise InputError("CollisionEvent.direction", self.direction, "a direction that is not zero")
         likelihood = number("CollisionEvent.likelihood", self.likelihood, above=0.0)
         object.__setattr__(self, "likelihood", likelihood)
@@ -59,7 +59,7 @@ def collision_task(events: Sequence[CollisionEvent], force: float = 1.0) -> Task
     UserWarning
         When the events leave some wrenches out: the ellipsoid is flat, and the directions are named.
     """
-    if not events or not all(isinstance(e, CollisionEvent) for e in events):
+    if not isinstance(events, list | tuple) or not events or not all(isinstance(e, CollisionEvent) for e in events):
         raise InputError("events", events, "at least one CollisionEvent")
     size = number("force", force, above=0.0)
     wrenches = [np.zeros(6)]

@@ -16,6 +16,7 @@ from nlpgrasp.validation import FloatArray, array, number
 
 GAP = 1e-6
 FLAT = 1e-7  # of the largest extent, each component over its own: directions thinner than this have none
+ROUNDING = 1e-12  # of a component's size: an extent this small is none
 NAMES = {3: ("f_x", "f_y", "m_z"), 6: ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")}
 SWEEPS = 50  # of leaving out the farthest
 SHRINKS = 2e-3  # relative: a round of leaving out that gains less volume is the last
@@ -97,12 +98,13 @@ def fit_ellipsoid(
     if probability is not None and (not 0.0 < number("probability", probability) < 1.0 or outliers > 0.0):
         raise InputError("probability", probability, "a share between 0 and 1, without outliers")
     middle = None if center is None else array("center", center, (d,))
-    about = rows.mean(axis=0) if middle is None else middle
+    about = rows[0] + (rows - rows[0]).mean(axis=0) if middle is None else middle  # exact where all are the same
     extent = np.max(np.abs(rows - about), axis=0)
-    if not np.any(extent > 0.0):
+    varies = extent > ROUNDING * np.max(np.abs(rows), axis=0)
+    if not np.any(varies):
         raise InputError("wrenches", f"{len(rows)} wrenches, all {rows[0].tolist()}", "wrenches that differ")
-    unit = np.where(extent > 1e-12 * extent.max(), extent, extent.max())
-    scaled = (rows - about) / unit
+    unit = np.where(varies, extent, 1.0)
+    scaled = np.where(varies, (rows - about) / unit, 0.0)
     _, sizes, basis = np.linalg.svd(np.linalg.qr(scaled, mode="r"))
     sizes = np.append(sizes, np.zeros(max(0, d - len(sizes)))) / np.sqrt(len(rows))
     used = sizes > FLAT * sizes[0]
@@ -140,7 +142,7 @@ def _trimmed(
             away = local if centred else local - local[chosen].mean(axis=0)
         least = np.inf
         for _ in range(SWEEPS):  # the same with the least ellipsoid itself, while that shrinks
-            found = min_volume_ellipsoid(local[chosen], max(gap, 1e-3), center)
+            found = min_volume_ellipsoid(_spanning(local[chosen], centred), max(gap, 1e-3), center)
             volume = float(np.prod(np.linalg.norm(found.axes, axis=1)))
             if volume > (1.0 - SHRINKS) * least:
                 break
@@ -150,15 +152,30 @@ def _trimmed(
             if np.array_equal(nearest, chosen):
                 break
             chosen = nearest
-    found = min_volume_ellipsoid(local[chosen], gap, center)
+    found = min_volume_ellipsoid(_spanning(local[chosen], centred), gap, center)
+    if found.gap > gap:
+        text = f"the ellipsoid's volume is only known to be within {found.gap:.2g} of the least, not {gap:.2g}"
+        warnings.warn(text, UserWarning, stacklevel=4)
     return (found.center, found.axes), found.gap
+
+
+def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
+    """Refuse to go on with wrenches that no longer differ in every direction."""
+    away = kept if centred else kept - kept.mean(axis=0)
+    sizes = np.linalg.svd(np.linalg.qr(away, mode="r"))[1]
+    if len(sizes) < kept.shape[1] or sizes[-1] <= FLAT * sizes[0]:
+        given = f"a share that leaves {len(kept)} wrenches, which do not differ in every direction"
+        raise InputError("outliers", given, "fewer outliers, or more wrenches that differ")
+    return kept
 
 
 def _rows(wrenches: ArrayLike) -> FloatArray:
     """Return wrenches as an array; refuse rows that are not finite by name."""
     try:
+        if np.asarray(wrenches).dtype.kind not in "iuf":
+            raise TypeError
         given = np.asarray(wrenches, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError("wrenches", wrenches, "numbers of shape (m, 3) or (m, 6)") from None
     if given.ndim != 2 or given.shape[1] not in (3, 6) or not len(given):
         raise InputError("wrenches", f"shape {given.shape}", "shape (m, 3) or (m, 6), at least one wrench")

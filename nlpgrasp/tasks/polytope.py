@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
-from nlpgrasp.validation import FloatArray, array, read_only
+from nlpgrasp.validation import SMALLEST, FloatArray, array, read_only
 
 MOST_ENDS = 24  # wrenches that stand for the whole
 ROUNDING = 1e-9  # relative: a wrench this close to another's opposite is its opposite
@@ -34,10 +35,10 @@ class TaskPolytope(Task):
 
     def __init__(self, wrenches: ArrayLike) -> None:
         rows = array("TaskPolytope.wrenches", wrenches, (None, None))
-        if rows.shape[1] not in range(1, 7) or not np.any(rows):
-            raise InputError(
-                "TaskPolytope.wrenches", f"shape {rows.shape}", "at least one wrench of length 3 or 6 that is not zero"
-            )
+        if rows.shape[1] not in (3, 6) or not len(rows):
+            raise InputError("TaskPolytope.wrenches", f"shape {rows.shape}", "at least one wrench of length 3 or 6")
+        if not np.any(np.abs(rows) > SMALLEST):
+            raise InputError("TaskPolytope.wrenches", "wrenches that are all zero", "at least one that is not zero")
         self.wrenches = read_only(rows)
 
     @property
@@ -50,8 +51,8 @@ class TaskPolytope(Task):
         """Whether each wrench's opposite is a wrench too."""
         size = np.max(np.abs(self.wrenches), axis=0)
         near = ROUNDING * np.where(size > 0.0, size, 1.0)
-        gaps = np.abs(self.wrenches[:, None] + self.wrenches[None]) / near if len(self.wrenches) <= 1000 else None
-        return gaps is not None and bool(np.all(np.min(np.max(gaps, axis=2), axis=1) <= 1.0))
+        scaled = self.wrenches / near
+        return bool(np.all(cKDTree(scaled).query(-scaled, p=np.inf)[0] <= 1.0))
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest work and the wrench that does it."""
@@ -61,7 +62,9 @@ class TaskPolytope(Task):
 
     def transformed(self, matrix: FloatArray) -> Task:
         """Return the hull of the images."""
-        return TaskPolytope(self.wrenches @ matrix.T)
+        result = TaskPolytope.__new__(TaskPolytope)
+        result.wrenches = read_only(self.wrenches @ matrix.T)  # of a lower dimension, perhaps
+        return result
 
     def second_moment(self) -> FloatArray:
         """Return the mean of ``v v^T`` over the wrenches, times the dimension."""

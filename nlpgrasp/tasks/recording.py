@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.spatial import wrench_transform
 from nlpgrasp.tasks.fit import EllipsoidFit, bad_rows, fit_ellipsoid
-from nlpgrasp.validation import FloatArray, array
+from nlpgrasp.validation import LARGEST, FloatArray, array
 
-FORCES = {"n": 1.0, "mn": 1e-3, "kn": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
-TORQUES = {"nm": 1.0, "mnm": 1e-3, "nmm": 1e-3, "ncm": 1e-2, "knm": 1e3, "lbfin": 0.1129848290276167}
+FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
+TORQUES = {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3, "lbfin": 0.1129848290276167}
 TORQUES |= {"lbfft": 1.3558179483314004}
 COLUMNS = (("fx",), ("fy",), ("fz",), ("mx", "tx"), ("my", "ty"), ("mz", "tz"))
 LARGEST_FILE = 500_000_000  # bytes
@@ -79,13 +79,17 @@ class WrenchRecording:
         InputError
             On files, columns or units that cannot be used; rows that are not numbers are counted and named.
         """
-        table, header, first = _table(Path(path))
+        if not isinstance(path, str | Path) or "\0" in str(path):
+            raise InputError("path", path, "the name of a CSV file")
+        if not isinstance(skip_invalid, bool):
+            raise InputError("skip_invalid", skip_invalid, "True or False")
+        table, header, numbers = _table(Path(path))
         chosen = _columns(header, columns, len(table[0]) if table else 0, str(path))
         scale = _scales(header, chosen, units, str(path))
-        if exerts not in ("surroundings", "fingers"):
+        if not isinstance(exerts, str) or exerts not in ("surroundings", "fingers"):
             raise InputError("exerts", exerts, "surroundings or fingers")
         values = np.array([[_number(row, c) for c in chosen] for row in table]).reshape(-1, 6) * scale
-        lines = first + np.arange(len(values))
+        lines = np.array(numbers, dtype=np.intp)
         good = np.all(np.isfinite(values), axis=1)
         if not good.all():
             if not skip_invalid:
@@ -107,8 +111,11 @@ class WrenchRecording:
         return found
 
 
-def _table(path: Path) -> tuple[list[list[str]], list[str] | None, int]:
-    """Return the rows, the header if there is one, and the line number of the first row."""
+def _table(path: Path) -> tuple[list[list[str]], list[str] | None, list[int]]:
+    """Return the rows, the header if there is one, and the rows' line numbers.
+
+    A row with more or fewer cells than the first is none: it comes back empty.
+    """
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise InputError(str(path), f"{path.stat().st_size} bytes", f"at most {LARGEST_FILE}")
@@ -116,31 +123,36 @@ def _table(path: Path) -> tuple[list[list[str]], list[str] | None, int]:
             sample = file.read(4096)
             file.seek(0)
             delimiter = max(",;\t", key=sample.count)
-            rows = [row for row in csv.reader(file, delimiter=delimiter if delimiter in sample else ",") if row]
+            reader = csv.reader(file, delimiter=delimiter if delimiter in sample else ",")
+            both = [
+                (row[:-1] if len(row) > 1 and not row[-1].strip() else row, reader.line_num) for row in reader if row
+            ]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(str(path), type(error).__name__, "a readable CSV file") from None
-    if not rows:
+    if not both:
         raise InputError(str(path), "an empty file", "a CSV file of wrenches")
-    named = all(np.isnan(_number(rows[0], c)) for c in range(len(rows[0])))
-    return (rows[1:], rows[0], 2) if named else (rows, None, 1)
+    width = len(both[0][0])
+    rows, lines = [row if len(row) == width else [] for row, _ in both], [line for _, line in both]
+    named = any(rows[0]) and not any(_is_number(cell) for cell in rows[0])
+    return (rows[1:], rows[0], lines[1:]) if named else (rows, None, lines)
 
 
 def _columns(header: list[str] | None, given: Sequence[str | int] | None, width: int, path: str) -> list[int]:
     """Return the numbers of the six columns."""
-    plain = [re.sub(r"[^a-z]", "", re.split(r"[\[(]", name)[0].lower()) for name in header or ()]
+    plain = [re.sub(r"[\s_.-]", "", re.split(r"[\[(]", name)[0].lower()) for name in header or ()]
     have = "columns " + ", ".join(header) if header else f"{width} columns without names"
     if given is None:
-        found = [next((plain.index(n) for n in names if n in plain), -1) for names in COLUMNS]
-        if -1 in found:
-            raise InputError(f"{path}: columns", have, "fx, fy, fz, mx, my, mz, or columns=")
-        return found
-    if isinstance(given, str) or len(given) != 6:
+        places = [[i for i, name in enumerate(plain) if name in names] for names in COLUMNS]
+        if any(len(found) != 1 for found in places):
+            raise InputError(f"{path}: columns", have, "one each of fx, fy, fz, mx, my, mz, or columns=")
+        return [found[0] for found in places]
+    if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != 6:
         raise InputError("columns", given, "six names or numbers")
     result = []
     for one in given:
         if isinstance(one, int) and not isinstance(one, bool) and 0 <= one < width:
             result.append(one)
-        elif isinstance(one, str) and header and one in header:
+        elif isinstance(one, str) and header and header.count(one) == 1:
             result.append(header.index(one))
         else:
             raise InputError("columns", repr(one), have)
@@ -149,7 +161,7 @@ def _columns(header: list[str] | None, given: Sequence[str | int] | None, width:
 
 def _scales(header: list[str] | None, chosen: list[int], units: tuple[str, str] | None, path: str) -> FloatArray:
     """Return the factors to newtons and newton-metres, one a column."""
-    if units is not None and (isinstance(units, str) or len(units) != 2):
+    if units is not None and (not isinstance(units, list | tuple) or len(units) != 2):
         raise InputError("units", units, 'a pair such as ("N", "Nm")')
     factors = []
     for i, column in enumerate(chosen):
@@ -161,19 +173,28 @@ def _scales(header: list[str] | None, chosen: list[int], units: tuple[str, str] 
             if found is None:
                 raise InputError(f"{path}: units", "none in the header", 'units=("N", "Nm") or a header such as Fx [N]')
             text = found.group(1)
-        key = re.sub(r"[^a-z]", "", text.lower())
+        key = re.sub(r"[\s*\u00b7.-]", "", text)
         if key not in known:
             raise InputError("units", repr(text), "one of " + ", ".join(known))
         factors.append(known[key])
     return np.array(factors)
 
 
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
 def _number(row: list[str], column: int) -> float:
     """Return a cell as a number, NaN where it is none."""
     try:
-        return float(row[column])
+        value = float(row[column])
     except (ValueError, IndexError):
         return float("nan")
+    return value if abs(value) <= LARGEST else float("nan")
 
 
 def _pose(value: ArrayLike) -> FloatArray:

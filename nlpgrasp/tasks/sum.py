@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ class TaskSum(Task):
     """
 
     def __init__(self, tasks: Sequence[Task]) -> None:
-        self.tasks = tuple(tasks)
+        self.tasks = tuple(tasks) if isinstance(tasks, Sequence) else ()
         if not self.tasks or not all(isinstance(task, Task) for task in self.tasks):
             raise InputError("TaskSum.tasks", tasks, "at least one task")
         first = self.tasks[0]
@@ -35,6 +36,10 @@ class TaskSum(Task):
         if first.about is not None:
             self.tasks = (first, *(task.at(first.about) for task in self.tasks[1:]))
         self._about(first.about)
+
+    def _about(self, origin: FloatArray | None) -> Task:
+        self.tasks = tuple(copy(task)._about(origin) for task in self.tasks)
+        return super()._about(origin)
 
     @property
     def dimension(self) -> int:

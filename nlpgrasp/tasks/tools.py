@@ -77,6 +77,8 @@ def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid
         Only in the positive sense about the axis.
     """
     along, torque = _direction("axis", axis), number("torque", torque, above=0.0)
+    if not isinstance(one_way, bool):
+        raise InputError("one_way", one_way, "True or False")
     share = 0.5 if one_way else 1.0
     moment = np.concatenate([np.zeros(3), share * torque * along])
     return _made(moment[None], moment if one_way else np.zeros(6))
@@ -188,9 +190,11 @@ def pour(
     t = np.linspace(0.0, angle, TILTS)[:, None]
     # the body turns by t, so that in its frame up turns by -t (Rodrigues)
     turned = np.cos(t) * above - np.sin(t) * np.cross(about, above) + (1.0 - np.cos(t)) * (about @ above) * about
-    # corners where the tangents of neighbours meet: the polytope is around the arc, not inside it
-    middle = turned[1:] + turned[:-1]
-    corners = 2.0 * middle / np.sum(middle**2, axis=1)[:, None]
+    # corners where the tangents of neighbours on the circle meet: the polytope is around the arc, not inside it
+    along = (about @ above) * about
+    middle = turned[1:] + turned[:-1] - 2.0 * along
+    radius = float(np.linalg.norm(above - along))
+    corners = along + 2.0 * radius**2 * middle / np.maximum(np.sum(middle**2, axis=1), 1e-300)[:, None]
     forces = weight * np.concatenate([turned[:1], corners, turned[-1:]])
     task = TaskPolytope(np.concatenate([forces, np.cross(where, forces)], axis=1))
     task._about(ORIGIN)

@@ -134,10 +134,39 @@ def test_too_few_wrenches_make_a_flat_ellipsoid(rng):
     assert np.max(np.abs(offset)) <= 1e-9
 
 
+@pytest.mark.parametrize("value", [9.81, -6.1, 0.1, 1000.1])
+def test_a_component_that_never_changes(value, rng):
+    wrenches = rng.standard_normal((1001, 6)) * [1e-2, 1e-2, 0, 1e-4, 1e-4, 1e-4]
+    wrenches[:, 2] = value
+    with pytest.warns(UserWarning, match="do not differ along f_z"):
+        found = ng.fit_ellipsoid(wrenches)
+    assert len(found.task.axes) == 5
+    assert found.gap <= 1e-6
+    assert found.task.center[2] == pytest.approx(value, rel=1e-12)
+    assert excess(found.task, wrenches) <= 1e-9
+
+
+def test_units_far_apart(rng):
+    wrenches = rng.standard_normal((500, 6)) * [1e7, 1e7, 1e7, 1e-6, 1e-6, 1e-6]
+    found = ng.fit_ellipsoid(wrenches)
+    assert len(found.task.axes) == 6
+    assert excess(found.task, wrenches) <= 1e-6
+
+
+def test_outliers_that_leave_too_little():
+    idle = 0.1 * np.random.default_rng(0).standard_normal((200, 6))
+    idle[:140] = 0.0
+    with pytest.raises(ng.InputError, match="do not differ in every direction"):
+        ng.fit_ellipsoid(idle, outliers=0.35)
+
+
 @pytest.mark.parametrize(
     ("wrenches", "options", "message"),
     [
         (np.ones((5, 6)), {}, "wrenches that differ"),
+        (np.full((3, 6), 0.1), {}, "wrenches that differ"),
+        (np.eye(6) * 1j, {}, "numbers"),
+        ([["1", "2", "3"]], {}, "numbers"),
         (np.zeros((0, 6)), {}, "at least one wrench"),
         (np.ones((5, 4)), {}, r"shape \(m, 3\) or \(m, 6\)"),
         ([[1, 2, "x", 0, 0, 0]], {}, "numbers"),

@@ -80,12 +80,32 @@ def test_a_recording_becomes_a_task_about_the_frames_origin(tmp_path, rng):
         (HEADER, {}, "no line with six numbers"),
         ("", {}, "an empty file"),
         ("\xff\xfe", {}, "columns"),
+        (HEADER.replace("[Nmm]", "[MNm]") + LINES, {}, "'MNm'"),
+        (HEADER.replace("[N]", "[10 N]") + LINES, {}, "'10 N'"),
+        (HEADER.replace("[N]", "[\u00b5N]") + LINES, {}, "'\u00b5N'"),
+        (HEADER + "0,1,5,2,5,3,5,4,5,5,5,6,5\n", {}, r"1 row with NaN or infinity \(2\)"),
+        ("Fx [N],Fx [N]," + HEADER.split(",", 2)[2] + LINES, {}, "one each of"),
+        (HEADER + LINES, {"columns": 5}, "six names"),
+        (HEADER + LINES, {"units": 5}, "a pair"),
+        (HEADER + LINES, {"skip_invalid": "no"}, "True or False"),
+        ("nan,nan,nan,nan,nan,nan\n1,2,3,4,5,6\n", {"columns": range(6), "units": ("N", "Nm")}, r"1 row .*\(1\)"),
     ],
 )
 def test_bad_input_is_one_sentence(text, options, message, tmp_path):
     with pytest.raises(ng.InputError, match=message) as caught:
         ng.WrenchRecording.read(written(tmp_path, text), **options)
     assert "\n" not in str(caught.value)
+
+
+def test_lines_are_those_of_the_file(tmp_path):
+    path = written(tmp_path, HEADER + "\n\n" + LINES + "\n0.2,1,2,3,4,5,6,\n")
+    assert ng.WrenchRecording.read(path).lines.tolist() == [4, 5, 7]
+
+
+@pytest.mark.parametrize("path", [None, 5, "a\0b"])
+def test_what_is_no_path(path):
+    with pytest.raises(ng.InputError, match="path"):
+        ng.WrenchRecording.read(path)
 
 
 def test_a_file_that_is_not_there(tmp_path):

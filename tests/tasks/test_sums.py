@@ -119,11 +119,43 @@ def test_is_centred():
     assert (ng.TaskEllipsoid([1.0] * 6) + ng.TaskPolytope(np.concatenate([WRENCHES, -WRENCHES]))).is_centred
 
 
+def test_measures_move_a_task_to_the_grasps_origin(rng):
+    """The same task, stated about a point of its own, on grasps with two torque origins."""
+    grasp = closed_ellipsoid_grasp(rng)
+    other = ng.Grasp(grasp.points, grasp.normals, grasp.contacts, [0.3, 0.1, 0.0])
+    task = ng.press([0.0, 0.0, -0.09], [0.0, 0.0, -1.0], 15.0)
+    assert overlap(ng.mu(grasp, task), ng.mu(other, task))
+    assert overlap(ng.mu(other, task), ng.mu(other, task.at([0.3, 0.1, 0.0])))
+
+
+def test_sums_that_were_scaled_or_moved_still_add_up(rng):
+    tool = ng.press([0.0, 0.0, -0.09], [0.0, 0.0, -1.0], 15.0) + ng.turn([0.0, 0.0, 1.0], 0.4)
+    weight = ng.gravity([0.0, 0.0, 0.1], 1.0)
+    y = rng.standard_normal((20, 6))
+    expected = 2.0 * tool.support(y)[0] + weight.support(y)[0]
+    np.testing.assert_allclose((2.0 * tool + weight).support(y)[0], expected)
+    np.testing.assert_allclose((weight + 2.0 * tool).support(y)[0], expected)
+    moved = (tool.at([1.0, 0.0, 0.0]) + weight).at([0.0, 0.0, 0.0])
+    np.testing.assert_allclose(moved.support(y)[0], tool.support(y)[0] + weight.support(y)[0])
+    retold = tool.given_about([1.0, 0.0, 0.0])
+    both = (retold + weight).at([0.0, 0.0, 0.0]).support(y)[0]
+    np.testing.assert_allclose(both, retold.at([0.0, 0.0, 0.0]).support(y)[0] + weight.support(y)[0])
+    assert tool.about.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_large_symmetric_polytope_is_centred(rng):
+    half = rng.standard_normal((1500, 6))
+    assert ng.TaskPolytope(np.concatenate([half, -half])).is_centred
+    assert not ng.TaskPolytope(np.concatenate([half, -half[1:]])).is_centred
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
         (lambda: ng.TaskPolytope([]), "TaskPolytope.wrenches"),
         (lambda: ng.TaskPolytope(np.zeros((3, 6))), "not zero"),
+        (lambda: ng.TaskPolytope(np.eye(6) * 1e-200), "not zero"),
+        (lambda: ng.TaskSum(5), "at least one task"),
         (lambda: ng.TaskPolytope([[1.0, np.nan, 0, 0, 0, 0]]), "no NaN"),
         (lambda: ng.TaskPolytope(np.ones((2, 9))), "length 3 or 6"),
         (lambda: ng.TaskPolytope([[1.0, 0, 0]]) + ng.TaskEllipsoid([1.0] * 6), "dimensions 3 and 6"),

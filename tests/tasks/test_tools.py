@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 
@@ -87,6 +88,17 @@ def test_pour_holds_every_tilt():
     assert not inside(task, force_at(TIP, 0.5 * 9.81 * np.array([0.0, -np.sin(0.1), np.cos(0.1)])))
 
 
+@pytest.mark.parametrize("axis", [[1.0, 1.0, 1.0], [0.3, -0.2, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+@pytest.mark.parametrize("angle", [0.5, 1.6, np.pi])
+def test_pour_encloses_the_arc_about_any_axis(axis, angle):
+    task = ng.pour(TIP, 1.0, axis, angle)
+    unit = np.array(axis) / np.linalg.norm(axis)
+    y = np.random.default_rng(1).standard_normal((3000, 6)) * [1, 1, 1, 10, 10, 10]
+    for t in np.linspace(0.0, angle, 50):
+        up = Rotation.from_rotvec(-t * unit).apply([0.0, 0.0, 9.81])
+        assert np.all(y @ force_at(TIP, up) <= task.support(y)[0] + 1e-9)
+
+
 def test_disturbance():
     task = ng.disturbance(3.0, 0.1, TIP)
     assert inside(task, force_at(TIP, [0, 3.0, 0]))
@@ -131,6 +143,8 @@ def test_collisions_are_example_3_4():
         (lambda: ng.CollisionEvent(TIP, [0, 0, 0]), "direction"),
         (lambda: ng.CollisionEvent(TIP, DOWN, 0.0), "likelihood"),
         (lambda: ng.collision_task([]), "at least one CollisionEvent"),
+        (lambda: ng.collision_task(5), "at least one CollisionEvent"),
+        (lambda: ng.turn([0, 0, 1], 1.0, one_way="a"), "True or False"),
         (lambda: ng.lift(TIP, 0.0), "mass"),
     ],
 )
