@@ -27,6 +27,7 @@ class Task(ABC):
     """
 
     about: FloatArray | None = None
+    __array_ufunc__ = None  # an array times a task is no array of tasks
 
     @property
     @abstractmethod

@@ -33,7 +33,7 @@ class TaskSet(Task):
     """
 
     def __init__(self, support: Support, dimension: int = 6) -> None:
-        if dimension not in (3, 6) or isinstance(dimension, bool):
+        if type(dimension) is not int or dimension not in (3, 6):
             raise InputError("TaskSet.dimension", dimension, "3 (planar) or 6")
         self._set(support, dimension)
 

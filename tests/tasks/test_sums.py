@@ -163,6 +163,9 @@ def test_a_large_symmetric_polytope_is_centred(rng):
         (lambda: -1.0 * ng.TaskEllipsoid([1.0] * 6), "greater than 0"),
         (lambda: ng.TaskEllipsoid([1.0] * 6).at([0.0, 1.0]), "origin"),
         (lambda: ng.TaskSum([]), "at least one task"),
+        (lambda: task_from_dict({"type": "polytope"}), "what schema 1 says"),
+        (lambda: task_from_dict(None), "ellipsoid, polytope or sum"),
+        (lambda: ng.TaskSet(lambda y: y, 3.0), "3 .planar. or 6"),
     ],
 )
 def test_bad_input_is_one_sentence(call, message):
@@ -174,3 +177,5 @@ def test_bad_input_is_one_sentence(call, message):
 def test_a_task_and_a_number_do_not_add():
     with pytest.raises(TypeError):
         ng.TaskEllipsoid([1.0] * 6) + 1.0
+    with pytest.raises(ng.InputError, match="factor"):
+        np.ones(6) * ng.TaskEllipsoid([1.0] * 6)
