@@ -48,7 +48,7 @@ def put_on_body(
     body, hand = bench.problem.body, bench.problem.hand
     values = state.hand
     if not isinstance(body, Mesh):
-        return _kept(bench, bench.grasp(faces, state.points), values, None)
+        return kept(bench, bench.grasp(faces, state.points), values, None)
     if hand is None or hand.follows_contacts:
         grasp = slide_onto_mesh(bench, body, state.points, values, rng, stop)
     else:
@@ -59,10 +59,11 @@ def put_on_body(
     cosines = np.clip(np.sum(smooth * grasp.normals, axis=1), -1.0, 1.0)
     moved = np.linalg.norm(grasp.points - state.points, axis=1)
     match = SurfaceMatch(body.closest(state.points)[2], np.arccos(cosines), moved)
-    return _kept(bench, grasp, values, match)
+    return kept(bench, grasp, values, match)
 
 
-def _kept(bench: Workbench, grasp: Grasp, hand: dict[str, FloatArray], surface: SurfaceMatch | None) -> OnBody:
+def kept(bench: Workbench, grasp: Grasp, hand: dict[str, FloatArray], surface: SurfaceMatch | None) -> OnBody:
+    """Return a grasp with the values of its rows, and how well they are kept."""
     batched = {name: v[None, :] for name, v in hand.items()}
     values = bench.constraint_values(grasp.points[None], grasp.normals[None], batched)
     body = bench.problem.body

@@ -41,7 +41,8 @@ class SolveOptions:
     robust_friction : float
         By which share friction may be less there, below 1.
     maximise_robust : bool
-        Take the start whose worst placement is best instead of the one with the best mu.
+        Move the contacts to where the worst placement is best (on smooth bodies, without a hand that has a pose), and
+        take the start whose worst placement is best instead of the one with the best mu.
     time_limit : float, optional
         Seconds of wall time for the whole solve; the best grasp so far is returned.
     workers : int, optional

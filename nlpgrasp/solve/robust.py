@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.contacts import ContactModel, less_friction
 from nlpgrasp.findings import Robustness
 from nlpgrasp.grasp import Grasp
@@ -28,6 +29,7 @@ AROUND = 16  # places around a contact
 SWEEPS, ROUNDS = 6, 3  # of slides in turn, and of looking for weak directions anew
 BEGINNINGS = 3  # the contacts where they are, and random places
 RTOL = 0.02
+Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
 TOO_FAR = 1.5  # times the reach: such a place is not on the face any more
 
 
@@ -53,16 +55,40 @@ def robustness(
     friction_share : float
         Share by which friction may be less.
     """
-    task, rng = bench.problem.task, np.random.default_rng(0)
     models = less_friction(grasp.contacts, friction_share)
-    places = [_places(bench, faces[i], grasp.points[i], grasp.normals[i], offset) for i in range(len(grasp))]
+    places = [places_around(bench, faces[i], grasp.points[i], grasp.normals[i], offset) for i in range(len(grasp))]
     budget = bench.budget(grasp.points, hand)
+    chosen, _ = worst_displacement(bench, models, places, budget, np.random.default_rng(0))
+    found = _at(bench, models, places, chosen)
+    bounds = mu(found, bench.problem.task, RTOL, force_budget=budget)
+    return Robustness(offset, friction_share, bounds, found.points, found.normals)
+
+
+def worst_displacement(
+    bench: Workbench,
+    models: Sequence[ContactModel],
+    places: Places,
+    budget: ForceBudget,
+    rng: np.random.Generator,
+) -> tuple[list[int], FloatArray]:
+    """Return which of its places each contact slips to at worst, and the weak directions seen.
+
+    Parameters
+    ----------
+    bench : Workbench
+    models : sequence of k ContactModel
+    places : list of k pairs
+        Points and inward normals where each contact may be, itself first.
+    budget : ForceBudget
+    rng : numpy.random.Generator
+    """
     worst: tuple[float, list[int]] | None = None
-    y = np.zeros((0, task.dimension))
+    y = np.zeros((0, bench.problem.dimension))
     for beginning in range(BEGINNINGS):
         chosen = [0 if beginning == 0 else int(rng.integers(len(points))) for points, _ in places]
         for _ in range(ROUNDS):
-            weakest = weakest_directions(_at(bench, models, places, chosen), task, y, rng, budget, 60, 25)
+            there = _at(bench, models, places, chosen)
+            weakest = weakest_directions(there, bench.problem.task, y, rng, budget, 60, 25)
             if worst is None or weakest.value < worst[0]:
                 worst = weakest.value, list(chosen)
             if weakest.value <= 0.0:
@@ -71,9 +97,7 @@ def robustness(
             if not _slide(bench, models, places, chosen, y):
                 break
     assert worst is not None  # noqa: S101  (for the type checker: the first round sets it)
-    found = _at(bench, models, places, worst[1])
-    bounds = mu(found, task, RTOL, force_budget=budget)
-    return Robustness(offset, friction_share, bounds, found.points, found.normals)
+    return worst[1], y
 
 
 def robustness_of(bench: Workbench, found: StartResult) -> Robustness | None:
@@ -83,9 +107,6 @@ def robustness_of(bench: Workbench, found: StartResult) -> Robustness | None:
         return None
     offset, share = options.robust_offset, options.robust_friction
     return robustness(bench, found.record.faces, found.grasp, found.hand or {}, offset, share)
-
-
-Places = list[tuple[FloatArray, FloatArray]]
 
 
 def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray) -> bool:
@@ -113,7 +134,7 @@ def _at(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen
     return Grasp(points, normals, models, bench.problem.origin)
 
 
-def _places(
+def places_around(
     bench: Workbench, face: str, point: FloatArray, normal: FloatArray, offset: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the contact itself and places around it on its own face, with inward normals."""

@@ -16,7 +16,7 @@ from nlpgrasp.solve.first import FirstResult, solve_first
 from nlpgrasp.solve.on_body import put_on_body
 from nlpgrasp.solve.reports import constraint_reports
 from nlpgrasp.solve.restore import touching_candidates
-from nlpgrasp.solve.robust import robustness_of
+from nlpgrasp.solve.robust_ascent import steadied
 from nlpgrasp.solve.sequential import sequential_exchange
 from nlpgrasp.solve.start_result import StartResult
 from nlpgrasp.solve.stop import Stop
@@ -70,6 +70,10 @@ def _finish(
     clock.mark("exchange")
     found = put_on_body(bench, faces, state, rng, stop)
     clock.mark("mesh")
+    robust = None
+    if bench.options.maximise_robust:
+        found, robust = steadied(bench, faces, found)
+        clock.mark("robust")
     bounds = mu(
         found.grasp,
         bench.problem.task,
@@ -81,20 +85,16 @@ def _finish(
     kept = found.violation <= (FEASIBLE if found.surface is None else 10.0 * FEASIBLE)
     status = Status.SOLVED if bounds.lower > 0.0 and kept else Status.NO_GRASP
     record = StartRecord(index, status, faces, bounds, found.violation, state.iterations, {}, first.message)
-    result = StartResult(
+    return StartResult(
         record,
         found.grasp,
         constraint_reports(bench, found, state),
         found.hand,
         found.surface,
+        robust,
         solver_seconds=state.solver_seconds,
         function_seconds=state.function_seconds,
     )
-    if not bench.options.maximise_robust or not result.solved:
-        return result
-    robust = robustness_of(bench, result)
-    clock.mark("robust")
-    return replace(result, robust=robust)
 
 
 class _Clock:
