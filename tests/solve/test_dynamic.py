@@ -9,7 +9,7 @@ import nlpgrasp as ng
 from problems.filling_cup import center_of_mass, filled
 
 ONE = ng.SolveOptions(workers=1, shadow_prices=False)
-LEVELS = np.linspace(0.2, 1.0, 6)
+LEVELS = np.linspace(0.2, 1.0, 5)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def test_the_fingers_follow_the_rising_water(cup):
     assert np.all(np.diff(heights) > -2e-3)
 
 
-@pytest.mark.parametrize("index", [2, 5])
+@pytest.mark.parametrize("index", [2, 4])
 def test_no_worse_than_a_cold_solve(cup, index):
     cold = ng.solve(filled(LEVELS[index]), 3, options=ONE)
     assert cup.steps[index].solution.mu.lower >= 0.99 * cold.mu.lower
@@ -35,15 +35,15 @@ def test_no_worse_than_a_cold_solve(cup, index):
 def test_every_step_is_a_solution_that_verifies(cup, tmp_path):
     path = cup.steps[3].solution.save(tmp_path / "step.json")
     assert ng.verify(path).passed
-    assert cup.steps[3].solution.name == "cup filled to 68%"
+    assert cup.steps[3].solution.name == "cup filled to 80%"
     for step in cup.steps:
         assert step.solution.mu.gap <= 0.0101
 
 
 def test_what_staying_would_give(cup):
     """An upper bound of the contacts of the step before under this step's task, certified anew."""
-    before, step = cup.steps[4].solution.grasp, cup.steps[5]
-    here = ng.mu(before, filled(LEVELS[5]).task)
+    before, step = cup.steps[3].solution.grasp, cup.steps[4]
+    here = ng.mu(before, filled(LEVELS[4]).task)
     assert here.lower <= step.stayed <= here.upper * 1.05
     np.testing.assert_allclose(step.moved, np.linalg.norm(step.solution.grasp.points - before.points, axis=1))
     assert "slide by at most" in str(cup)

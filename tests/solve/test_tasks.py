@@ -26,9 +26,10 @@ def problem(task):
     return ng.GraspProblem(ng.Box([0.08, 0.05, 0.04]), [ng.FrictionContact(0.6)] * 4, task, torque_origin=[0, 0, 0])
 
 
-@pytest.mark.parametrize(
-    ("name", "transcription"), [*((name, "vertex") for name in KINDS), ("sum", "support"), ("polytope", "support")]
-)
+OTHERS = [("polytope", "support"), pytest.param("sum", "support", marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize(("name", "transcription"), [*((name, "vertex") for name in KINDS), *OTHERS])
 def test_every_kind_of_task_is_solved_and_verified_from_its_file(name, transcription, tmp_path):
     options = ng.SolveOptions(workers=1, shadow_prices=False, transcription=transcription, rtol=0.05, final_rtol=0.02)
     found = ng.solve(problem(KINDS[name]), 3, options=options)
