@@ -21,14 +21,14 @@ from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution import GraspSolution, Status
 from nlpgrasp.solve.dynamic_grasp import DynamicGrasp, DynamicStep
-from nlpgrasp.solve.exchange import ExchangeState, exchange
+from nlpgrasp.solve.exchange import ExchangeState
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.on_body import OnBody, put_on_body
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.sequential import sequential_exchange
+from nlpgrasp.solve.sequential import improved
 from nlpgrasp.solve.start import run_start
 from nlpgrasp.solve.stop import Stop
-from nlpgrasp.solve.workbench import FEASIBLE, Workbench
+from nlpgrasp.solve.workbench import Workbench
 from nlpgrasp.validation import FloatArray, array, integer, number
 
 SAME = 0.02  # of the body's size: contacts this close, in whatever order, are the same grasp
@@ -111,8 +111,7 @@ def _steps(
         for i, branch in enumerate(branches):
             its_turn = current is None or (len(result) + i) % TURNS == 0
             if branch is current or (its_turn and branch.state.value >= HOPEFUL * best):
-                improved = _improve(here, branch, rng)
-                branch.state = replace(improved, rounds=0)
+                branch.state = replace(improved(here, branch.faces, branch.state, rng, Stop()), rounds=0)
         order = sorted(branches, key=lambda b: -b.state.value)
         taken = order[0] if current is None else current
         found, solution = _placed(here, taken, rng)
@@ -153,11 +152,6 @@ def _value(bench: Workbench, branch: _Branch, rng: np.random.Generator) -> float
     return weakest_directions(grasp, bench.problem.task, nothing, rng, budget).value
 
 
-def _improve(bench: Workbench, branch: _Branch, rng: np.random.Generator) -> ExchangeState:
-    improve = sequential_exchange if bench.linearises else exchange
-    return improve(bench, branch.faces, branch.state, rng, Stop())
-
-
 def _at_most(bench: Workbench, grasp: Grasp, branch: _Branch | None) -> float:
     """Return the certified upper bound of contacts, and hand, that stay where they were."""
     budget = bench.budget(grasp.points, {} if branch is None else branch.state.hand)
@@ -170,9 +164,8 @@ def _placed(bench: Workbench, branch: _Branch, rng: np.random.Generator) -> tupl
     problem, hand = bench.problem, found.hand or {}
     budget = bench.budget(found.grasp.points, hand)
     bounds = mu(found.grasp, problem.task, bench.options.final_rtol, force_budget=budget)
-    kept = found.violation <= (FEASIBLE if found.surface is None else 10.0 * FEASIBLE)
     solution = GraspSolution(
-        Status.SOLVED if kept and bounds.lower > 0.0 else Status.NO_GRASP,
+        Status.SOLVED if found.allowed and bounds.lower > 0.0 else Status.NO_GRASP,
         problem.name,
         problem.unchecked(force_budget=budget).to_dict(),
         grasp=found.grasp,

@@ -13,7 +13,7 @@ from nlpgrasp.solve.exchange import ExchangeState
 from nlpgrasp.solve.hand_on_mesh import hand_onto_mesh
 from nlpgrasp.solve.on_mesh import slide_onto_mesh
 from nlpgrasp.solve.stop import Stop
-from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.solve.workbench import FEASIBLE, Workbench
 from nlpgrasp.validation import FloatArray
 
 
@@ -39,6 +39,11 @@ class OnBody:
     values: FloatArray
     violation: float
     surface: SurfaceMatch | None = None
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the rows are kept: on a mesh to ten times the tolerance, as its steps end there."""
+        return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)
 
 
 def put_on_body(

@@ -54,94 +54,76 @@ def more_robust(
         How far contacts may be off, metres, and by which share friction may be less.
     """
     best = grasp, robustness(bench, faces, grasp, hand, offset, share)
-    models = less_friction(grasp.contacts, share)
-    points, known = grasp.points.copy(), np.zeros((0, grasp.dimension))
-    displacements: list[tuple[int, ...]] = [(0,) * len(grasp)]
+    ascent = _Ascent(bench, faces, less_friction(grasp.contacts, share), grasp.points, hand, offset)
     for step in STEPS:
         for _ in range(ROUNDS):
-            worst, known = _worst(bench, faces, models, points, hand, offset, known)
-            if worst not in displacements:
-                displacements.append(worst)
-            moved = _move(bench, faces, models, points, hand, offset, step, displacements, known)
-            if not moved:
+            ascent.look()
+            if not ascent.move(step * bench.scaling.length):
                 break
-        there = bench.grasp(faces, points)
+        there = bench.grasp(faces, ascent.points)
         found = robustness(bench, faces, there, hand, offset, share)
         if found.mu.lower > best[1].mu.lower:
             best = there, found
     return best
 
 
-def _worst(
-    bench: Workbench,
-    faces: tuple[str, ...],
-    models: Sequence[ContactModel],
-    points: FloatArray,
-    hand: dict[str, FloatArray],
-    offset: float,
-    known: FloatArray,
-) -> tuple[tuple[int, ...], FloatArray]:
-    """Return the worst displacement found of contacts, and the weak directions known."""
-    places = _places(bench, faces, points, offset)
-    budget = bench.budget(points, hand)
-    chosen, y = worst_displacement(bench, models, places, budget, np.random.default_rng(0))
-    nominal = weakest_directions(
-        bench.grasp(faces, points), bench.problem.task, y, np.random.default_rng(0), budget, 60, 25
-    )
-    return tuple(chosen), np.concatenate([known, y, nominal.directions])[-MOST_DIRECTIONS:]
+class _Ascent:
+    """Contacts on their way, the displacements that hurt most so far, and the directions in which they do."""
 
+    def __init__(
+        self,
+        bench: Workbench,
+        faces: tuple[str, ...],
+        models: Sequence[ContactModel],
+        points: FloatArray,
+        hand: dict[str, FloatArray],
+        offset: float,
+    ) -> None:
+        self.bench, self.faces, self.models, self.hand, self.offset = bench, faces, models, hand, offset
+        self.points = points.copy()
+        self.directions = np.zeros((0, bench.problem.dimension))
+        self.displacements: list[tuple[int, ...]] = [(0,) * len(points)]
 
-def _move(
-    bench: Workbench,
-    faces: tuple[str, ...],
-    models: Sequence[ContactModel],
-    points: FloatArray,
-    hand: dict[str, FloatArray],
-    offset: float,
-    step: float,
-    displacements: Sequence[tuple[int, ...]],
-    y: FloatArray,
-) -> bool:
-    """Move contacts in turn, in place, to where the displacements hurt least; return whether any moved."""
-    moved = False
-    now = _places(bench, faces, points, offset)
-    for i in range(len(points)):
-        normal = bench.inward_normals(faces, points)[i]
-        tried = places_around(bench, faces[i], points[i], normal, step * bench.scaling.length)[0]
-        around = [now[i], *(_places(bench, faces, _with(points, i, p), offset)[i] for p in tried[1:])]
-        values = np.array([_least(bench, models, [*now[:i], one, *now[i + 1 :]], displacements, y) for one in around])
-        trials = np.array([_with(points, i, p) for p in tried])
-        normals = np.array([bench.inward_normals(faces, p) for p in trials])
-        batched = {name: np.repeat(v[None], len(trials), axis=0) for name, v in hand.items()}
-        allowed = bench.violations(trials, normals, batched) <= FEASIBLE
-        best = int(np.argmax(np.where(allowed, values, -np.inf)))
-        if best > 0 and values[best] > (1.0 + GAIN) * values[0]:
-            points[i], now[i], moved = tried[best], around[best], True
-    return moved
+    def look(self) -> None:
+        """Add the worst displacement found of the contacts where they are, and the weak directions."""
+        bench, rng = self.bench, np.random.default_rng(0)
+        budget = bench.budget(self.points, self.hand)
+        chosen, y = worst_displacement(bench, self.models, self._places(), budget, rng)
+        here = bench.grasp(self.faces, self.points)
+        nominal = weakest_directions(here, bench.problem.task, y, np.random.default_rng(0), budget, 60, 25)
+        self.directions = np.concatenate([self.directions, y, nominal.directions])[-MOST_DIRECTIONS:]
+        if tuple(chosen) not in self.displacements:
+            self.displacements.append(tuple(chosen))
 
+    def move(self, step: float) -> bool:
+        """Move contacts in turn to where the displacements hurt least; return whether any moved."""
+        bench, moved = self.bench, False
+        normals, now = bench.inward_normals(self.faces, self.points), self._places()
+        for i, face in enumerate(self.faces):
+            tried, inward = places_around(bench, face, self.points[i], normals[i], step)
+            around = [now[i]]
+            around += [
+                places_around(bench, face, p, n, self.offset) for p, n in zip(tried[1:], inward[1:], strict=True)
+            ]
+            values = np.array([self._least([*now[:i], one, *now[i + 1 :]]) for one in around])
+            trials, trial_normals = (np.repeat(v[None], len(tried), axis=0) for v in (self.points, normals))
+            trials[:, i], trial_normals[:, i] = tried, inward
+            hand = {name: np.repeat(v[None], len(tried), axis=0) for name, v in self.hand.items()}
+            allowed = bench.violations(trials, trial_normals, hand) <= FEASIBLE
+            best = int(np.argmax(np.where(allowed, values, -np.inf)))
+            if best > 0 and values[best] > (1.0 + GAIN) * values[0]:
+                self.points[i], normals[i], now[i], moved = tried[best], inward[best], around[best], True
+        return moved
 
-def _least(
-    bench: Workbench,
-    models: Sequence[ContactModel],
-    places: Places,
-    displacements: Sequence[tuple[int, ...]],
-    y: FloatArray,
-) -> float:
-    """Return the least support ratio over displacements and directions."""
-    chosen = [[min(c, len(places[i][0]) - 1) for i, c in enumerate(one)] for one in displacements]
-    p = np.array([[places[i][0][c] for i, c in enumerate(one)] for one in chosen])
-    n = np.array([[places[i][1][c] for i, c in enumerate(one)] for one in chosen])
-    stack = GraspStack(p, n, models, bench.problem.origin)
-    return float(np.min(sampled_ratios(stack, bench.problem.task, y, bench.screening_budget)))
+    def _least(self, places: Places) -> float:
+        """Return the least support ratio over displacements and directions."""
+        chosen = [[min(c, len(places[i][0]) - 1) for i, c in enumerate(one)] for one in self.displacements]
+        p, n = (np.array([[places[i][j][c] for i, c in enumerate(one)] for one in chosen]) for j in (0, 1))
+        stack = GraspStack(p, n, self.models, self.bench.problem.origin)
+        ratios = sampled_ratios(stack, self.bench.problem.task, self.directions, self.bench.screening_budget)
+        return float(np.min(ratios))
 
-
-def _places(bench: Workbench, faces: tuple[str, ...], points: FloatArray, offset: float) -> Places:
-    normals = bench.inward_normals(faces, points)
-    each = zip(faces, points, normals, strict=True)
-    return [places_around(bench, face, p, n, offset) for face, p, n in each]
-
-
-def _with(points: FloatArray, i: int, point: FloatArray) -> FloatArray:
-    result = points.copy()
-    result[i] = point
-    return result
+    def _places(self) -> Places:
+        normals = self.bench.inward_normals(self.faces, self.points)
+        each = zip(self.faces, self.points, normals, strict=True)
+        return [places_around(self.bench, face, p, n, self.offset) for face, p, n in each]

@@ -16,6 +16,7 @@ from nlpgrasp.solve.exchange import (
     ExchangeState,
     contacts_of,
     evaluated,
+    exchange,
     fill_start,
     most_relevant,
     new_directions,
@@ -35,6 +36,13 @@ OTHERS = {"normal": 4.0, "hand": 3.0}  # how far other variables may go, over th
 CORRECTIONS = 3
 BETA_STEP = 10.0  # solver units: as good as unbounded
 KEPT = 1e-7  # violation, in solver units, at which the Newton steps back to the constraints end
+
+
+def improved(
+    bench: Workbench, faces: tuple[str, ...], state: ExchangeState, rng: np.random.Generator, stop: Stop
+) -> ExchangeState:
+    """Improve contacts, and hand, by the exchange that suits the problem."""
+    return (sequential_exchange if bench.linearises else exchange)(bench, faces, state, rng, stop)
 
 
 def sequential_exchange(

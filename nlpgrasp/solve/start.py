@@ -11,16 +11,15 @@ from threadpoolctl import threadpool_limits
 from nlpgrasp.quality import mu
 from nlpgrasp.solution import StartRecord, Status
 from nlpgrasp.solve.candidates import MANY, draw_start
-from nlpgrasp.solve.exchange import exchange
 from nlpgrasp.solve.first import FirstResult, solve_first
 from nlpgrasp.solve.on_body import put_on_body
 from nlpgrasp.solve.reports import constraint_reports
 from nlpgrasp.solve.restore import touching_candidates
 from nlpgrasp.solve.robust_ascent import steadied
-from nlpgrasp.solve.sequential import sequential_exchange
+from nlpgrasp.solve.sequential import improved
 from nlpgrasp.solve.start_result import StartResult
 from nlpgrasp.solve.stop import Stop
-from nlpgrasp.solve.workbench import FEASIBLE, Workbench
+from nlpgrasp.solve.workbench import Workbench
 
 GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 
@@ -65,8 +64,7 @@ def _finish(
     """Refine what the first program found, put it onto the body and certify it."""
     faces, state = first.faces, first.state
     if bench.options.exchange:
-        improve = sequential_exchange if bench.linearises else exchange
-        state = improve(bench, faces, state, rng, stop)
+        state = improved(bench, faces, state, rng, stop)
     clock.mark("exchange")
     found = put_on_body(bench, faces, state, rng, stop)
     clock.mark("mesh")
@@ -82,8 +80,7 @@ def _finish(
         deadline=stop.certificate_deadline(GRACE),
     )
     clock.mark("certificate")
-    kept = found.violation <= (FEASIBLE if found.surface is None else 10.0 * FEASIBLE)
-    status = Status.SOLVED if bounds.lower > 0.0 and kept else Status.NO_GRASP
+    status = Status.SOLVED if bounds.lower > 0.0 and found.allowed else Status.NO_GRASP
     record = StartRecord(index, status, faces, bounds, found.violation, state.iterations, {}, first.message)
     return StartResult(
         record,

@@ -69,11 +69,8 @@ class Workbench(RowValues):
     def with_task(self, problem: GraspProblem) -> Workbench:
         """Return the workbench of a problem that differs in its task alone: the exchange's program and samples stay."""
         self.cut_program(tuple(problem.allowed_faces(i)[0] for i in range(len(problem.models))))
-        shared = [
-            self.cloud,
-            self.mesh_cloud if isinstance(problem.body, Mesh) else None,
-        ]  # made before they are copied
-        del shared
+        for name in ("cloud", "mesh_cloud") if isinstance(problem.body, Mesh) else ("cloud",):
+            getattr(self, name)  # made once, before it is copied
         result = copy(self)
         result.problem, result.scaling, result._first = problem, Scaling.of(problem), None
         result.__dict__.pop("task_samples", None)

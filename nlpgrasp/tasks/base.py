@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from copy import copy
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,12 +88,12 @@ class Task(ABC):
         result = copy(self) if np.array_equal(new, old) else self.transformed(move_torque_origin(new - old))
         return result._about(new)
 
-    def given_about(self, origin: ArrayLike) -> Task:
+    def given_about(self, origin: ArrayLike) -> Self:
         """Return the task as one whose moments were about this point all along."""
         space = space_dimension(self.dimension)
         return copy(self)._about(array("origin", origin, (space,)))
 
-    def _about(self, origin: FloatArray | None) -> Task:
+    def _about(self, origin: FloatArray | None) -> Self:
         self.about = None if origin is None else read_only(np.array(origin))
         return self
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
-from nlpgrasp.tasks.fit import EllipsoidFit, fit_ellipsoid
+from nlpgrasp.tasks.fit import fit_ellipsoid
 from nlpgrasp.validation import SMALLEST, array, number, read_only
 
 
@@ -67,6 +67,4 @@ def collision_task(events: Sequence[CollisionEvent], force: float = 1.0) -> Task
         direction, point = np.asarray(event.direction), np.asarray(event.point)
         push = size * event.likelihood * direction / np.linalg.norm(direction)
         wrenches.append(-np.concatenate([push, np.cross(point, push)]))
-    found: EllipsoidFit = fit_ellipsoid(np.array(wrenches))
-    found.task._about(np.zeros(3))
-    return found.task
+    return fit_ellipsoid(np.array(wrenches)).task.given_about(np.zeros(3))

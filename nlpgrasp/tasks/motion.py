@@ -149,6 +149,4 @@ def motion_task(
     gravity: ArrayLike = GRAVITY,
 ) -> TaskPolytope:
     """Return the hull of :func:`motion_wrenches`, about the body frame's origin."""
-    task = TaskPolytope(motion_wrenches(times, positions, quaternions, mass, gravity))
-    task._about(np.zeros(3))
-    return task
+    return TaskPolytope(motion_wrenches(times, positions, quaternions, mass, gravity)).given_about(np.zeros(3))

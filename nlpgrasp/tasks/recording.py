@@ -6,7 +6,7 @@ import csv
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -107,8 +107,7 @@ class WrenchRecording:
     ) -> EllipsoidFit:
         """Return the ellipsoid fitted to the recording, about the body frame's origin; see :func:`fit_ellipsoid`."""
         found = fit_ellipsoid(self.wrenches, outliers=outliers, probability=probability, center=center)
-        found.task._about(np.zeros(3))
-        return found
+        return replace(found, task=found.task.given_about(np.zeros(3)))
 
 
 def _table(path: Path) -> tuple[list[list[str]], list[str] | None, list[int]]:

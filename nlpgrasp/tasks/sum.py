@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -37,7 +37,7 @@ class TaskSum(Task):
             self.tasks = (first, *(task.at(first.about) for task in self.tasks[1:]))
         self._about(first.about)
 
-    def _about(self, origin: FloatArray | None) -> Task:
+    def _about(self, origin: FloatArray | None) -> Self:
         self.tasks = tuple(copy(task)._about(origin) for task in self.tasks)
         return super()._about(origin)
 

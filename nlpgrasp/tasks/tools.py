@@ -196,9 +196,7 @@ def pour(
     radius = float(np.linalg.norm(above - along))
     corners = along + 2.0 * radius**2 * middle / np.maximum(np.sum(middle**2, axis=1), 1e-300)[:, None]
     forces = weight * np.concatenate([turned[:1], corners, turned[-1:]])
-    task = TaskPolytope(np.concatenate([forces, np.cross(where, forces)], axis=1))
-    task._about(ORIGIN)
-    return task
+    return TaskPolytope(np.concatenate([forces, np.cross(where, forces)], axis=1)).given_about(ORIGIN)
 
 
 def disturbance(force: float, torque: float, point: ArrayLike = (0.0, 0.0, 0.0)) -> TaskEllipsoid:
@@ -243,6 +241,4 @@ def _at_point(
 
 def _made(axes: FloatArray, center: FloatArray) -> TaskEllipsoid:
     kept = axes[np.any(axes != 0.0, axis=1)]
-    task = TaskEllipsoid.from_axes(kept, center)
-    task._about(ORIGIN)
-    return task
+    return TaskEllipsoid.from_axes(kept, center).given_about(ORIGIN)
