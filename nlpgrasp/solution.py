@@ -56,6 +56,8 @@ class StartRecord:
         Wall time by stage: ``screen``, ``vertex``, ``exchange``, ``mesh``, ``certificate``.
     message : str
         The vertex solver's own word, or the error.
+    history : tuple of float
+        The least ratio found before the exchange and after each of its rounds: how mu rose, from above.
     """
 
     index: int
@@ -66,6 +68,7 @@ class StartRecord:
     iterations: int = 0
     seconds: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
+    history: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -209,6 +209,7 @@ def _start_data(record: StartRecord) -> dict[str, Any]:
     data["mu"] = bounds_data(record.mu, None)
     data["violation"] = _finite_or_none(record.violation)
     data["seconds"] = dict(record.seconds)
+    data["history"] = list(record.history)
     return data
 
 
@@ -223,6 +224,7 @@ def _start_of(data: Mapping[str, Any]) -> StartRecord:
         iterations=int(data["iterations"]),
         seconds={str(k): float(v) for k, v in data["seconds"].items()},
         message=str(data["message"]),
+        history=tuple(map(float, data.get("history", ()))),
     )
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 import jsonschema
 
+from nlpgrasp.atomic import write_text
 from nlpgrasp.errors import InputError
 from nlpgrasp.schema import SCHEMA_NAME, solution_schema
 from nlpgrasp.solution import GraspSolution
@@ -29,25 +28,7 @@ def save(solution: GraspSolution, path: str | Path) -> Path:
     InputError
         When the folder does not exist or cannot be written.
     """
-    target = Path(path)
-    text = json.dumps(to_data(solution), indent=1, allow_nan=False) + "\n"
-    try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".nlpgrasp-", suffix=".tmp")
-    except OSError as error:
-        raise InputError(
-            "out", f"{path} ({error.strerror})", "a file in a folder that exists and can be written"
-        ) from None
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(name, 0o666 & ~_umask())
-        os.replace(name, target)
-    except OSError as error:
-        Path(name).unlink(missing_ok=True)
-        raise InputError("out", f"{path} ({error.strerror})", "a file that can be written") from None
-    return target
+    return write_text(path, json.dumps(to_data(solution), indent=1, allow_nan=False) + "\n")
 
 
 def load(path: str | Path) -> GraspSolution:
@@ -140,9 +121,3 @@ def _depth(text: str) -> int:
         elif character in "]}":
             depth -= 1
     return deepest
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current

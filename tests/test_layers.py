@@ -8,7 +8,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "nlpgrasp"
 LAYERS = [
     ["version", "errors"],
-    ["validation"],
+    ["validation", "atomic"],
     ["spatial", "directions", "rows", "schema", "conic_solver"],
     ["bodies", "contacts", "tasks", "hands", "constraints"],
     ["budgets", "grasp", "grasp_stack"],

@@ -39,6 +39,8 @@ class ExchangeState:
     multipliers : (m,) array
         Of the rows of constraints and hand at the last solve, solver units.
     iterations, rounds : int
+    history : list of float
+        ``value`` at first and after each round.
     function_seconds, solver_seconds : float
         Time in IPOPT, and in function evaluations within it.
     """
@@ -49,8 +51,23 @@ class ExchangeState:
     multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))
     iterations: int = 0
     rounds: int = 0
+    history: list[float] = field(default_factory=list)
     function_seconds: float = 0.0
     solver_seconds: float = 0.0
+
+    def begin_round(self) -> None:
+        """Count a round and keep the value it begins with."""
+        self.rounds += 1
+        self._remember()
+
+    def end(self) -> ExchangeState:
+        """Keep the last value and return the state."""
+        self._remember()
+        return self
+
+    def _remember(self) -> None:
+        if np.isfinite(self.value):
+            self.history.append(float(self.value))
 
 
 def exchange(
@@ -63,7 +80,7 @@ def exchange(
     cuts, state.value = weakest.directions, weakest.value
     radius = FIRST_RADIUS
     while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
-        state.rounds += 1
+        state.begin_round()
         cuts = most_relevant(bench, faces, state, cuts)
         result = compiled.solve(*trust_region(bench, compiled, faces, state, cuts, radius))
         state.multipliers = result.multipliers[compiled.program.placement]
@@ -86,7 +103,7 @@ def exchange(
             radius *= 0.4
         if promised < LEAST_GAIN * state.value:
             break
-    return state
+    return state.end()
 
 
 def contacts_of(

@@ -42,12 +42,16 @@ class Runner:
     problem : GraspProblem
     options : SolveOptions
     starts : int
+    bench : Workbench, optional
+        Of the problem, where it has one already: the starts then run in this process.
     """
 
-    def __init__(self, problem: GraspProblem, options: SolveOptions, starts: int) -> None:
+    def __init__(
+        self, problem: GraspProblem, options: SolveOptions, starts: int, bench: Workbench | None = None
+    ) -> None:
         self.problem, self.options, self.count = problem, options, starts
-        self.workers = min(options.workers or _cores(), starts)
-        self._bench: Workbench | None = None
+        self.workers = 1 if bench is not None else min(options.workers or cores(), starts)
+        self._bench = bench
         self._payload: tuple[list[str], bytes] | None = None
         self._token = uuid.uuid4().hex
 
@@ -154,7 +158,7 @@ def _result(future: Future[Any], index: int) -> StartResult:
     return result  # type: ignore[no-any-return]
 
 
-def _cores() -> int:
+def cores() -> int:
     """Return the cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

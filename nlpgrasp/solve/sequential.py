@@ -56,7 +56,7 @@ def sequential_exchange(
     cuts, state.value = weakest.directions, weakest.value
     radius = FIRST_RADIUS
     while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
-        state.rounds += 1
+        state.begin_round()
         cuts = most_relevant(bench, faces, state, cuts)
         model = _Model(bench, compiled, faces, state, cuts)
         z, promised = model.step(radius)
@@ -79,7 +79,7 @@ def sequential_exchange(
             radius *= 0.4
         if promised < LEAST_GAIN * state.value:
             break
-    return state
+    return state.end()
 
 
 class _Model:

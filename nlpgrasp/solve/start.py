@@ -81,7 +81,9 @@ def _finish(
     )
     clock.mark("certificate")
     status = Status.SOLVED if bounds.lower > 0.0 and found.allowed else Status.NO_GRASP
-    record = StartRecord(index, status, faces, bounds, found.violation, state.iterations, {}, first.message)
+    record = StartRecord(
+        index, status, faces, bounds, found.violation, state.iterations, {}, first.message, tuple(state.history)
+    )
     return StartResult(
         record,
         found.grasp,

@@ -3,7 +3,7 @@
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.solve.solve import _best
+from nlpgrasp.solve.answer import best_of
 from tests.benchmarks.starts import function_share, run_starts, stage_medians
 
 BEST_KNOWN = {4: 0.7309, 3: 0.4870}
@@ -17,7 +17,7 @@ def problem(k):
 def run():
     for k in (4, 3):
         results, seconds = run_starts(problem(k), 8)
-        best = _best(results)
+        best = best_of(results)
         final = ng.mu(best.grasp, problem(k).task, 0.01)
         closed = sum(r.record.mu.lower > 0.0 for r in results)
         print(f"{k} fingers: best certified {final} (target lower {TARGET[k]}, best known before {BEST_KNOWN[k]})")
