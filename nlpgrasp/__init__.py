@@ -35,6 +35,15 @@ from nlpgrasp.contacts import (
     SoftContact,
 )
 from nlpgrasp.errors import InputError, NlpgraspError, NoGraspError
+from nlpgrasp.experiments import (
+    Comparison,
+    Experiment,
+    ExperimentResult,
+    VariationResult,
+    combinations,
+    compare,
+    run_experiment,
+)
 from nlpgrasp.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.grasp_stack import GraspStack
@@ -93,6 +102,7 @@ __all__ = [
     "Box",
     "BoxRegion",
     "CollisionEvent",
+    "Comparison",
     "Constraint",
     "ContactCurve",
     "Cylinder",
@@ -102,6 +112,8 @@ __all__ = [
     "Ellipsoid",
     "EllipsoidFit",
     "EllipsoidTip",
+    "Experiment",
+    "ExperimentResult",
     "FineManipulation",
     "FingerForces",
     "Fingertips",
@@ -150,6 +162,7 @@ __all__ = [
     "TaskSum",
     "Torus",
     "URDFHand",
+    "VariationResult",
     "Verification",
     "Volume",
     "WhyNot",
@@ -158,6 +171,8 @@ __all__ = [
     "__version__",
     "allowed_twists",
     "collision_task",
+    "combinations",
+    "compare",
     "cut",
     "delta",
     "disturbance",
@@ -187,6 +202,7 @@ __all__ = [
     "press",
     "pyramid_volume",
     "rotate_body_frame",
+    "run_experiment",
     "screen",
     "smallest_singular_value",
     "solve",

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.errors import InputError
+from nlpgrasp.pyplot import pyplot
 from nlpgrasp.tasks.fit import NAMES, EllipsoidFit
 from nlpgrasp.validation import array
 
@@ -37,7 +38,7 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
     InputError
         On wrenches of another shape, or a path that cannot be written.
     """
-    plt = _pyplot("draw_fit")
+    plt = pyplot("draw_fit")
     if not isinstance(fit, EllipsoidFit):
         raise InputError("fit", fit, "what ng.fit_ellipsoid returns")
     if not isinstance(path, str | Path) or Path(path).suffix.lower() not in FORMATS:
@@ -79,15 +80,3 @@ def _shadow(fit: EllipsoidFit, i: int, j: int) -> Any:
     del u
     outline = (np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1)[:, : len(s)] * s) @ vt
     return (fit.task.center[[i, j]] + outline).T
-
-
-def _pyplot(what: str) -> Any:
-    """Return matplotlib's pyplot, drawing to files alone."""
-    try:
-        import matplotlib as mpl
-
-        mpl.use("Agg")
-        from matplotlib import pyplot
-    except ImportError:
-        raise MissingExtraError(what, "viz") from None
-    return pyplot

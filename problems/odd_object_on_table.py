@@ -3,7 +3,13 @@
 The object is a broad head on a narrow foot. On the table the fingertips reach neither the underside of the head nor
 the foot, and have to lift the weight by friction on the head's sides. Once it is picked up the fingers move, one
 after another while the others hold, to the grasp that the table excluded (Section 3.5.1).
+
+As an experiment, ``nlpgrasp experiment problems/odd_object_on_table.py --out odd``, it says what each set of
+constraints costs: none at all, the table, the table with fingertips that stay near each other, and the table with a
+small hand's reach.
 """
+
+from dataclasses import replace
 
 import casadi as ca
 
@@ -14,6 +20,8 @@ HEAD_HEIGHT, FOOT_HEIGHT = 0.012, 0.0  # of their middles
 TABLE = FOOT_HEIGHT - FOOT[2]
 SHARPNESS = 8  # exponent of the rounded boxes
 BLEND = 400.0  # 1 / m: how sharply head and foot meet
+ON_TABLE = ng.Table(TABLE, clearance=0.002)
+HAND = ng.Fingertips(count=5, radius=0.007, reach=0.06)
 
 
 def rounded_box(p, half, height):
@@ -36,7 +44,7 @@ def in_the_hand(constraints=()) -> ng.GraspProblem:
         body=ng.Implicit(surface, [[-0.05, -0.03, -0.03], [0.05, 0.03, 0.03]]),
         contacts=[ng.FrictionContact(0.5)] * 5,
         task=ng.TaskEllipsoid([1.0, 1.0, 4.0, 0.02, 0.02, 0.02]),
-        hand=ng.Fingertips(count=5, radius=0.007, reach=0.06),
+        hand=HAND,
         constraints=constraints,
         torque_origin=[0.0, 0.0, 0.0],
         name="odd object on a table" if constraints else "odd object in the hand",
@@ -45,7 +53,23 @@ def in_the_hand(constraints=()) -> ng.GraspProblem:
 
 def problem() -> ng.GraspProblem:
     """Return the problem on the table."""
-    return in_the_hand(constraints=[ng.Table(TABLE, clearance=0.002)])
+    return in_the_hand(constraints=[ON_TABLE])
+
+
+def experiment() -> ng.Experiment:
+    """Return the problem with sets of constraints; the fingertips are those of the hand in all of them."""
+    tips = replace(HAND, reach=None)
+    return ng.Experiment(
+        base=replace(in_the_hand(), hand=tips, name="odd object: what constraints cost"),
+        variations={
+            "free": {},
+            "table": {"constraints": [ON_TABLE]},
+            "table and spread": {"constraints": [ON_TABLE, ng.Spread(max=0.06)]},
+            "table and hand": {"constraints": [ON_TABLE], "hand": replace(HAND, reach=0.045)},
+        },
+        seeds=range(2),
+        starts=4,
+    )
 
 
 if __name__ == "__main__":

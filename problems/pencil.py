@@ -5,7 +5,8 @@ along the pencil that presses it onto the paper: large semi-axes for tau_y and t
 (3.3-2). Torques are about the lead. The lead and the cone behind it (the first 25 mm) must stay free.
 
 Run by itself the script compares the dexterous grasp, near the lead, with a power grasp around the pencil's middle
-(Figure 6).
+(Figure 6). As an experiment, ``nlpgrasp experiment problems/pencil.py --out pencil``, it says what rougher fingertips
+gain.
 """
 
 import math
@@ -40,6 +41,12 @@ def writing(least: float, most: float = LENGTH) -> ng.GraspProblem:
 def problem() -> ng.GraspProblem:
     """Return the problem: three soft fingertips anywhere behind the cone."""
     return writing(0.025)
+
+
+def experiment() -> ng.Experiment:
+    """Return the problem with smooth to rough fingertips."""
+    sweep = {f"friction {mu}": {"friction": mu} for mu in (0.2, 0.4, 0.6, 0.8, 1.0)}
+    return ng.Experiment(base=problem(), variations=sweep, seeds=range(2), starts=4, name="pencil: friction")
 
 
 def power() -> ng.GraspProblem:

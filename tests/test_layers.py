@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "nlpgrasp"
 LAYERS = [
     ["version", "errors"],
     ["validation", "atomic"],
-    ["spatial", "directions", "rows", "schema", "conic_solver"],
+    ["spatial", "directions", "rows", "schema", "conic_solver", "pyplot"],
     ["bodies", "contacts", "tasks", "hands", "constraints"],
     ["budgets", "grasp", "grasp_stack"],
     ["quality"],
@@ -22,7 +22,8 @@ LAYERS = [
     ["nlp", "verify_measures"],
     ["verify"],
     ["solve"],
-    ["cli", "pictures"],
+    ["experiments", "pictures"],
+    ["cli"],
     ["__init__", "__main__"],
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

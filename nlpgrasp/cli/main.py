@@ -1,4 +1,4 @@
-"""``nlpgrasp solve | quality | verify``.
+"""``nlpgrasp solve | quality | verify | experiment``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -13,6 +13,8 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from nlpgrasp.budgets import budget_from_dict
+from nlpgrasp.cli.experiment import experiment_command
+from nlpgrasp.cli.options import AsJson, File, Rtol, Script
 from nlpgrasp.cli.progress import Reporter, done, emit, pair
 from nlpgrasp.cli.script import load_problem
 from nlpgrasp.errors import InputError, NlpgraspError
@@ -33,11 +35,6 @@ app = typer.Typer(
 )
 
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # typer brings a click of its own; this is its UsageError
-
-Script = Annotated[Path, typer.Argument(metavar="SCRIPT", help="Python file with a function problem().")]
-File = Annotated[Path, typer.Argument(metavar="F.json", help="Solution file.")]
-AsJson = Annotated[bool, typer.Option("--json", help="JSON lines on standard output instead of text.")]
-Rtol = Annotated[float, typer.Option("--rtol", help="Relative gap of the certificate.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -132,6 +129,9 @@ def verify_command(file: File, rtol: Rtol = 0.01, as_json: AsJson = False) -> No
         typer.echo("verified" if verification else "NOT verified")
     if not verification:
         raise typer.Exit(1)
+
+
+app.command("experiment")(experiment_command)
 
 
 def main() -> None:

@@ -1,17 +1,21 @@
-"""Problem scripts: Python files with a function ``problem()``."""
+"""Problem scripts: Python files with a function ``problem()``, and for experiments ``experiment()``."""
 
 from __future__ import annotations
 
+import ast
 import runpy
 import sys
 import traceback
+from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from nlpgrasp.errors import InputError
+from nlpgrasp.experiments import Experiment
 from nlpgrasp.problem import GraspProblem
 
 RUN_NAME = "nlpgrasp_script"  # not "__main__": what a script does when run by itself is not wanted here
+T = TypeVar("T")
 
 
 def load_problem(path: str | Path) -> GraspProblem:
@@ -22,6 +26,23 @@ def load_problem(path: str | Path) -> GraspProblem:
     InputError
         When the file is missing or not Python, fails, has no ``problem()``, or that returns something else.
     """
+    return _returned(path, "problem", GraspProblem, "a GraspProblem")
+
+
+def load_experiment(path: str | Path) -> Experiment:
+    """Run a script and return what its ``experiment()`` returns.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_problem`; also when two variations are written with one name, of which Python keeps the last.
+    """
+    _refuse_twins(path)
+    return _returned(path, "experiment", Experiment, "an ng.Experiment")
+
+
+def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
+    """Run a script, call one of its functions and return what it returns."""
     file = Path(path)
     if not file.is_file():
         raise InputError("SCRIPT", str(path), "a Python file that exists")
@@ -34,22 +55,32 @@ def load_problem(path: str | Path) -> GraspProblem:
         raise InputError(str(path), f"line {error.lineno}: {error.msg}", "a Python script") from None
     except (Exception, SystemExit) as error:
         raise InputError(str(path), _where(error, file), "a script that runs") from None
-    function = names.get("problem")
+    function = names.get(name)
     if not callable(function):
-        raise InputError(str(path), "no function problem()", "a script with a function problem() -> GraspProblem")
-    return _called(function, path, file)
-
-
-def _called(function: Any, path: str | Path, file: Path) -> GraspProblem:
+        raise InputError(str(path), f"no function {name}()", f"a script with a function {name}() -> {kind.__name__}")
     try:
         result = function()
     except InputError as error:
         raise InputError(f"{path}: {error.field}", error.given, error.allowed) from None
     except (Exception, SystemExit) as error:
-        raise InputError(f"{path}: problem()", _where(error, file), "a function that returns a GraspProblem") from None
-    if not isinstance(result, GraspProblem):
-        raise InputError(f"{path}: problem()", type(result).__name__, "a GraspProblem")
+        raise InputError(f"{path}: {name}()", _where(error, file), f"a function that returns {wanted}") from None
+    if not isinstance(result, kind):
+        raise InputError(f"{path}: {name}()", type(result).__name__, wanted)
     return result
+
+
+def _refuse_twins(path: str | Path) -> None:
+    """Refuse a script in which a dictionary names two entries alike."""
+    try:
+        tree = ast.parse(Path(path).read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return  # said when it is run
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Dict):
+            keys = [k.value for k in node.keys if isinstance(k, ast.Constant) and isinstance(k.value, str)]
+            for name, count in Counter(keys).items():
+                if count > 1:
+                    raise InputError(f"{path}, line {node.lineno}", f"two entries named {name!r}", "each name once")
 
 
 def _where(error: BaseException, file: Path) -> str:

@@ -21,7 +21,7 @@ from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution import GraspSolution, Status
 from nlpgrasp.solve.dynamic_grasp import DynamicGrasp, DynamicStep
-from nlpgrasp.solve.exchange import ExchangeState
+from nlpgrasp.solve.exchange import ExchangeState, with_known
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.on_body import OnBody, put_on_body
 from nlpgrasp.solve.options import SolveOptions
@@ -34,7 +34,8 @@ from nlpgrasp.validation import FloatArray, array, integer, number
 SAME = 0.02  # of the body's size: contacts this close, in whatever order, are the same grasp
 FOLLOWED = 6  # local optima that are followed
 HOPEFUL = 0.85  # of the best one's quality: others are improved for the new task only from there
-TURNS = 3  # and each of them every so many steps
+TURNS = 4  # and each of them every so many steps
+NEAR_RADIUS, NEAR_GAIN = 0.03, 2e-3  # of the exchange: the task changes a little, and so do the contacts
 STAYED_RTOL = 0.02
 
 
@@ -105,12 +106,14 @@ def _steps(
     for value, problem in zip(values.tolist(), problems, strict=True):
         here, rng = bench.with_task(problem), np.random.default_rng(0)
         for branch in branches:
-            branch.state.value = _value(here, branch, rng)
+            branch.state.value = _value(here, branch)
         stayed = np.inf if before is None else _at_most(here, before, current)
         best = max(branch.state.value for branch in branches)
         for i, branch in enumerate(branches):
             its_turn = current is None or (len(result) + i) % TURNS == 0
             if branch is current or (its_turn and branch.state.value >= HOPEFUL * best):
+                if current is not None:
+                    branch.state.radius, branch.state.least_gain = NEAR_RADIUS, NEAR_GAIN
                 branch.state = replace(improved(here, branch.faces, branch.state, rng, Stop()), rounds=0)
         order = sorted(branches, key=lambda b: -b.state.value)
         taken = order[0] if current is None else current
@@ -139,17 +142,28 @@ def _branches(benches: Sequence[Workbench], starts: int, seed: int) -> list[_Bra
                 continue
             points, size = found.grasp.points, SAME * bench.scaling.length
             if all(np.max(_distances(points, b.state.points)) > size for b in result + own):
-                snapped = bench.snap(found.record.faces, points)
-                own.append(_Branch(found.record.faces, ExchangeState(snapped, 0.0, found.hand or {})))
+                own.append(_branch(bench, found.record.faces, points, found.hand or {}, np.random.default_rng(0)))
         result += own
     return result
 
 
-def _value(bench: Workbench, branch: _Branch, rng: np.random.Generator) -> float:
-    state = branch.state
-    grasp, nothing = bench.grasp(branch.faces, state.points), np.zeros((0, bench.problem.dimension))
-    budget = bench.budget(state.points, state.hand)
-    return weakest_directions(grasp, bench.problem.task, nothing, rng, budget).value
+def _branch(
+    bench: Workbench, faces: tuple[str, ...], points: FloatArray, hand: dict[str, FloatArray], rng: np.random.Generator
+) -> _Branch:
+    """Return a grasp as a branch, with the directions in which it is weakest."""
+    state = ExchangeState(bench.snap(faces, points), 0.0, hand)
+    nothing, budget = np.zeros((0, bench.problem.dimension)), bench.budget(state.points, hand)
+    grasp = bench.grasp(faces, state.points)
+    state.cuts = weakest_directions(grasp, bench.problem.task, nothing, rng, budget).directions
+    return _Branch(faces, state)
+
+
+def _value(bench: Workbench, branch: _Branch) -> float:
+    """Return an upper bound on the quality of contacts that stay, from the directions known of them."""
+    state, task = branch.state, bench.problem.task
+    directions = with_known(state.cuts, np.zeros((0, task.dimension)), task)
+    reached = bench.wrench_set(branch.faces, state.points, state.hand).support(directions)[0]
+    return float(np.min(reached, initial=np.inf))
 
 
 def _at_most(bench: Workbench, grasp: Grasp, branch: _Branch | None) -> float:

@@ -17,6 +17,7 @@ from nlpgrasp.nlp.forces import pressing_forces
 from nlpgrasp.solve.minimisers import Weakest, weakest_directions
 from nlpgrasp.solve.stop import Stop
 from nlpgrasp.solve.workbench import FEASIBLE, Workbench
+from nlpgrasp.tasks import Task
 from nlpgrasp.validation import FloatArray
 
 FIRST_RADIUS, LAST_RADIUS = 0.15, 1e-4  # of the body's size
@@ -41,6 +42,12 @@ class ExchangeState:
     iterations, rounds : int
     history : list of float
         ``value`` at first and after each round.
+    radius : float
+        Trust region that the exchange begins with, of the body's size.
+    least_gain : float
+        Relative: it stops when the model promises less.
+    cuts : (m, d) array
+        Directions known from a task or contacts nearby.
     function_seconds, solver_seconds : float
         Time in IPOPT, and in function evaluations within it.
     """
@@ -52,6 +59,9 @@ class ExchangeState:
     iterations: int = 0
     rounds: int = 0
     history: list[float] = field(default_factory=list)
+    radius: float = FIRST_RADIUS
+    least_gain: float = LEAST_GAIN
+    cuts: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     function_seconds: float = 0.0
     solver_seconds: float = 0.0
 
@@ -60,9 +70,10 @@ class ExchangeState:
         self.rounds += 1
         self._remember()
 
-    def end(self) -> ExchangeState:
-        """Keep the last value and return the state."""
+    def end(self, cuts: FloatArray) -> ExchangeState:
+        """Keep the last value and the cuts, and return the state."""
         self._remember()
+        self.cuts = cuts
         return self
 
     def _remember(self) -> None:
@@ -77,8 +88,7 @@ def exchange(
     compiled = bench.cut_program(faces)
     task, budget = bench.problem.task, bench.budget(state.points, state.hand)
     weakest = weakest_directions(bench.grasp(faces, state.points), task, np.zeros((0, task.dimension)), rng, budget)
-    cuts, state.value = weakest.directions, weakest.value
-    radius = FIRST_RADIUS
+    cuts, state.value, radius = with_known(state.cuts, weakest.directions, task), weakest.value, state.radius
     while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
         state.begin_round()
         cuts = most_relevant(bench, faces, state, cuts)
@@ -101,9 +111,18 @@ def exchange(
             radius *= 1.5 if gained > 0.5 * promised else 1.0 if gained > 0.1 * promised else 0.6
         else:
             radius *= 0.4
-        if promised < LEAST_GAIN * state.value:
+        if promised < state.least_gain * state.value:
             break
-    return state.end()
+    return state.end(cuts)
+
+
+def with_known(known: FloatArray, directions: FloatArray, task: Task) -> FloatArray:
+    """Return directions together with those known from another task, scaled to ``phi_A = 1`` for this one."""
+    if not len(known):
+        return directions
+    reach = task.support(known)[0]
+    used = reach > 0.0
+    return np.concatenate([directions, known[used] / reach[used, None]])
 
 
 def contacts_of(

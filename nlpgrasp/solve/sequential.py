@@ -21,6 +21,7 @@ from nlpgrasp.solve.exchange import (
     most_relevant,
     new_directions,
     slot_parameters,
+    with_known,
 )
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.quadratic import Linearised, shortest_step, step_bounds
@@ -53,8 +54,8 @@ def sequential_exchange(
     task, budget = bench.problem.task, bench.budget(state.points, state.hand)
     grasp = bench.grasp(faces, state.points)
     weakest = weakest_directions(grasp, task, np.zeros((0, task.dimension)), rng, budget)
-    cuts, state.value = weakest.directions, weakest.value
-    radius = FIRST_RADIUS
+    cuts, state.value = with_known(state.cuts, weakest.directions, task), weakest.value
+    radius = min(FIRST_RADIUS, state.radius)
     while state.rounds < bench.options.exchange_rounds and radius > LAST_RADIUS and not stop.requested() and len(cuts):
         state.begin_round()
         cuts = most_relevant(bench, faces, state, cuts)
@@ -79,7 +80,7 @@ def sequential_exchange(
             radius *= 0.4
         if promised < LEAST_GAIN * state.value:
             break
-    return state.end()
+    return state.end(cuts)
 
 
 class _Model:

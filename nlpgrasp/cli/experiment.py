@@ -1,0 +1,97 @@
+"""``nlpgrasp experiment``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlpgrasp.cli.live import LiveExperiment
+from nlpgrasp.cli.options import AsJson
+from nlpgrasp.cli.progress import emit, pair
+from nlpgrasp.cli.script import load_experiment
+from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.experiments import ExperimentResult, run_experiment
+from nlpgrasp.experiments.page import write_page
+from nlpgrasp.experiments.plots import write_plots
+from nlpgrasp.experiments.table import write_csv, write_parquet
+
+TABLE, PARQUET, PAGE = "table.csv", "table.parquet", "report.html"
+
+ExperimentScript = Annotated[Path, typer.Argument(metavar="SCRIPT", help="Python file with a function experiment().")]
+
+
+def experiment_command(
+    script: ExperimentScript,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results, new or empty.")],
+    resume: Annotated[bool, typer.Option("--resume", help="Do only what is missing in DIR.")] = False,
+    workers: Annotated[int | None, typer.Option("--workers", help="Processes; one a core by default.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster that solves instead.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Solve all variations of an experiment script; each finished solve is a file. Ctrl-C keeps what is done."""
+    place = out.absolute()  # before the script runs: it may change the working directory
+    experiment = load_experiment(script)
+    with LiveExperiment(experiment, as_json) as live:
+        result = run_experiment(
+            experiment, place, resume=resume, workers=workers, scheduler=scheduler, progress=live.solve_done
+        )
+    missing = write_outputs(result)
+    if as_json:
+        emit(_done(result, missing))
+    else:
+        typer.echo(str(result))
+        for line in missing:
+            typer.echo(line)
+        typer.echo(f"in {out}: solves/, {', '.join(p.name for p in sorted(place.glob('*.*')) if p.name[0] != '.')}")
+    if not (result.complete and result.success):
+        raise typer.Exit(1)
+
+
+def write_outputs(result: ExperimentResult) -> list[str]:
+    """Write table, pictures and page into the result's folder; return a line for each that could not be."""
+    missing = []
+    pictures: list[Path] = []
+
+    def attempt(write: object, *arguments: object) -> None:
+        try:
+            made = write(*arguments)  # type: ignore[operator]  # a function
+            if isinstance(made, list):
+                pictures.extend(made)
+        except (MissingExtraError, InputError) as error:
+            missing.append(str(error))
+
+    attempt(write_csv, result, result.folder / TABLE)
+    attempt(write_parquet, result, result.folder / PARQUET)
+    attempt(write_plots, result, result.folder)
+    attempt(write_page, result, result.folder / PAGE, pictures)
+    return missing
+
+
+def _done(result: ExperimentResult, missing: list[str]) -> dict[str, object]:
+    """Return the last JSON line of an experiment."""
+    variations = [
+        {
+            "variation": v.name,
+            "rank": rank,
+            "mu": pair(v.mu) if v.best is not None else None,
+            "ties": list(tied),
+            "seconds": v.seconds,
+            "starts": list(v.starts),
+            "active": list(v.best.active) if v.best is not None else [],
+        }
+        for v, rank, tied in zip(result.variations, result.ranks(), result.ties(), strict=True)
+    ]
+    failures = [{"variation": s.variation, "seed": s.seed, "failure": s.failure} for s in result.failures]
+    return {
+        "event": "done",
+        "complete": result.complete,
+        "comparable": result.comparable,
+        "variations": variations,
+        "failures": failures,
+        "notes": [*result.notes, *missing],
+        "folder": str(result.folder),
+    }

@@ -1,0 +1,84 @@
+"""Solves over a Dask cluster (extra ``cluster``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.experiments.experiment import SolveId
+from nlpgrasp.experiments.work import Job, Outcome, work
+
+REACHED = 10  # seconds to reach a scheduler
+AHEAD = 2  # solves a worker has waiting, so that it never waits for one
+LEAST_WINDOW = 4
+
+
+def connect(address: str) -> Any:
+    """Return a client of a Dask scheduler.
+
+    Raises
+    ------
+    MissingExtraError
+        Without the extra ``cluster``.
+    InputError
+        When no scheduler answers at the address.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise MissingExtraError("--scheduler", "cluster") from None
+    try:
+        return Client(address, timeout=REACHED, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        reason = f"{address} ({type(error).__name__})"
+        raise InputError(
+            "--scheduler", reason, "the address of a running Dask scheduler, such as tcp://host:8786"
+        ) from None
+
+
+def run_cluster(
+    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], client: Any
+) -> Iterator[tuple[SolveId, Outcome]]:
+    """Yield each solve with its outcome as it is done, in any order.
+
+    A few solves a worker are submitted at a time. Those of a worker that ends are done again by others; one that ends
+    several workers has failed (Dask's ``allowed-failures``).
+    """
+    from distributed import as_completed
+
+    waiting = iter(solves)
+    under_way: dict[Any, SolveId] = {}
+    done = as_completed(loop=client.loop)
+
+    def submit() -> None:
+        while len(under_way) < _window(client):
+            solve = next(waiting, None)
+            if solve is None:
+                return
+            future = client.submit(work, pack(solve), pure=False, key=f"nlpgrasp-{pack(solve).token}-{solve.seed}")
+            under_way[future] = solve
+            done.add(future)
+
+    try:
+        submit()
+        for future in done:
+            solve = under_way.pop(future)
+            yield solve, _outcome(future)
+            submit()
+    finally:
+        client.cancel(list(under_way))
+
+
+def _window(client: Any) -> int:
+    """Return how many solves may be with the cluster: it may grow and shrink."""
+    return max(LEAST_WINDOW, AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]))
+
+
+def _outcome(future: Any) -> Outcome:
+    if future.status == "finished":
+        result: Outcome = future.result()
+        return result
+    error = future.exception() if future.status == "error" else None
+    reason = "the cluster lost it" if error is None else " ".join(f"{type(error).__name__}: {error}".split())
+    return Outcome(failure=reason)

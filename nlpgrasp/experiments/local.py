@@ -1,0 +1,83 @@
+"""Solves over the cores of this machine, by joblib."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import Any
+
+from joblib import Parallel, delayed
+from joblib.externals.loky.process_executor import BrokenProcessPool
+
+from nlpgrasp.experiments.experiment import SolveId
+from nlpgrasp.experiments.work import Job, Outcome, work
+
+IDLE = 300  # seconds after which workers that have nothing to do end
+
+
+def run_local(
+    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], workers: int
+) -> Iterator[tuple[SolveId, Outcome]]:
+    """Yield each solve with its outcome as it is done, in any order.
+
+    No more solves are under way than there are workers. When a worker process ends, joblib's pool ends with it, and
+    nothing says which of the solves under way ended it: each of them is done again, alone, and the one that ends its
+    process again has failed.
+    """
+    waiting = dict.fromkeys(solves)
+    while waiting:
+        suspects = yield from _until_broken(waiting, pack, workers)
+        for solve in suspects:
+            if (yield from _until_broken({solve: None}, pack, 1)):
+                yield solve, Outcome(failure="its process ended, twice: a crash, or out of memory")
+            del waiting[solve]
+
+
+def _until_broken(
+    waiting: dict[SolveId, None], pack: Callable[[SolveId], Job], workers: int
+) -> Generator[tuple[SolveId, Outcome], None, list[SolveId]]:
+    """Yield outcomes, taking their solves from those waiting, until all are done or a worker ends.
+
+    Returns the solves that were under way then; they go on waiting.
+    """
+    under_way: dict[SolveId, None] = {}
+
+    def tasks() -> Iterator[Any]:
+        for solve in list(waiting):
+            under_way[solve] = None
+            yield delayed(_guarded)(pack(solve), os.getpid())
+
+    # with one job joblib would stay in this process, which a crash would end: two processes then, one of them idle
+    pool = Parallel(
+        n_jobs=max(workers, 2),
+        pre_dispatch=workers,
+        batch_size=1,
+        backend="loky",
+        max_nbytes=None,
+        return_as="generator_unordered",
+        initializer=_ignore_interrupt,
+        idle_worker_timeout=IDLE,
+    )
+    results = pool(tasks())
+    try:
+        for solve, outcome in results:
+            del under_way[solve], waiting[solve]
+            yield solve, outcome
+    except BrokenProcessPool:
+        return list(under_way)
+    finally:
+        results.close()
+    return []
+
+
+def _guarded(job: Job, parent: int) -> tuple[SolveId, Outcome]:
+    """Do a job in a worker; nothing once the process that wants it is gone."""
+    if os.getppid() != parent:
+        return job.solve, Outcome(interrupted=True)
+    return job.solve, work(job)
+
+
+def _ignore_interrupt() -> None:
+    """Leave Ctrl-C to the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

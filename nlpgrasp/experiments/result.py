@@ -1,0 +1,235 @@
+"""What an experiment found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from nlpgrasp.experiments.experiment import SolveId
+from nlpgrasp.experiments.folder import Folder
+from nlpgrasp.experiments.ranking import ranks, ties
+from nlpgrasp.experiments.record import NOTHING, SolveRecord
+from nlpgrasp.experiments.text import columns
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution import GraspSolution
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NOT_DONE = "not done"
+NOT_COMPARABLE = "They differ in task or force budget: their values of mu measure different things."
+
+
+@dataclass(frozen=True)
+class VariationResult:
+    """All solves of one variation.
+
+    Parameters
+    ----------
+    name : str
+    solves : tuple of SolveRecord
+        One a seed.
+    """
+
+    name: str
+    solves: tuple[SolveRecord, ...]
+
+    @property
+    def best(self) -> SolveRecord | None:
+        """The solve with the best certified bounds."""
+        return max((s for s in self.solves if s.success), key=lambda s: (s.mu.upper, s.mu.lower), default=None)
+
+    @cached_property
+    def mu(self) -> Bounds:
+        """Bounds on the quality of the best grasp that any of the solves found; ``[0, 0]`` without one."""
+        found = [s.mu for s in self.solves if s.success]
+        return Bounds(max(b.lower for b in found), max(b.upper for b in found)) if found else NOTHING
+
+    @property
+    def done(self) -> int:
+        """How many solves have a solution."""
+        return sum(s.done for s in self.solves)
+
+    @property
+    def starts(self) -> tuple[int, int]:
+        """How many starts found a certified grasp, and how many there were."""
+        return sum(s.succeeded for s in self.solves), sum(len(s.starts) for s in self.solves)
+
+    @property
+    def seconds(self) -> float:
+        """Median wall time of a solve."""
+        return median([s.seconds for s in self.solves if s.done] or [0.0])
+
+    @property
+    def failures(self) -> tuple[SolveRecord, ...]:
+        """The solves without a solution."""
+        return tuple(s for s in self.solves if not s.done)
+
+
+@dataclass(frozen=True)
+class ExperimentResult:
+    """What an experiment found, variation by variation.
+
+    Parameters
+    ----------
+    name : str
+    folder : Path
+        Where the solutions are.
+    variations : tuple of VariationResult
+        In the experiment's order.
+    notes : tuple of str
+        What else there is to say: files that could not be read or written.
+    """
+
+    name: str
+    folder: Path
+    variations: tuple[VariationResult, ...]
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def load(cls, folder: str | Path) -> ExperimentResult:
+        """Read the result of an output folder, finished or not.
+
+        Raises
+        ------
+        InputError
+            When it is not the folder of an experiment.
+        """
+        place = Folder(folder)
+        plan = place.plan()
+        solves = [SolveId(name, seed) for name in plan["variations"] for seed in plan["seeds"]]
+        records, notes = read_records(place, solves)
+        return cls.of(str(plan.get("name", "")), place, solves, records, notes)
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        place: Folder,
+        solves: Sequence[SolveId],
+        records: dict[SolveId, SolveRecord],
+        notes: Sequence[str],
+    ) -> ExperimentResult:
+        """Return the result of the solves that have a record; the others are said to be not done."""
+        by_variation: dict[str, list[SolveRecord]] = {}
+        for solve in solves:
+            record = records.get(solve) or SolveRecord(solve.variation, solve.seed, failure=NOT_DONE)
+            by_variation.setdefault(solve.variation, []).append(record)
+        variations = tuple(VariationResult(n, tuple(r)) for n, r in by_variation.items())
+        return cls(name, place.path, variations, tuple(notes))
+
+    def __getitem__(self, name: str) -> VariationResult:
+        """Return a variation by name."""
+        for variation in self.variations:
+            if variation.name == name:
+                return variation
+        raise KeyError(name)
+
+    @property
+    def solves(self) -> tuple[SolveRecord, ...]:
+        """All solves."""
+        return tuple(s for v in self.variations for s in v.solves)
+
+    @property
+    def failures(self) -> tuple[SolveRecord, ...]:
+        """The solves without a solution: failed or not done."""
+        return tuple(s for s in self.solves if not s.done)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every solve has a solution."""
+        return not self.failures
+
+    @property
+    def success(self) -> bool:
+        """Whether any solve found a grasp."""
+        return any(s.success for s in self.solves)
+
+    @property
+    def comparable(self) -> bool:
+        """Whether all solves measure mu by the same task and kind of force budget."""
+        return len({s.measured for s in self.solves if s.done}) <= 1
+
+    def ranks(self) -> list[int]:
+        """Return for each variation 1 plus the number of those that are certainly better."""
+        return ranks([v.mu for v in self.variations])
+
+    def ties(self) -> list[tuple[str, ...]]:
+        """Return for each variation which others are as good, as far as the certified bounds tell."""
+        found = ties([v.mu for v in self.variations])
+        return [tuple(self.variations[j].name for j in js if self.variations[j].mu.upper > 0.0) for js in found]
+
+    def solution(self, variation: str, seed: int | None = None) -> GraspSolution:
+        """Return a solution from its file: of a seed, or of the best one.
+
+        Raises
+        ------
+        InputError
+            When there is no such file, or none with a grasp.
+        KeyError
+            On an unknown variation.
+        """
+        known = self[variation]
+        best = known.best or known.solves[0]
+        return GraspSolution.load(Folder(self.folder).file(SolveId(variation, best.seed if seed is None else seed)))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the table: one mapping a solve, see :mod:`nlpgrasp.experiments.table`."""
+        from nlpgrasp.experiments.table import rows
+
+        return rows(self)
+
+    def frame(self) -> pd.DataFrame:
+        """Return the table as a pandas frame (extra ``tables``).
+
+        Raises
+        ------
+        MissingExtraError
+            When pandas is not installed.
+        """
+        from nlpgrasp.experiments.table import frame
+
+        return frame(self)
+
+    def __str__(self) -> str:
+        heads = ["rank", "variation", "mu certified in", "seconds", "starts", "ties with", "active"]
+        body = []
+        for v, rank, tied in zip(self.variations, self.ranks(), self.ties(), strict=True):
+            good, total = v.starts
+            active = "; ".join(v.best.active) if v.best is not None else ""
+            found = str(v.mu) if v.best is not None else "no grasp" if v.done else "nothing done"
+            body.append([f"{rank}", v.name, found, f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), active])
+        lines = [f"{self.name}: {sum(v.done for v in self.variations)} of {len(self.solves)} solves done"]
+        lines += columns(heads, body)
+        if not self.comparable:
+            lines.append(NOT_COMPARABLE)
+        for v in self.variations:
+            if v.best is not None and v.best.prices:
+                lines.append(f"{v.name}: {'; '.join(str(p) for p in v.best.prices[:3])}")
+        lines += [f"{s.variation}, seed {s.seed}: {s.failure}" for s in self.failures if s.failure != NOT_DONE]
+        missing = sum(s.failure == NOT_DONE for s in self.failures)
+        lines += [f"{missing} solves not done"] if missing else []
+        return "\n".join([*lines, *self.notes])
+
+
+def read_records(place: Folder, solves: Sequence[SolveId]) -> tuple[dict[SolveId, SolveRecord], list[str]]:
+    """Return the records of the solves that have a file, and a note for each file that cannot be used."""
+    from nlpgrasp.errors import InputError
+
+    records: dict[SolveId, SolveRecord] = {}
+    notes = []
+    for solve in solves:
+        try:
+            solution = place.load(solve)
+        except InputError as error:
+            notes.append(f"{solve}: not used, {error}")
+            continue
+        if solution is not None:
+            records[solve] = SolveRecord.of(solve.variation, solve.seed, solution)
+        elif (why := place.failure(solve)) is not None:
+            records[solve] = SolveRecord(solve.variation, solve.seed, failure=why)
+    return records, notes

@@ -1,0 +1,25 @@
+"""matplotlib (extra ``viz``), for pictures in files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nlpgrasp.errors import MissingExtraError
+
+
+def pyplot(what: str) -> Any:
+    """Return matplotlib's pyplot, drawing to files alone.
+
+    Raises
+    ------
+    MissingExtraError
+        When matplotlib is not installed; ``what`` is what needs it.
+    """
+    try:
+        import matplotlib as mpl
+
+        mpl.use("Agg")
+        from matplotlib import pyplot as plt
+    except ImportError:
+        raise MissingExtraError(what, "viz") from None
+    return plt
