@@ -54,6 +54,7 @@ class LiveExperiment:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         if self._live is not None:
             self._live.update(self._bar)
+            self._live.transient = kind is not None  # an error stands alone
             self._live.stop()
 
     def solve_done(self, record: SolveRecord) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -9,6 +10,7 @@ from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.experiments.experiment import SolveId
 from nlpgrasp.experiments.work import Job, Outcome, work
 
+ADDRESS = re.compile(r"([a-z]+://)?[^\s:/]+:\d+")
 REACHED = 10  # seconds to reach a scheduler
 AHEAD = 2  # solves a worker has waiting, so that it never waits for one
 LEAST_WINDOW = 4
@@ -27,7 +29,7 @@ def connect(address: str) -> Any:
     try:
         from distributed import Client
     except ImportError:
-        raise MissingExtraError("--scheduler", "cluster") from None
+        raise MissingExtraError("a Dask scheduler", "cluster") from None
     try:
         return Client(address, timeout=REACHED, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:

@@ -143,7 +143,7 @@ class Experiment:
     def maker(self, name: str) -> Callable[[], Case]:
         """Return what makes the case of a variation, without the rest of the experiment: for a worker."""
         if self.deferred(name):
-            return partial(case_of, repr(name), self._base, self._by_name[name])
+            return partial(case_of, f"Experiment.variations[{name!r}]", self._base, self._by_name[name])
         return partial(_given, self._cases[name])
 
 

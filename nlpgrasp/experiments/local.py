@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
+import re
 import signal
 from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
@@ -13,7 +15,7 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 from nlpgrasp.experiments.experiment import SolveId
 from nlpgrasp.experiments.work import Job, Outcome, work
 
-IDLE = 300  # seconds after which workers that have nothing to do end
+IDLE = 30  # seconds after which workers that have nothing to do end
 
 
 def run_local(
@@ -27,19 +29,20 @@ def run_local(
     """
     waiting = dict.fromkeys(solves)
     while waiting:
-        suspects = yield from _until_broken(waiting, pack, workers)
+        suspects, _ = yield from _until_broken(waiting, pack, workers)
         for solve in suspects:
-            if (yield from _until_broken({solve: None}, pack, 1)):
-                yield solve, Outcome(failure="its process ended, twice: a crash, or out of memory")
+            again, how = yield from _until_broken({solve: None}, pack, 1)
+            if again:
+                yield solve, Outcome(failure=f"its process ended, twice{how}: a crash, or out of memory")
             del waiting[solve]
 
 
 def _until_broken(
     waiting: dict[SolveId, None], pack: Callable[[SolveId], Job], workers: int
-) -> Generator[tuple[SolveId, Outcome], None, list[SolveId]]:
+) -> Generator[tuple[SolveId, Outcome], None, tuple[list[SolveId], str]]:
     """Yield outcomes, taking their solves from those waiting, until all are done or a worker ends.
 
-    Returns the solves that were under way then; they go on waiting.
+    Returns the solves that were under way then, which go on waiting, and in words how the worker ended.
     """
     under_way: dict[SolveId, None] = {}
 
@@ -64,17 +67,19 @@ def _until_broken(
         for solve, outcome in results:
             del under_way[solve], waiting[solve]
             yield solve, outcome
-    except BrokenProcessPool:
-        return list(under_way)
+    except BrokenProcessPool as error:
+        codes = re.search(r"\{(.+?)\}", str(error))  # such as {SIGSEGV(-11)}
+        return list(under_way), f" ({codes[1]})" if codes else ""
     finally:
         results.close()
-    return []
+    return [], ""
 
 
 def _guarded(job: Job, parent: int) -> tuple[SolveId, Outcome]:
     """Do a job in a worker; nothing once the process that wants it is gone."""
     if os.getppid() != parent:
         return job.solve, Outcome(interrupted=True)
+    faulthandler.disable()  # a crash is reported by the parent, in one line
     return job.solve, work(job)
 
 

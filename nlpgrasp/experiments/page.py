@@ -70,13 +70,21 @@ def _table(result: ExperimentResult) -> str:
     order = sorted(zip(result.variations, result.ranks(), result.ties(), strict=True), key=lambda row: row[1])
     for v, rank, tied in order:
         good, total = v.starts
-        found = str(v.mu) if v.best is not None else "no grasp" if v.done else "nothing done"
         left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
         bar = (
             f'<div class="interval" aria-hidden="true"><span style="left:{left:.2f}%;width:{width:.2f}%"></span></div>'
         )
         active = "; ".join(v.best.active) if v.best is not None else ""
-        cells = [f"{rank}", v.name, found, bar, f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), active]
+        cells = [
+            f"{rank}" if v.done else "",
+            v.name,
+            v.found,
+            bar,
+            f"{v.seconds:.1f}",
+            f"{good}/{total}",
+            "; ".join(tied),
+            active,
+        ]
         rows.append("".join(f"<td>{cell if cell is bar else escape(cell)}</td>" for cell in cells))
     head = "".join(f'<th scope="col">{h}</th>' for h in heads)
     body = "\n".join(f"<tr>{row}</tr>" for row in rows)

@@ -60,6 +60,13 @@ class VariationResult:
         return sum(s.succeeded for s in self.solves), sum(len(s.starts) for s in self.solves)
 
     @property
+    def found(self) -> str:
+        """What was found, in words: the certified interval, or why there is none."""
+        if self.best is not None:
+            return str(self.mu)
+        return "no grasp" if self.done else "not done" if self.failures[0].failure == NOT_DONE else "failed"
+
+    @property
     def seconds(self) -> float:
         """Median wall time of a solve."""
         return median([s.seconds for s in self.solves if s.done] or [0.0])
@@ -201,8 +208,10 @@ class ExperimentResult:
         for v, rank, tied in zip(self.variations, self.ranks(), self.ties(), strict=True):
             good, total = v.starts
             active = "; ".join(v.best.active) if v.best is not None else ""
-            found = str(v.mu) if v.best is not None else "no grasp" if v.done else "nothing done"
-            body.append([f"{rank}", v.name, found, f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), active])
+            seconds = f"{v.seconds:.1f}" if v.done else ""
+            body.append(
+                [f"{rank}" if v.done else "", v.name, v.found, seconds, f"{good}/{total}", "; ".join(tied), active]
+            )
         lines = [f"{self.name}: {sum(v.done for v in self.variations)} of {len(self.solves)} solves done"]
         lines += columns(heads, body)
         if not self.comparable:

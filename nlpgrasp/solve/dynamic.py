@@ -33,7 +33,7 @@ from nlpgrasp.validation import FloatArray, array, integer, number
 
 SAME = 0.02  # of the body's size: contacts this close, in whatever order, are the same grasp
 FOLLOWED = 6  # local optima that are followed
-HOPEFUL = 0.85  # of the best one's quality: others are improved for the new task only from there
+HOPEFUL = 0.95  # of the best one's quality: others are improved for the new task only from there
 TURNS = 4  # and each of them every so many steps
 NEAR_RADIUS, NEAR_GAIN = 0.03, 2e-3  # of the exchange: the task changes a little, and so do the contacts
 STAYED_RTOL = 0.02
