@@ -26,9 +26,8 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
     try:
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=".nlpgrasp-", suffix=".tmp")
     except OSError as error:
-        raise InputError(
-            "out", f"{path} ({error.strerror})", "a file in a folder that exists and can be written"
-        ) from None
+        allowed = "a file in a folder that exists and can be written"
+        raise InputError(f"out ({path})", error.strerror, allowed) from None
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
@@ -38,7 +37,7 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
         os.replace(name, target)
     except OSError as error:
         Path(name).unlink(missing_ok=True)
-        raise InputError("out", f"{path} ({error.strerror})", "a file that can be written") from None
+        raise InputError(f"out ({path})", error.strerror, "a file that can be written") from None
     return target
 
 

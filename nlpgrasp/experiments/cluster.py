@@ -10,7 +10,7 @@ from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.experiments.experiment import SolveId
 from nlpgrasp.experiments.work import Job, Outcome, work
 
-ADDRESS = re.compile(r"([a-z]+://)?[^\s:/]+:\d+")
+ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")
 REACHED = 10  # seconds to reach a scheduler
 AHEAD = 2  # solves a worker has waiting, so that it never waits for one
 LEAST_WINDOW = 4
@@ -30,13 +30,13 @@ def connect(address: str) -> Any:
         from distributed import Client
     except ImportError:
         raise MissingExtraError("a Dask scheduler", "cluster") from None
+    allowed = "the address of a running Dask scheduler, such as tcp://host:8786"
+    if not isinstance(address, str) or not ADDRESS.fullmatch(address):
+        raise InputError("scheduler", address, allowed)
     try:
         return Client(address, timeout=REACHED, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        reason = f"{address} ({type(error).__name__})"
-        raise InputError(
-            "--scheduler", reason, "the address of a running Dask scheduler, such as tcp://host:8786"
-        ) from None
+    except (OSError, ValueError) as error:
+        raise InputError("scheduler", f"{address} ({type(error).__name__}: nobody answers)", allowed) from None
 
 
 def run_cluster(

@@ -50,21 +50,23 @@ class Folder:
             this experiment and ``resume`` is false.
         """
         if self.path.exists() and not self.path.is_dir():
-            raise InputError("out", f"{self.path} (not a folder)", "a folder")
+            raise InputError(f"out ({self.path})", "not a folder", "a folder")
         if not self.path.parent.is_dir():
-            raise InputError("out", f"{self.path} (no folder {self.path.parent})", "a folder in one that exists")
+            raise InputError(f"out ({self.path})", f"no folder {self.path.parent}", "a folder in one that exists")
         known = (self.path / PLAN).is_file()
         if known:
             check_same(self.plan(), plan, str(self.path))
             if not resume:
-                raise InputError("out", f"{self.path}, which holds results", "--resume to go on, or another folder")
+                raise InputError(
+                    f"out ({self.path})", "results of this experiment", "--resume to go on, or another folder"
+                )
         elif self.path.is_dir() and any(p.name != LOCK for p in self.path.iterdir()):
-            raise InputError("out", f"{self.path} (holds files that are no experiment's)", "a new or empty folder")
+            raise InputError(f"out ({self.path})", "files that are no experiment's", "a new or empty folder")
         try:
             (self.path / SOLVES).mkdir(parents=True, exist_ok=True)
             self._hold()
         except OSError as error:
-            raise InputError("out", f"{self.path} ({error.strerror})", "a folder that can be written") from None
+            raise InputError(f"out ({self.path})", error.strerror, "a folder that can be written") from None
         write_text(self.path / PLAN, json.dumps(plan, indent=1) + "\n")
 
     def close(self) -> None:
@@ -81,7 +83,7 @@ class Folder:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 self.close()
-                raise InputError("out", f"{self.path} (in use by another run)", "a folder of its own") from None
+                raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own") from None
 
     def plan(self) -> dict[str, Any]:
         """Return the plan.

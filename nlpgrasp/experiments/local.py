@@ -6,6 +6,9 @@ import faulthandler
 import os
 import re
 import signal
+import threading
+import time
+import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
@@ -15,6 +18,7 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 from nlpgrasp.experiments.experiment import SolveId
 from nlpgrasp.experiments.work import Job, Outcome, work
 
+WATCH = 1.0  # seconds between looks at whether the parent is there
 IDLE = 30  # seconds after which workers that have nothing to do end
 
 
@@ -49,7 +53,7 @@ def _until_broken(
     def tasks() -> Iterator[Any]:
         for solve in list(waiting):
             under_way[solve] = None
-            yield delayed(_guarded)(pack(solve), os.getpid())
+            yield delayed(_guarded)(pack(solve))
 
     # with one job joblib would stay in this process, which a crash would end: two processes then, one of them idle
     pool = Parallel(
@@ -59,7 +63,8 @@ def _until_broken(
         backend="loky",
         max_nbytes=None,
         return_as="generator_unordered",
-        initializer=_ignore_interrupt,
+        initializer=_prepare,
+        initargs=(os.getpid(),),
         idle_worker_timeout=IDLE,
     )
     results = pool(tasks())
@@ -71,18 +76,25 @@ def _until_broken(
         codes = re.search(r"\{(.+?)\}", str(error))  # such as {SIGSEGV(-11)}
         return list(under_way), f" ({codes[1]})" if codes else ""
     finally:
-        results.close()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that solves under way are cancelled: it is meant
+            results.close()
     return [], ""
 
 
-def _guarded(job: Job, parent: int) -> tuple[SolveId, Outcome]:
-    """Do a job in a worker; nothing once the process that wants it is gone."""
-    if os.getppid() != parent:
-        return job.solve, Outcome(interrupted=True)
+def _guarded(job: Job) -> tuple[SolveId, Outcome]:
+    """Do a job in a worker."""
     faulthandler.disable()  # a crash is reported by the parent, in one line
     return job.solve, work(job)
 
 
-def _ignore_interrupt() -> None:
-    """Leave Ctrl-C to the parent."""
+def _prepare(parent: int) -> None:
+    """Prepare a worker: Ctrl-C is for the parent, and a worker whose parent is gone ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCH)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

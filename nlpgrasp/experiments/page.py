@@ -9,7 +9,7 @@ from pathlib import Path
 
 from nlpgrasp.atomic import write_text
 from nlpgrasp.experiments.folder import Folder
-from nlpgrasp.experiments.result import ExperimentResult
+from nlpgrasp.experiments.result import NOT_COMPARABLE, ExperimentResult
 
 STYLE = """
 :root { color-scheme: light dark; }
@@ -56,9 +56,7 @@ def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -
 
 
 def _warnings(result: ExperimentResult) -> list[str]:
-    lines = (
-        [] if result.comparable else ["The variations differ in task or force budget: mu measures different things."]
-    )
+    lines = [] if result.comparable else [NOT_COMPARABLE]
     lines += [f"{s.variation}, seed {s.seed}: {s.failure}" for s in result.failures]
     return [f'<p class="warning">{escape(line)}</p>' for line in [*lines, *result.notes]]
 
@@ -71,20 +69,11 @@ def _table(result: ExperimentResult) -> str:
     for v, rank, tied in order:
         good, total = v.starts
         left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
-        bar = (
-            f'<div class="interval" aria-hidden="true"><span style="left:{left:.2f}%;width:{width:.2f}%"></span></div>'
-        )
+        span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
+        bar = f'<div class="interval" aria-hidden="true">{span}</div>'
         active = "; ".join(v.best.active) if v.best is not None else ""
-        cells = [
-            f"{rank}" if v.done else "",
-            v.name,
-            v.found,
-            bar,
-            f"{v.seconds:.1f}",
-            f"{good}/{total}",
-            "; ".join(tied),
-            active,
-        ]
+        place = f"{rank}" if v.done else ""
+        cells = [place, v.name, v.found, bar, f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), active]
         rows.append("".join(f"<td>{cell if cell is bar else escape(cell)}</td>" for cell in cells))
     head = "".join(f'<th scope="col">{h}</th>' for h in heads)
     body = "\n".join(f"<tr>{row}</tr>" for row in rows)

@@ -73,7 +73,7 @@ def check_same(old: Mapping[str, Any], new: Mapping[str, Any], where: str) -> No
     elif seeds:
         difference = f"an experiment with seed {seeds[0]}"
     if difference is not None:
-        raise InputError("out", f"{where}, which holds {difference}", "the folder of this experiment, or a new one")
+        raise InputError(f"out ({where})", difference, "the folder of this experiment, or a new one")
 
 
 def _differs(one: Mapping[str, Any], other: Mapping[str, Any], part: str) -> bool:

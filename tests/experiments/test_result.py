@@ -1,0 +1,183 @@
+"""What is read from an experiment: ranks, ties, tables, pictures, the page."""
+
+import csv
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.cli.experiment import write_outputs
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.experiment import SolveId
+from nlpgrasp.experiments.folder import Folder
+from nlpgrasp.experiments.plots import wilson
+from nlpgrasp.experiments.ranking import ranks, ties
+from nlpgrasp.experiments.record import active_constraints
+from nlpgrasp.experiments.table import COLUMNS
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution import ConstraintReport
+from tests.experiments.small import experiment
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    asked = experiment({"rough": {"friction": 0.8}, "smooth": {}, "same": {}, "broken": lambda: 1 / 0})
+    found = ng.run_experiment(asked, tmp_path_factory.mktemp("result") / "out")
+    assert write_outputs(found) == []
+    return found
+
+
+def test_ranks_count_only_what_is_certain():
+    bounds = [Bounds(1.0, 2.0), Bounds(1.5, 2.5), Bounds(2.1, 3.0), Bounds(0.0, 0.5), Bounds(0.5, 0.6)]
+    assert ranks(bounds) == [2, 1, 1, 4, 4]
+    assert ties(bounds) == [(1,), (0, 2), (1,), (4,), (3,)]
+
+
+def test_variations_within_the_gap_are_ties(result):
+    assert result.ranks() == [1, 2, 2, 4]
+    assert result.ties() == [(), ("same",), ("smooth",), ()]
+    text = str(result)
+    assert "8 solves done" in text
+    assert re.search(r"2 +smooth .*same", text)
+    assert "broken, seed 0: ZeroDivisionError: division by zero" in text
+
+
+def test_a_variation_has_the_best_of_its_seeds(result):
+    rough = result["rough"]
+    assert rough.mu.lower == max(s.mu.lower for s in rough.solves)
+    assert rough.mu.upper == max(s.mu.upper for s in rough.solves)
+    assert result.solution("rough").mu == rough.best.mu
+    assert rough.starts == (2, 2)
+    with pytest.raises(KeyError):
+        result["smoother"]
+
+
+def test_csv_parquet_and_frame_hold_the_same_numbers(result):
+    import pyarrow.parquet
+
+    with (result.folder / "table.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == list(COLUMNS)
+    assert len(rows) == 8
+    stored = pyarrow.parquet.read_table(result.folder / "table.parquet").to_pylist()
+    frame = result.frame()
+    for row, other, exact in zip(rows, stored, result.rows(), strict=True):
+        assert other == exact
+        assert float(row["mu_lower"]) == exact["mu_lower"]
+        assert row["variation"] == exact["variation"]
+    assert frame.groupby("variation").mu_lower.max()["rough"] == result["rough"].mu.lower
+    assert set(frame[frame.status == "failed"].variation) == {"broken"}
+    data = json.loads((result.folder / frame.file[0]).read_text())
+    assert data["quality"]["mu"]["lower"] == frame.mu_lower[0]
+
+
+def test_load_gives_the_same_result(result):
+    again = ng.ExperimentResult.load(result.folder)
+    assert again.rows() == result.rows()
+    assert str(again) == str(result)
+    with pytest.raises(InputError, match=r"no readable experiment\.json"):
+        ng.ExperimentResult.load(result.folder.parent)
+
+
+def test_a_plan_that_is_none_is_refused(result, tmp_path):
+    (tmp_path / "experiment.json").write_text('{"schema": "else"}')
+    with pytest.raises(InputError, match="the plan of an experiment"):
+        ng.ExperimentResult.load(tmp_path)
+
+
+class Page(HTMLParser):
+    def __init__(self, text):
+        super().__init__()
+        self.images, self.cells, self.links = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        values = dict(attributes)
+        if tag == "img":
+            self.images.append(values)
+        self.links += [v for k, v in values.items() if k in ("src", "href")]
+
+    def handle_data(self, data):
+        self.cells.append(data.strip())
+
+
+def test_the_page_stands_alone_and_says_all(result):
+    page = Page((result.folder / "report.html").read_text())
+    assert len(page.images) == 4
+    assert all(image["alt"] and image["src"].startswith("data:image/png;base64,") for image in page.images)
+    assert all(link.startswith("data:") for link in page.links)
+    assert str(result["rough"].mu) in page.cells
+    assert any("ZeroDivisionError" in cell for cell in page.cells)
+    assert any('"nlpgrasp-experiment/1"' in cell for cell in page.cells)
+
+
+def test_names_are_escaped_on_the_page(tmp_path):
+    asked = experiment({"<script>alert(1)</script>": {}}, seeds=[0])
+    found = ng.run_experiment(asked, tmp_path / "out", workers=1)
+    write_outputs(found)
+    assert "<script>" not in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_pictures_are_pictures(result):
+    names = {p.name for p in result.folder.glob("*.png")}
+    assert names == {"mu_by_variation.png", "mu_against_time.png", "convergence.png", "success_rate.png"}
+    import matplotlib.image
+
+    for name in names:
+        picture = matplotlib.image.imread(result.folder / name)
+        assert min(picture.shape[:2]) > 150
+        assert np.ptp(picture[..., :3]) > 0.5
+
+
+def test_wilson_interval():
+    low, high = wilson(8, 10)  # Brown, Cai and DasGupta (2001), doi:10.1214/ss/1009213286
+    assert (low, high) == (pytest.approx(0.4902, abs=1e-4), pytest.approx(0.9433, abs=1e-4))
+    assert wilson(0, 4)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_active_constraints_are_named_once():
+    def report(name, active=True):
+        return ConstraintReport(name, 0.0, 0.0, 1.0, 0.0, active)
+
+    reports = [report("table, finger 1"), report("table, finger 2"), report("reach, finger 0", False), report("x")]
+    reports += [report("fingertip distance, fingers 0 and 1")]
+    assert active_constraints(reports) == ("table, fingers 1, 2", "x", "fingertip distance, fingers 0 and 1")
+
+
+def test_file_names_differ_where_names_do(tmp_path):
+    place = Folder(tmp_path)
+    names = ["a", "A", "a b", "a-b", "a/b", "..", "ä", "x" * 100, "x" * 101, "con?"]
+    files = {place.file(SolveId(name, 0)).name.lower() for name in names}
+    assert len(files) == len(names)
+    assert all(re.fullmatch(r"[a-z0-9.-]+--seed0\.json", f) for f in files)
+    assert all(place.file(SolveId(name, 0)).parent == tmp_path / "solves" for name in names)
+
+
+def test_compare_ranks_solutions(result):
+    solutions = {name: result.solution(name) for name in ("smooth", "rough", "same")}
+    compared = ng.compare(solutions)
+    assert compared.names[0] == "rough"
+    assert compared.ranks == (1, 2, 2)
+    assert set(compared.ties[1]) == set({"smooth", "same"} - {compared.names[1]})
+    assert compared.comparable
+    assert "rough" in str(compared).splitlines()[1]
+    unnamed = ng.compare([result.solution("rough"), result.solution("same")])
+    assert unnamed.names == ("square (1)", "square (2)")
+
+
+def test_compare_says_when_mu_measures_different_things(result, tmp_path):
+    other = ng.run_experiment(experiment({"x": {"task": ng.TaskEllipsoid([1, 2, 1])}}, seeds=[0]), tmp_path / "out")
+    compared = ng.compare({"a": result.solution("rough"), "b": other.solution("x")})
+    assert not compared.comparable
+    assert "different things" in str(compared)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"), [([], "at least one"), (3, "solutions: got 3"), ([3], "a GraspSolution")]
+)
+def test_compare_refuses(given, message):
+    with pytest.raises(InputError, match=message):
+        ng.compare(given)

@@ -1,0 +1,261 @@
+"""Runs on this machine: resumed, crashed, killed, interrupted, without room on the disk."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.errors import InputError
+from tests.experiments.small import SCRIPT, base, experiment
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def command(*arguments, kind="fine"):
+    line = [sys.executable, "-m", "nlpgrasp", "experiment", str(SCRIPT), *map(str, arguments)]
+    environment = {**os.environ, "KIND": kind, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "NO_COLOR": "1"}
+    return line, environment
+
+
+def run(*arguments, kind="fine", cwd=None):
+    line, environment = command(*arguments, kind=kind)
+    return subprocess.run(line, capture_output=True, text=True, env=environment, cwd=cwd, timeout=300)
+
+
+def events(output):
+    return [json.loads(line) for line in output.splitlines()]
+
+
+def grasps(result):
+    return {
+        (s.variation, s.seed): result.solution(s.variation, s.seed).grasp.points.tolist()
+        for s in result.solves
+        if s.done
+    }
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("finished") / "out"
+    return ng.run_experiment(experiment(), folder, workers=2)
+
+
+def test_every_solve_is_a_verified_solution_file(finished):
+    files = sorted(p.name for p in (finished.folder / "solves").iterdir())
+    assert files == [f"{v}--seed{s}.json" for v in ("rough", "smooth") for s in (0, 1)]
+    for file in files:
+        assert ng.verify(finished.folder / "solves" / file, rtol=0.1)
+    assert finished.complete
+    assert finished.success
+
+
+def test_any_number_of_workers_gives_what_solve_gives(finished, tmp_path):
+    alone = ng.run_experiment(experiment(), tmp_path / "one", workers=1)
+    assert grasps(alone) == grasps(finished)
+    asked = experiment().case("rough")
+    direct = ng.solve(asked.problem, asked.starts, 1, asked.options)
+    assert direct.grasp.points.tolist() == grasps(finished)[("rough", 1)]
+    assert direct.mu.lower == finished.solution("rough", 1).mu.lower
+
+
+def test_resume_does_only_what_is_missing(finished, tmp_path):
+    folder = tmp_path / "out"
+    ng.run_experiment(experiment(seeds=[0]), folder, workers=1)
+    kept = {p: p.stat().st_mtime_ns for p in (folder / "solves").iterdir()}
+    (folder / "solves" / ".nlpgrasp-half.tmp").write_text("half a fi")
+    asked = experiment({"rough": {"friction": 0.8}, "smooth": {}, "new": {"friction": 0.6}}, seeds=[0, 1])
+    seen = []
+    result = ng.run_experiment(asked, folder, resume=True, progress=seen.append)
+    assert {(s.variation, s.seed) for s in seen[:2]} == {("rough", 0), ("smooth", 0)}
+    assert len(seen) == 6
+    assert {p: p.stat().st_mtime_ns for p in kept} == kept
+    assert result.complete
+    assert not list((folder / "solves").glob("*.tmp"))
+
+
+def test_a_file_that_cannot_be_read_is_done_again_and_said(tmp_path):
+    folder = tmp_path / "out"
+    first = ng.run_experiment(experiment(seeds=[0]), folder, workers=1)
+    (folder / "solves" / "rough--seed0.json").write_text("{")
+    again = ng.run_experiment(experiment(seeds=[0]), folder, resume=True, workers=1)
+    assert again.complete
+    assert "rough, seed 0: not used" in again.notes[0]
+    assert grasps(again) == grasps(first)
+
+
+def test_a_folder_with_results_needs_resume(finished):
+    with pytest.raises(InputError, match="--resume to go on, or another folder"):
+        ng.run_experiment(experiment(), finished.folder)
+
+
+OTHERS = {
+    "name": (lambda: experiment(name="another"), "the experiment 'square'"),
+    "variation gone": (lambda: experiment({"rough": {"friction": 0.8}}), "a variation 'smooth'"),
+    "problem": (
+        lambda: experiment({"rough": {"friction": 0.7}, "smooth": {}}),
+        r"whose variation 'rough' is another \(problem, contacts\)",
+    ),
+    "starts": (lambda: experiment(starts=2), r"whose variation 'rough' is another \(starts\)"),
+    "seeds": (lambda: experiment(seeds=[1, 2]), "with seed 0"),
+}
+
+
+@pytest.mark.parametrize(("make", "message"), OTHERS.values(), ids=OTHERS.keys())
+def test_the_folder_of_another_experiment_is_refused(finished, make, message):
+    with pytest.raises(InputError, match=message):
+        ng.run_experiment(make(), finished.folder, resume=True)
+
+
+def test_a_folder_of_other_things_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match="files that are no experiment's"):
+        ng.run_experiment(experiment(), tmp_path)
+    with pytest.raises(InputError, match="no folder"):
+        ng.run_experiment(experiment(), tmp_path / "a" / "b")
+    with pytest.raises(InputError, match="not a folder"):
+        ng.run_experiment(experiment(), tmp_path / "thesis.tex")
+
+
+def test_parts_that_cannot_be_sent_are_refused_before_anything_runs(tmp_path):
+    import threading
+
+    lock = threading.Lock()
+    with pytest.raises(InputError, match="parts that can be sent to other processes"):
+        ng.run_experiment(experiment({"locked": lambda: lock and {}}), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_crashing_and_failing_solves_cost_only_themselves(tmp_path):
+    done = run("--out", "out", "--workers", 2, "--json", kind="troubled", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr == ""
+    last = events(done.stdout)[-1]
+    assert {v["variation"]: v["starts"] for v in last["variations"]} == {
+        "friction 0.5": [2, 2],
+        "friction 0.7": [2, 2],
+        "crash": [0, 0],
+        "broken": [0, 0],
+        "late": [2, 2],
+    }
+    failures = {(f["variation"], f["seed"]): f["failure"] for f in last["failures"]}
+    assert set(failures) == {(v, s) for v in ("crash", "broken") for s in (0, 1)}
+    assert failures["crash", 0] == "its process ended, twice (SIGSEGV(-11)): a crash, or out of memory"
+    assert failures["broken", 1] == "ZeroDivisionError: division by zero"
+    result = ng.ExperimentResult.load(tmp_path / "out")
+    assert {(s.variation, s.seed) for s in result.failures} == set(failures)
+
+
+def test_one_worker_survives_a_crash_too(tmp_path):
+    def crash():
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    result = ng.run_experiment(experiment({"crash": crash, "fine": {}}, seeds=[0]), tmp_path / "out", workers=1)
+    assert [s.variation for s in result.failures] == ["crash"]
+    assert result["fine"].mu.lower > 0.3
+
+
+def test_kill_9_costs_only_what_was_under_way(tmp_path):
+    line, environment = command("--out", "out", "--workers", 2, "--json", kind="long")
+    process = subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
+    for _ in range(8):
+        assert json.loads(process.stdout.readline())["event"] == "solve"
+    process.kill()
+    process.wait()
+    process.stdout.close()
+    result = ng.ExperimentResult.load(tmp_path / "out")
+    kept = [s for s in result.solves if s.done]
+    assert len(kept) >= 8
+    assert result.notes == ()
+    done = run("--out", "out", "--resume", "--workers", 2, "--json", kind="long", cwd=tmp_path)
+    assert done.returncode == 0
+    assert len(events(done.stdout)) == 81
+    assert events(done.stdout)[-1]["complete"] is True
+
+
+def test_ctrl_c_keeps_what_is_done(tmp_path):
+    line, environment = command("--out", "out", "--workers", 2, "--json", kind="long")
+    process = subprocess.Popen(
+        line,
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    for _ in range(4):
+        assert json.loads(process.stdout.readline())["event"] == "solve"
+    os.killpg(process.pid, signal.SIGINT)
+    begun = time.monotonic()
+    out, err = process.communicate(timeout=60)
+    assert time.monotonic() - begun < 30.0
+    assert process.returncode == 1
+    assert err == ""
+    last = events(out)[-1]
+    assert last["notes"] == ["Interrupted: go on with --resume."]
+    assert len([f for f in last["failures"] if f["failure"] == "not done"]) <= 76
+    assert (tmp_path / "out" / "table.csv").is_file()
+
+
+def test_a_full_disk_ends_the_run_and_is_listed(tmp_path, monkeypatch):
+    import nlpgrasp.atomic
+
+    written = []
+    replace = os.replace
+
+    def full(source, target):
+        if Path(target).parent.name == "solves":
+            written.append(target)
+            if len(written) > 2:
+                raise OSError(28, "No space left on device")
+        replace(source, target)
+
+    monkeypatch.setattr(nlpgrasp.atomic.os, "replace", full)
+    result = ng.run_experiment(experiment(seeds=range(4)), tmp_path / "out", workers=1)
+    assert sum(s.done for s in result.solves) == 2
+    assert "No space left on device" in result.notes[0]
+    assert "go on with --resume" in result.notes[0]
+    unwritten = [s for s in result.failures if s.failure.startswith("not written")]
+    assert len(unwritten) == 1
+    monkeypatch.undo()
+    assert not list((tmp_path / "out" / "solves").glob("*.tmp"))
+    again = ng.run_experiment(experiment(seeds=range(4)), tmp_path / "out", resume=True, workers=2)
+    assert again.complete
+
+
+def test_files_too_large_for_the_system_are_listed(tmp_path):
+    line, environment = command("--out", "out", "--workers", "1", "--json")
+    limited = ["bash", "-c", 'ulimit -f 4; exec "$@"', "limited", *line]  # the plan fits, solutions of 5 kB do not
+    done = subprocess.run(limited, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=120)
+    assert done.returncode == 1, done.stderr
+    last = events(done.stdout)[-1]
+    assert "File too large" in last["notes"][0]
+    assert list((tmp_path / "out" / "solves").iterdir()) == []
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path):
+    line, environment = command("--out", "out", "--workers", 1, "--json", kind="long")
+    process = subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
+    try:
+        assert json.loads(process.stdout.readline())["event"] == "solve"
+        second = run("--out", "out", "--resume", kind="long", cwd=tmp_path)
+        assert second.returncode == 2
+        assert "in use by another run" in second.stderr
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_no_grasp_is_a_finding(tmp_path):
+    slippery = ng.GraspProblem(base().body, [ng.PointContact()] * 2, base().task, name="slippery")
+    result = ng.run_experiment(experiment({"slippery": slippery, "fine": {}}, seeds=[0]), tmp_path / "out", workers=1)
+    assert result.complete
+    assert result["slippery"].found == "no grasp"
+    assert result.ranks() == [2, 1]
+    assert result["slippery"].solves[0].status is ng.Status.NO_GRASP
