@@ -21,7 +21,7 @@ from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution import GraspSolution, Status
 from nlpgrasp.solve.dynamic_grasp import DynamicGrasp, DynamicStep
-from nlpgrasp.solve.exchange import ExchangeState, with_known
+from nlpgrasp.solve.exchange_state import ExchangeState, with_known
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.on_body import OnBody, put_on_body
 from nlpgrasp.solve.options import SolveOptions

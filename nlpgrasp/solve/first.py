@@ -9,7 +9,8 @@ import numpy as np
 
 from nlpgrasp.nlp import face_parameters
 from nlpgrasp.solve.candidates import Candidate
-from nlpgrasp.solve.exchange import ExchangeState, contacts_of, fill_start
+from nlpgrasp.solve.exchange import contacts_of, fill_start
+from nlpgrasp.solve.exchange_state import ExchangeState
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.workbench import FEASIBLE, Workbench
 from nlpgrasp.validation import FloatArray

@@ -15,7 +15,8 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.hands import Hand
-from nlpgrasp.solve.exchange import ExchangeState, fill_start, hand_values, no_cuts, points_of
+from nlpgrasp.solve.exchange import fill_start, hand_values, no_cuts, points_of
+from nlpgrasp.solve.exchange_state import ExchangeState
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.on_mesh import slide_onto_mesh
 from nlpgrasp.solve.quadratic import Linearised, shortest_step, step_bounds

@@ -9,7 +9,7 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.solution import SurfaceMatch
-from nlpgrasp.solve.exchange import ExchangeState
+from nlpgrasp.solve.exchange_state import ExchangeState
 from nlpgrasp.solve.hand_on_mesh import hand_onto_mesh
 from nlpgrasp.solve.on_mesh import slide_onto_mesh
 from nlpgrasp.solve.stop import Stop

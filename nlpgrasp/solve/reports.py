@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nlpgrasp.solution import ConstraintReport
-from nlpgrasp.solve.exchange import ExchangeState
+from nlpgrasp.solve.exchange_state import ExchangeState
 from nlpgrasp.solve.on_body import OnBody
 from nlpgrasp.solve.workbench import Workbench
 

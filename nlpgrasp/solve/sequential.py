@@ -13,7 +13,6 @@ from scipy import sparse
 
 from nlpgrasp.nlp import CompiledProgram
 from nlpgrasp.solve.exchange import (
-    ExchangeState,
     contacts_of,
     evaluated,
     exchange,
@@ -21,8 +20,8 @@ from nlpgrasp.solve.exchange import (
     most_relevant,
     new_directions,
     slot_parameters,
-    with_known,
 )
+from nlpgrasp.solve.exchange_state import ExchangeState, with_known
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.quadratic import Linearised, shortest_step, step_bounds
 from nlpgrasp.solve.stop import Stop
@@ -78,7 +77,7 @@ def sequential_exchange(
             radius = min(radius, MOST_RADIUS)
         else:
             radius *= 0.4
-        if promised < LEAST_GAIN * state.value:
+        if promised < max(LEAST_GAIN, state.least_gain) * state.value:
             break
     return state.end(cuts)
 

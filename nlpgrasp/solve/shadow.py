@@ -20,13 +20,13 @@ from nlpgrasp.problem import GraspProblem
 from nlpgrasp.problem_rows import collected, given_rows, placement_of
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solve.exchange import (
-    ExchangeState,
     contacts_of,
     evaluated,
     most_relevant,
     new_directions,
     trust_region,
 )
+from nlpgrasp.solve.exchange_state import ExchangeState
 from nlpgrasp.solve.limits import Limit, limits_of
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.start_result import StartResult

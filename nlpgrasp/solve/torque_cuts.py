@@ -6,7 +6,7 @@ import numpy as np
 
 from nlpgrasp.budgets import SharedJointTorqueLimits
 from nlpgrasp.errors import InputError
-from nlpgrasp.solve.exchange import ExchangeState
+from nlpgrasp.solve.exchange_state import ExchangeState
 from nlpgrasp.solve.workbench import Workbench
 from nlpgrasp.validation import FloatArray
 

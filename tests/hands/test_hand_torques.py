@@ -6,7 +6,8 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.solve.exchange import ExchangeState, fill_start, hand_values, points_of
+from nlpgrasp.solve.exchange import fill_start, hand_values, points_of
+from nlpgrasp.solve.exchange_state import ExchangeState
 from nlpgrasp.solve.torque_cuts import torque_cuts
 from nlpgrasp.solve.workbench import Workbench
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand
