@@ -3,12 +3,13 @@
 import runpy
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.cli.script import load_problem
+from nlpgrasp.cli.script import load_experiment, load_problem
 
 # starts of seed 0, least certified lower bound, and an upper bound no grasp found should exceed
 VALUES = {
@@ -21,6 +22,7 @@ VALUES = {
     "screwdriver": (2, 0.025, 0.0400),
     "odd_object_on_table": (2, 0.290, 0.3080),
     "power_grasp": (1, 0.130, 0.9000),
+    "fingers_and_bodies": (2, 0.280, 0.2860),
     "filling_cup": (4, 0.150, 0.1700),
     "hammer": (2, 0.018, 0.0300),
     "how_many_fingers": (2, 0.250, 0.9000),
@@ -53,6 +55,30 @@ def test_scripts_say_what_they_are_about(problems_folder):
         names = runpy.run_path(str(path), run_name="read")
         assert len(names["__doc__"]) > 100
         assert 'if __name__ == "__main__":' in path.read_text()
+
+
+EXPERIMENTS = {
+    "odd_object_on_table": ("free", "table", "table and spread", "table and hand"),
+    "pencil": tuple(f"friction {mu}" for mu in (0.2, 0.4, 0.6, 0.8, 1.0)),
+    "fingers_and_bodies": tuple(f"{b}, {k} fingers" for b in ("box", "cylinder", "ellipsoid") for k in range(2, 7)),
+}
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_experiments_of_the_scripts(problems_folder, name):
+    experiment = load_experiment(problems_folder / f"{name}.py")
+    assert experiment.names == EXPERIMENTS[name]
+    assert experiment.starts == 4
+    assert len(experiment.solves) == 2 * len(experiment.names)
+
+
+@pytest.mark.slow
+def test_rougher_fingertips_hold_the_pencil_better(problems_folder, tmp_path):
+    """More friction only adds forces: what is found with little of it is found with more."""
+    sweep = replace(load_experiment(problems_folder / "pencil.py"), seeds=[0], starts=2)
+    result = ng.run_experiment(sweep, tmp_path / "out")
+    assert result.ranks()[:3] == [5, 4, 1]
+    assert result["friction 0.2"].mu.upper < 0.5 * result["friction 0.6"].mu.lower
 
 
 def test_a_script_runs_by_itself(problems_folder):

@@ -9,12 +9,13 @@ from pathlib import Path
 
 from nlpgrasp.atomic import write_text
 from nlpgrasp.experiments.folder import Folder
-from nlpgrasp.experiments.result import NOT_COMPARABLE, ExperimentResult
+from nlpgrasp.experiments.result import EXPLAINED, NOT_COMPARABLE, ExperimentResult
 
 STYLE = """
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 72rem; padding: 1rem; }
 .wide { overflow-x: auto; }
+caption { text-align: left; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { border-bottom: 1px solid #8884; padding: .3rem .8rem .3rem 0; text-align: left; vertical-align: top; }
 .interval { background: #8883; height: .8rem; min-width: 8rem; position: relative; }
@@ -62,10 +63,13 @@ def _warnings(result: ExperimentResult) -> list[str]:
 
 
 def _table(result: ExperimentResult) -> str:
-    heads = ["Rank", "Variation", "mu certified in", "", "Seconds a solve", "Starts", "Ties with", "Active constraints"]
+    heads = ["Rank", "Variation", "mu certified in", "", "Seeds that agree", "Seconds a solve", "Starts that succeeded"]
+    heads += ["Ties with", "Active constraints"]
     most = max((v.mu.upper for v in result.variations), default=0.0) or 1.0
     rows = []
-    order = sorted(zip(result.variations, result.ranks(), result.ties(), strict=True), key=lambda row: row[1])
+    order = sorted(
+        zip(result.variations, result.ranks(), result.ties(), strict=True), key=lambda row: (row[1], -row[0].mu.upper)
+    )
     for v, rank, tied in order:
         good, total = v.starts
         left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
@@ -73,11 +77,14 @@ def _table(result: ExperimentResult) -> str:
         bar = f'<div class="interval" aria-hidden="true">{span}</div>'
         active = "; ".join(v.best.active) if v.best is not None else ""
         place = f"{rank}" if v.done else ""
-        cells = [place, v.name, v.found, bar, f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), active]
+        cells = [place, v.name, v.found, bar, f"{v.agreeing}/{len(v.solves)}", f"{v.seconds:.1f}", f"{good}/{total}"]
+        cells += ["; ".join(tied), active]
         rows.append("".join(f"<td>{cell if cell is bar else escape(cell)}</td>" for cell in cells))
     head = "".join(f'<th scope="col">{h}</th>' for h in heads)
     body = "\n".join(f"<tr>{row}</tr>" for row in rows)
-    caption = "Rank: 1 plus the number of variations that are certainly better. Ties: within the certified gap."
+    caption = (
+        f"Rank: 1 plus the number of variations that are certainly better. Ties: within the certified gap. {EXPLAINED}"
+    )
     return f'<div class="wide"><table><caption>{caption}</caption><tr>{head}</tr>\n{body}</table></div>'
 
 

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NOT_DONE = "not done"
+EXPLAINED = (
+    "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find better."
+)
 NOT_COMPARABLE = "They differ in task or force budget: their values of mu measure different things."
 
 
@@ -65,6 +68,11 @@ class VariationResult:
         if self.best is not None:
             return str(self.mu)
         return "no grasp" if self.done else "not done" if self.failures[0].failure == NOT_DONE else "failed"
+
+    @property
+    def agreeing(self) -> int:
+        """How many solves found a grasp as good as the best, as far as the certified bounds tell."""
+        return sum(s.success and s.mu.upper >= self.mu.lower for s in self.solves)
 
     @property
     def seconds(self) -> float:
@@ -203,7 +211,7 @@ class ExperimentResult:
         return frame(self)
 
     def __str__(self) -> str:
-        heads = ["rank", "variation", "mu certified in", "seconds", "starts", "ties with", "active"]
+        heads = ["rank", "variation", "mu certified in", "seeds", "seconds", "starts", "ties with", "active"]
         body = []
         for v, rank, tied in zip(self.variations, self.ranks(), self.ties(), strict=True):
             good, total = v.starts
@@ -213,7 +221,7 @@ class ExperimentResult:
                 [f"{rank}" if v.done else "", v.name, v.found, seconds, f"{good}/{total}", "; ".join(tied), active]
             )
         lines = [f"{self.name}: {sum(v.done for v in self.variations)} of {len(self.solves)} solves done"]
-        lines += columns(heads, body)
+        lines += [*columns(heads, body), EXPLAINED]
         if not self.comparable:
             lines.append(NOT_COMPARABLE)
         for v in self.variations:

@@ -4,7 +4,7 @@ import sys
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import by_hand, ellipsoid, hands, measures, meshes, power, tasks
+from tests.benchmarks import by_hand, ellipsoid, experiments, hands, measures, meshes, power, tasks
 
 ALL = {
     "ellipsoid": ellipsoid,
@@ -14,6 +14,7 @@ ALL = {
     "hands": hands,
     "power": power,
     "tasks": tasks,
+    "experiments": experiments,
 }
 
 for name in sys.argv[1:] or ALL:
