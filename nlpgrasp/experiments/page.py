@@ -67,10 +67,8 @@ def _table(result: ExperimentResult) -> str:
     heads += ["Ties with", "Active constraints"]
     most = max((v.mu.upper for v in result.variations), default=0.0) or 1.0
     rows = []
-    order = sorted(
-        zip(result.variations, result.ranks(), result.ties(), strict=True), key=lambda row: (row[1], -row[0].mu.upper)
-    )
-    for v, rank, tied in order:
+    found = zip(result.variations, result.ranks(), result.ties(), strict=True)
+    for v, rank, tied in sorted(found, key=lambda row: (row[1], -row[0].mu.upper)):
         good, total = v.starts
         left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
         span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'

@@ -217,9 +217,8 @@ class ExperimentResult:
             good, total = v.starts
             active = "; ".join(v.best.active) if v.best is not None else ""
             seconds = f"{v.seconds:.1f}" if v.done else ""
-            body.append(
-                [f"{rank}" if v.done else "", v.name, v.found, seconds, f"{good}/{total}", "; ".join(tied), active]
-            )
+            place, seeds = f"{rank}" if v.done else "", f"{v.agreeing}/{len(v.solves)}"
+            body.append([place, v.name, v.found, seeds, seconds, f"{good}/{total}", "; ".join(tied), active])
         lines = [f"{self.name}: {sum(v.done for v in self.variations)} of {len(self.solves)} solves done"]
         lines += [*columns(heads, body), EXPLAINED]
         if not self.comparable:
