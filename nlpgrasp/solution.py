@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from nlpgrasp.drawing import Drawing
 from nlpgrasp.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
@@ -153,6 +154,8 @@ class GraspSolution:
         The hand at the solution: a URDF hand's joint positions, palm pose and pregrasp.
     surface : SurfaceMatch or None
         For meshes.
+    drawing : Drawing or None
+        Triangles of body and hand, for pictures.
     starts : tuple of StartRecord
         All starts, in order.
     solver : mapping
@@ -176,6 +179,7 @@ class GraspSolution:
     why_not: WhyNot | None = None
     hand: Mapping[str, Any] | None = None
     surface: SurfaceMatch | None = None
+    drawing: Drawing | None = None
     starts: tuple[StartRecord, ...] = ()
     solver: Mapping[str, Any] = field(default_factory=dict)
 

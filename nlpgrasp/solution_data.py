@@ -11,6 +11,7 @@ import numpy as np
 
 from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.contacts import contact_from_dict
+from nlpgrasp.drawing import Drawing
 from nlpgrasp.errors import InputError
 from nlpgrasp.findings import ShadowPrice
 from nlpgrasp.grasp import Grasp
@@ -62,6 +63,7 @@ def to_data(solution: GraspSolution) -> dict[str, Any]:
         ],
         "shadow_prices": [asdict(p) for p in solution.prices],
         "why_not": why_not_data(solution.why_not),
+        "drawing": None if solution.drawing is None else solution.drawing.to_dict(),
         "solver": {
             **{k: v for k, v in solution.solver.items() if k != "versions"},
             "starts": [_start_data(s) for s in solution.starts],
@@ -133,6 +135,7 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
         why_not=why_not,
         hand=data.get("hand"),
         surface=surface,
+        drawing=Drawing.from_dict(data.get("drawing"), f"{name}: drawing"),
         starts=starts,
         solver={**solver, "versions": data.get("created_by", {})},
     )

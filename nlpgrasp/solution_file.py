@@ -28,7 +28,14 @@ def save(solution: GraspSolution, path: str | Path) -> Path:
     InputError
         When the folder does not exist or cannot be written.
     """
-    return write_text(path, json.dumps(to_data(solution), indent=1, allow_nan=False) + "\n")
+    return write_text(path, text_of(solution))
+
+
+def text_of(solution: GraspSolution) -> str:
+    """Return the solution as JSON text: indented for reading, but for the drawing, last and in one line."""
+    data = to_data(solution)
+    drawing = json.dumps(data.pop("drawing"), separators=(",", ":"), allow_nan=False)
+    return f'{json.dumps(data, indent=1, allow_nan=False)[:-2]},\n "drawing": {drawing}\n}}\n'
 
 
 def load(path: str | Path) -> GraspSolution:

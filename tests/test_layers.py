@@ -16,7 +16,7 @@ LAYERS = [
     ["problem_rows", "quality_data"],
     ["problem_check"],
     ["problem"],
-    ["findings"],
+    ["findings", "drawing"],
     ["robust_data", "why_not_data"],
     ["solution", "solution_data", "solution_file"],
     ["nlp", "verify_measures"],

@@ -2,11 +2,13 @@
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.drawing import Drawing, Triangles
 from nlpgrasp.solution_data import from_data, to_data
 from nlpgrasp.solution_file import parse
 
@@ -27,7 +29,8 @@ def solution():
 
 @pytest.fixture
 def data(solution):
-    return copy.deepcopy(to_data(solution))
+    corner = Triangles(np.eye(4, 3), np.array([[0, 1, 2], [0, 1, 3]]))  # thousands of triangles would be attacked alike
+    return copy.deepcopy(to_data(replace(solution, drawing=Drawing(corner, (("thumb", corner),)))))
 
 
 def test_round_trip_is_exact(solution, tmp_path):
@@ -38,6 +41,7 @@ def test_round_trip_is_exact(solution, tmp_path):
     np.testing.assert_array_equal(loaded.grasp.G, solution.grasp.G)
     assert loaded.mu == solution.mu
     assert loaded.starts == solution.starts
+    assert len(loaded.drawing.body.faces) > 100
 
 
 def test_the_file_has_the_documented_shape(data):

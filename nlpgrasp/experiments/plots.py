@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.result import ExperimentResult, VariationResult
+from nlpgrasp.experiments.result import ExperimentResult
+from nlpgrasp.experiments.variation_result import VariationResult
 from nlpgrasp.pyplot import pyplot
 
 MOST_SHOWN = 30  # variations in a picture: the best

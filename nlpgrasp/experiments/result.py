@@ -4,85 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Any
 
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments import table
 from nlpgrasp.experiments.experiment import SolveId
 from nlpgrasp.experiments.folder import Folder
 from nlpgrasp.experiments.ranking import ranks, ties
-from nlpgrasp.experiments.record import NOTHING, SolveRecord
+from nlpgrasp.experiments.record import SolveRecord
 from nlpgrasp.experiments.text import columns
-from nlpgrasp.quality import Bounds
+from nlpgrasp.experiments.variation_result import NOT_DONE, VariationResult
 from nlpgrasp.solution import GraspSolution
 
 if TYPE_CHECKING:
     import pandas as pd
 
-NOT_DONE = "not done"
 EXPLAINED = (
     "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find better."
 )
 NOT_COMPARABLE = "They differ in task or force budget: their values of mu measure different things."
-
-
-@dataclass(frozen=True)
-class VariationResult:
-    """All solves of one variation.
-
-    Parameters
-    ----------
-    name : str
-    solves : tuple of SolveRecord
-        One a seed.
-    """
-
-    name: str
-    solves: tuple[SolveRecord, ...]
-
-    @property
-    def best(self) -> SolveRecord | None:
-        """The solve with the best certified bounds."""
-        return max((s for s in self.solves if s.success), key=lambda s: (s.mu.upper, s.mu.lower), default=None)
-
-    @cached_property
-    def mu(self) -> Bounds:
-        """Bounds on the quality of the best grasp that any of the solves found; ``[0, 0]`` without one."""
-        found = [s.mu for s in self.solves if s.success]
-        return Bounds(max(b.lower for b in found), max(b.upper for b in found)) if found else NOTHING
-
-    @property
-    def done(self) -> int:
-        """How many solves have a solution."""
-        return sum(s.done for s in self.solves)
-
-    @property
-    def starts(self) -> tuple[int, int]:
-        """How many starts found a certified grasp, and how many there were."""
-        return sum(s.succeeded for s in self.solves), sum(len(s.starts) for s in self.solves)
-
-    @property
-    def found(self) -> str:
-        """What was found, in words: the certified interval, or why there is none."""
-        if self.best is not None:
-            return str(self.mu)
-        return "no grasp" if self.done else "not done" if self.failures[0].failure == NOT_DONE else "failed"
-
-    @property
-    def agreeing(self) -> int:
-        """How many solves found a grasp as good as the best, as far as the certified bounds tell."""
-        return sum(s.success and s.mu.upper >= self.mu.lower for s in self.solves)
-
-    @property
-    def seconds(self) -> float:
-        """Median wall time of a solve."""
-        return median([s.seconds for s in self.solves if s.done] or [0.0])
-
-    @property
-    def failures(self) -> tuple[SolveRecord, ...]:
-        """The solves without a solution."""
-        return tuple(s for s in self.solves if not s.done)
 
 
 @dataclass(frozen=True)
@@ -194,9 +135,7 @@ class ExperimentResult:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the table: one mapping a solve, see :mod:`nlpgrasp.experiments.table`."""
-        from nlpgrasp.experiments.table import rows
-
-        return rows(self)
+        return table.rows(self)
 
     def frame(self) -> pd.DataFrame:
         """Return the table as a pandas frame (extra ``tables``).
@@ -206,9 +145,7 @@ class ExperimentResult:
         MissingExtraError
             When pandas is not installed.
         """
-        from nlpgrasp.experiments.table import frame
-
-        return frame(self)
+        return table.frame(self)
 
     def __str__(self) -> str:
         heads = ["rank", "variation", "mu certified in", "seeds", "seconds", "starts", "ties with", "active"]
@@ -234,8 +171,6 @@ class ExperimentResult:
 
 def read_records(place: Folder, solves: Sequence[SolveId]) -> tuple[dict[SolveId, SolveRecord], list[str]]:
     """Return the records of the solves that have a file, and a note for each file that cannot be used."""
-    from nlpgrasp.errors import InputError
-
     records: dict[SolveId, SolveRecord] = {}
     notes = []
     for solve in solves:

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from nlpgrasp.atomic import write_bytes, write_text
 from nlpgrasp.errors import MissingExtraError
+from nlpgrasp.experiments.experiment import SolveId
+from nlpgrasp.experiments.folder import SOLVES, Folder
+from nlpgrasp.experiments.variation_result import NOT_DONE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,10 +42,6 @@ COLUMNS: dict[str, str] = {
 
 def rows(result: ExperimentResult) -> list[dict[str, Any]]:
     """Return one mapping a solve, with the keys of ``COLUMNS``."""
-    from nlpgrasp.experiments.experiment import SolveId
-    from nlpgrasp.experiments.folder import SOLVES, Folder
-    from nlpgrasp.experiments.result import NOT_DONE
-
     place = Folder(result.folder)
     table = []
     for variation, rank in zip(result.variations, result.ranks(), strict=True):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 import sys
 import threading
@@ -16,7 +15,7 @@ from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.experiments.experiment import Experiment, SolveId
 from nlpgrasp.experiments.variation import Case
 from nlpgrasp.solution import Status
-from nlpgrasp.solution_data import to_data
+from nlpgrasp.solution_file import text_of
 from nlpgrasp.solve.solve import check_json, solve_again
 from nlpgrasp.solve.workbench import Workbench
 
@@ -101,7 +100,7 @@ def work(job: Job) -> Outcome:
             solution = solve_again(bench, starts, job.solve.seed)
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
-            return Outcome(json.dumps(to_data(solution), indent=1, allow_nan=False) + "\n")
+            return Outcome(text_of(solution))
         except NlpgraspError as error:
             return Outcome(failure=str(error))
         except (Exception, SystemExit) as error:

@@ -8,8 +8,10 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from nlpgrasp.drawing import Drawing
 from nlpgrasp.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.hands import URDFHand
+from nlpgrasp.solve.draw import drawing_of
 from nlpgrasp.solve.link_depth import LinkDepth, link_depth
 from nlpgrasp.solve.pregrasp import Pregrasp, pregrasp
 from nlpgrasp.solve.robust import robustness_of
@@ -36,6 +38,7 @@ class Aftermath:
     link_depth : LinkDepth or None
         With a hand that has links.
     robust : Robustness or None
+    drawing : Drawing or None
     """
 
     prices: tuple[ShadowPrice, ...] = ()
@@ -43,6 +46,7 @@ class Aftermath:
     why_not: WhyNot | None = None
     link_depth: LinkDepth | None = None
     robust: Robustness | None = None
+    drawing: Drawing | None = None
 
 
 def look_back(
@@ -65,7 +69,8 @@ def look_back(
             depth = _attempted(lambda: link_depth(bench.problem.body, linked, placed))
         prices = _attempted(lambda: shadow_prices(bench, best, stop)) if bench.options.shadow_prices else None
         robust = best.robust or _attempted(lambda: robustness_of(bench, best))
-        return Aftermath(prices or (), opened, link_depth=depth, robust=robust)
+        drawing = _attempted(lambda: drawing_of(bench.problem.body, hand, best.hand))
+        return Aftermath(prices or (), opened, link_depth=depth, robust=robust, drawing=drawing)
 
 
 def _attempted(work: Callable[[], T]) -> T | None:

@@ -94,6 +94,7 @@ def answer(
         robust=after.robust,
         hand=_hand_data(problem, best, after),
         surface=best.surface,
+        drawing=after.drawing,
         starts=records,
     )
 
