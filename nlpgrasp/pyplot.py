@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
-from nlpgrasp.errors import MissingExtraError
+from nlpgrasp.errors import InputError, MissingExtraError
 
 
 def pyplot(what: str) -> Any:
@@ -22,4 +23,6 @@ def pyplot(what: str) -> Any:
         from matplotlib import pyplot as plt
     except ImportError:
         raise MissingExtraError(what, "viz") from None
+    except ValueError as error:
+        raise InputError("MPLBACKEND", os.environ.get("MPLBACKEND"), f"a backend of matplotlib ({error})") from None
     return plt

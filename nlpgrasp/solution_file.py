@@ -62,7 +62,7 @@ def read_data(path: str | Path) -> dict[str, Any]:
 
 def parse(text: str, name: str) -> dict[str, Any]:
     """Return the validated data of a JSON text; ``name`` is shown in messages."""
-    if _depth(text) > DEEPEST:
+    if depth(text) > DEEPEST:
         raise InputError(name, f"nesting deeper than {DEEPEST}", "a solution file (schema 1)")
     try:
         data = json.loads(text, parse_constant=_refuse_constant, parse_int=_bounded_int)
@@ -108,7 +108,7 @@ def _refuse_infinite(value: Any, name: str, where: str = "") -> None:
             _refuse_infinite(item, name, f"{where}.{index}".lstrip("."))
 
 
-def _depth(text: str) -> int:
+def depth(text: str) -> int:
     """Return the deepest nesting of brackets outside strings, without parsing."""
     depth = deepest = 0
     inside = escaped = False

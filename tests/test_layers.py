@@ -23,6 +23,7 @@ LAYERS = [
     ["verify"],
     ["solve"],
     ["experiments", "pictures"],
+    ["report"],
     ["cli"],
     ["__init__", "__main__"],
 ]

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
+from types import TracebackType
 from typing import Annotated
 
 import typer
@@ -34,12 +39,14 @@ def experiment_command(
 ) -> None:
     """Solve all variations of an experiment script; each finished solve is a file. Ctrl-C keeps what is done."""
     place = out.absolute()  # before the script runs: it may change the working directory
-    experiment = load_experiment(script)
-    with LiveExperiment(experiment, as_json) as live:
-        result = run_experiment(
-            experiment, place, resume=resume, workers=workers, scheduler=scheduler, progress=live.solve_done
-        )
-    missing = write_outputs(result)
+    with redirect_stdout(sys.stderr) if as_json else nullcontext():
+        experiment = load_experiment(script)
+    with InterruptOnce():
+        with LiveExperiment(experiment, as_json) as live:
+            result = run_experiment(
+                experiment, place, resume=resume, workers=workers, scheduler=scheduler, progress=live.solve_done
+            )
+        missing = write_outputs(result)
     if as_json:
         emit(_done(result, missing))
     else:
@@ -51,14 +58,28 @@ def experiment_command(
         raise typer.Exit(1)
 
 
+class InterruptOnce:
+    """The first Ctrl-C ends the run; those after it change nothing, so that the summary is written."""
+
+    def __enter__(self) -> None:
+        self._before = signal.signal(signal.SIGINT, self._handle)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        signal.signal(signal.SIGINT, self._before)
+
+    def _handle(self, *_: object) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+
 def write_outputs(result: ExperimentResult) -> list[str]:
     """Write table, pictures and page into the result's folder; return a line for each that could not be."""
     missing = []
     pictures: list[Path] = []
 
-    def attempt(write: object, *arguments: object) -> None:
+    def attempt(write: Callable[..., Path | list[Path]], *arguments: object) -> None:
         try:
-            made = write(*arguments)  # type: ignore[operator]  # a function
+            made = write(*arguments)
             if isinstance(made, list):
                 pictures.extend(made)
         except (MissingExtraError, InputError) as error:

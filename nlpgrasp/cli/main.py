@@ -5,8 +5,10 @@ Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad 
 
 from __future__ import annotations
 
+import io
 import os
 import sys
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -62,7 +64,8 @@ def solve_command(
     options = SolveOptions(workers=workers, time_limit=time_limit)
     target = Path(f"{script.stem}.json") if out is None else out
     place = _writable(target, script)  # before the script runs: it may change the working directory
-    problem = load_problem(script)
+    with redirect_stdout(sys.stderr) if as_json else nullcontext():
+        problem = load_problem(script)
     with Reporter(problem.name, starts, as_json) as reporter:
         solution = solve(problem, starts, seed, options, progress=reporter.start_done)
     written = None
@@ -136,6 +139,7 @@ app.command("experiment")(experiment_command)
 
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit code 2."""
+    sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # the shell may have closed them
     try:
         code = app(standalone_mode=False)
     except NlpgraspError as error:

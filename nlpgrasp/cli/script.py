@@ -53,7 +53,9 @@ def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
         raise
     except SyntaxError as error:
         raise InputError(str(path), f"line {error.lineno}: {error.msg}", "a Python script") from None
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # also what is raised to end the script
         raise InputError(str(path), _where(error, file), "a script that runs") from None
     function = names.get(name)
     if not callable(function):
@@ -62,7 +64,9 @@ def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
         result = function()
     except InputError as error:
         raise InputError(f"{path}: {error.field}", error.given, error.allowed) from None
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise InputError(f"{path}: {name}()", _where(error, file), f"a function that returns {wanted}") from None
     if not isinstance(result, kind):
         raise InputError(f"{path}: {name}()", type(result).__name__, wanted)
@@ -70,16 +74,17 @@ def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
 
 
 def _refuse_twins(path: str | Path) -> None:
-    """Refuse a script in which a dictionary names two entries alike."""
+    """Refuse a script in which a dictionary of variations names two of them alike: Python would keep the last."""
     try:
         tree = ast.parse(Path(path).read_bytes())
-    except (OSError, SyntaxError, ValueError):
+    except (OSError, SyntaxError, ValueError, MemoryError, RecursionError):
         return  # said when it is run
     for node in ast.walk(tree):
         if isinstance(node, ast.Dict):
-            keys = [k.value for k in node.keys if isinstance(k, ast.Constant) and isinstance(k.value, str)]
+            pairs = zip(node.keys, node.values, strict=True)
+            keys = [k.value for k, v in pairs if isinstance(k, ast.Constant) and not isinstance(v, ast.Constant)]
             for name, count in Counter(keys).items():
-                if count > 1:
+                if count > 1 and isinstance(name, str):
                     raise InputError(f"{path}, line {node.lineno}", f"two entries named {name!r}", "each name once")
 
 

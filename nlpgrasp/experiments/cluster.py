@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from typing import Any
 
-from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.errors import InputError, MissingExtraError, NlpgraspError
 from nlpgrasp.experiments.experiment import SolveId
+from nlpgrasp.experiments.wording import one_line
 from nlpgrasp.experiments.work import Job, Outcome, work
 
 ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")
@@ -35,7 +37,7 @@ def connect(address: str) -> Any:
         raise InputError("scheduler", address, allowed)
     try:
         return Client(address, timeout=REACHED, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except Exception as error:  # each kind of address fails in its own way
         raise InputError("scheduler", f"{address} ({type(error).__name__}: nobody answers)", allowed) from None
 
 
@@ -58,7 +60,8 @@ def run_cluster(
             solve = next(waiting, None)
             if solve is None:
                 return
-            future = client.submit(work, pack(solve), pure=False, key=f"nlpgrasp-{pack(solve).token}-{solve.seed}")
+            job = pack(solve)
+            future = client.submit(work, job, pure=False, key=f"nlpgrasp-{job.token}-{solve.seed}")
             under_way[future] = solve
             done.add(future)
 
@@ -68,8 +71,9 @@ def run_cluster(
             solve = under_way.pop(future)
             yield solve, _outcome(future)
             submit()
-    finally:
         client.cancel(list(under_way))
+    except (OSError, RuntimeError, KeyError, CancelledError) as error:  # as distributed says that nobody is there
+        raise ClusterLostError(f"the cluster was lost ({type(error).__name__})") from None
 
 
 def _window(client: Any) -> int:
@@ -77,10 +81,15 @@ def _window(client: Any) -> int:
     return max(LEAST_WINDOW, AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]))
 
 
+class ClusterLostError(NlpgraspError):
+    """The scheduler went away while solves were under way."""
+
+
 def _outcome(future: Any) -> Outcome:
     if future.status == "finished":
         result: Outcome = future.result()
         return result
     error = future.exception() if future.status == "error" else None
-    reason = "the cluster lost it" if error is None else " ".join(f"{type(error).__name__}: {error}".split())
-    return Outcome(failure=reason)
+    if error is None:
+        raise ClusterLostError("the cluster lost a solve")
+    return Outcome(failure=one_line(error))

@@ -7,7 +7,8 @@ from itertools import product
 from typing import Any
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.variation import Changes, check_fields
+from nlpgrasp.experiments.variation import Changes, check_fields, settled_changes
+from nlpgrasp.experiments.wording import one_line
 
 
 def combinations(
@@ -15,7 +16,8 @@ def combinations(
 ) -> dict[str, dict[str, Any]]:
     """Return variations that combine one level of each factor, named ``"level, level"``.
 
-    Constraints of several factors add up, and so do options; any other field may come from one factor only.
+    Constraints of several factors add up, and so do mappings of different options; any other field may come from one
+    factor only.
 
     Parameters
     ----------
@@ -38,15 +40,18 @@ def combinations(
     """
     if not factors:
         raise InputError("combinations", "no factors", "at least one mapping of names to fields")
+    if choose is not None and not callable(choose):
+        raise InputError("choose", choose, "a function of the levels' names")
     for i, factor in enumerate(factors):
         _check(f"combinations: factor {i}", factor)
+    settled = [{name: settled_changes(changes) for name, changes in factor.items()} for factor in factors]
     result: dict[str, dict[str, Any]] = {}
-    for levels in product(*factors):
-        if choose is None or choose(*levels):
+    for levels in product(*settled):
+        if choose is None or _chosen(choose, levels):
             name = ", ".join(levels)
             if name in result:
                 raise InputError("combinations", f"two combinations named {name!r}", "level names without commas")
-            result[name] = _merged(name, [factor[level] for factor, level in zip(factors, levels, strict=True)])
+            result[name] = _merged(name, [factor[level] for factor, level in zip(settled, levels, strict=True)])
     if not result:
         raise InputError("choose", "no combination", "a function that keeps at least one")
     return result
@@ -69,11 +74,23 @@ def _merged(name: str, levels: list[Changes]) -> dict[str, Any]:
                 result[field] = value
             elif field == "constraints":
                 result[field] = (*_several(result[field]), *_several(value))
-            elif field == "options" and isinstance(value, Mapping) and isinstance(result[field], Mapping):
+            elif field == "options" and _different(result[field], value):
                 result[field] = {**result[field], **value}
             else:
                 raise InputError(f"combinations[{name!r}].{field}", "values of two factors", "values of one factor")
     return result
+
+
+def _different(one: Any, other: Any) -> bool:
+    """Return whether both are mappings of different options."""
+    return isinstance(one, Mapping) and isinstance(other, Mapping) and not set(one) & set(other)
+
+
+def _chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
+    try:
+        return bool(choose(*levels))
+    except TypeError as error:
+        raise InputError("choose", one_line(error), f"a function of {len(levels)} names") from None
 
 
 def _several(constraints: Any) -> tuple[Any, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain, count
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ranking import ranks, ties
@@ -70,7 +71,7 @@ def compare(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) ->
         On anything else, or no solutions.
     """
     given = _named(solutions)
-    records = {name: SolveRecord.of(name, int(s.solver.get("seed", 0)), s) for name, s in given.items()}
+    records = {name: SolveRecord.of(name, 0, s) for name, s in given.items()}
     bounds = [r.mu for r in records.values()]
     names = list(records)
     rank, tied = ranks(bounds), ties(bounds)
@@ -93,9 +94,11 @@ def _named(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) -> 
         except TypeError:
             raise InputError("solutions", solutions, "solutions, or a mapping of names to solutions") from None
         plain = [getattr(s, "name", "") for s in items]
-        named = {
-            n if plain.count(n) == 1 else f"{n} ({i + 1})": s for i, (n, s) in enumerate(zip(plain, items, strict=True))
-        }
+        named = {}
+        for name, item in zip(plain, items, strict=True):
+            numbers = (f"{name} ({i})" for i in count(1))
+            free = (n for n in chain([name] if plain.count(name) == 1 else [], numbers) if n not in named)
+            named[next(free)] = item
     if not named:
         raise InputError("solutions", "none", "at least one solution")
     for name, solution in named.items():

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.variation import Case, Variation, case_of
+from nlpgrasp.experiments.variation import Case, Variation, case_of, settled_changes
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.solve import SolveOptions
 from nlpgrasp.solve.solve import check_json
@@ -83,7 +83,7 @@ class Experiment:
         object.__setattr__(self, "name", self.base.name if self.name is None else self.name)
         if not isinstance(self.name, str) or not self.name.strip() or not self.name.isprintable():
             raise InputError("Experiment.name", repr(self.name), "a text of printable characters")
-        self._set_seeds()
+        object.__setattr__(self, "seeds", check_seeds(self.seeds))
         self._set_variations()
         for variation, changes in self._by_name.items():
             if not callable(changes):
@@ -91,30 +91,16 @@ class Experiment:
                 check_json(case.problem.to_dict())
                 self._cases[variation] = case
 
-    def _set_seeds(self) -> None:
-        given: Any = self.seeds
-        if not isinstance(given, Iterable) or isinstance(given, str):
-            raise InputError("Experiment.seeds", given, "whole numbers")
-        seeds = tuple(integer("Experiment.seeds", s, at_least=0, at_most=10**15) for s in given)
-        if not seeds or len(set(seeds)) < len(seeds):
-            raise InputError("Experiment.seeds", list(seeds), "at least one whole number, none twice")
-        object.__setattr__(self, "seeds", seeds)
-
     def _set_variations(self) -> None:
         given: Any = self.variations
         try:
             pairs = [(n, v) for n, v in (given.items() if isinstance(given, Mapping) else given)]
         except (TypeError, ValueError):
             raise InputError("Experiment.variations", given, "a mapping, or a sequence of names and values") from None
-        if not pairs:
-            raise InputError("Experiment.variations", "none", "at least one variation")
-        for name, _ in pairs:
-            if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 200:
-                raise InputError("Experiment.variations", repr(name), "names of 1 to 200 printable characters")
-        twice = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
-        if twice:
-            raise InputError("Experiment.variations", f"two variations named {twice[0]!r}", "each name once")
-        object.__setattr__(self, "_by_name", dict(pairs))
+        check_names([name for name, _ in pairs])
+        settled = {n: settled_changes(v) if isinstance(v, Mapping) else v for n, v in pairs}
+        object.__setattr__(self, "variations", settled)
+        object.__setattr__(self, "_by_name", settled)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -145,6 +131,38 @@ class Experiment:
         if self.deferred(name):
             return partial(case_of, f"Experiment.variations[{name!r}]", self._base, self._by_name[name])
         return partial(_given, self._cases[name])
+
+
+def check_names(names: Sequence[Any]) -> None:
+    """Refuse names of variations that cannot be shown, or told apart."""
+    if not names:
+        raise InputError("Experiment.variations", "none", "at least one variation")
+    for name in names:
+        if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 200:
+            raise InputError("Experiment.variations", repr(name), "names of 1 to 200 printable characters")
+    twice = [name for name, count in Counter(" ".join(n.split()) for n in names).items() if count > 1]
+    if twice:
+        raise InputError("Experiment.variations", f"two variations named {twice[0]!r}", "each name once")
+
+
+def check_seeds(given: Any) -> tuple[int, ...]:
+    """Return seeds as whole numbers.
+
+    Raises
+    ------
+    InputError
+        On none, on other things, or one twice.
+    """
+    try:
+        if isinstance(given, str):
+            raise TypeError
+        values = tuple(given)
+    except TypeError:
+        raise InputError("Experiment.seeds", given, "whole numbers") from None
+    seeds = tuple(integer("Experiment.seeds", s, at_least=0, at_most=10**15) for s in values)
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise InputError("Experiment.seeds", list(seeds), "at least one whole number, none twice")
+    return seeds
 
 
 def _given(case: Case) -> Case:

@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from nlpgrasp.atomic import write_text
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import SolveId
 from nlpgrasp.experiments.plan import check_same, read_plan
+from nlpgrasp.experiments.wording import plain
 from nlpgrasp.solution import GraspSolution
 
 try:
@@ -25,6 +27,8 @@ except ImportError:  # not on Windows: two runs in one folder are then not kept 
     fcntl = None  # type: ignore[assignment]
 
 PLAN, SOLVES, LOCK = "experiment.json", "solves", ".lock"
+HASH = 16  # hexadecimal digits, in the names of files
+HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")
 FAILURE_SCHEMA = "nlpgrasp-failure/1"
 
 
@@ -37,6 +41,8 @@ class Folder:
     """
 
     def __init__(self, path: str | Path) -> None:
+        if not isinstance(path, str | Path) or not str(path).strip() or "\0" in str(path):
+            raise InputError("out", path, "the path of a folder")
         self.path = Path(path).absolute()
         self._lock: Any = None
 
@@ -49,25 +55,36 @@ class Folder:
             When it is no folder, cannot be written, holds another experiment or other files, is in use, or holds
             this experiment and ``resume`` is false.
         """
-        if self.path.exists() and not self.path.is_dir():
-            raise InputError(f"out ({self.path})", "not a folder", "a folder")
-        if not self.path.parent.is_dir():
-            raise InputError(f"out ({self.path})", f"no folder {self.path.parent}", "a folder in one that exists")
-        known = (self.path / PLAN).is_file()
-        if known:
-            check_same(self.plan(), plan, str(self.path))
-            if not resume:
-                raise InputError(
-                    f"out ({self.path})", "results of this experiment", "--resume to go on, or another folder"
-                )
-        elif self.path.is_dir() and any(p.name != LOCK for p in self.path.iterdir()):
-            raise InputError(f"out ({self.path})", "files that are no experiment's", "a new or empty folder")
         try:
-            (self.path / SOLVES).mkdir(parents=True, exist_ok=True)
-            self._hold()
+            self._open(plan, resume)
         except OSError as error:
+            self.close()
             raise InputError(f"out ({self.path})", error.strerror, "a folder that can be written") from None
-        write_text(self.path / PLAN, json.dumps(plan, indent=1) + "\n")
+
+    def _open(self, plan: dict[str, Any], resume: bool) -> None:
+        path = self.path
+        if path.is_symlink() and not path.exists():
+            raise InputError(f"out ({path})", "a link to nothing", "a folder")
+        if path.exists() and not path.is_dir():
+            raise InputError(f"out ({path})", "a file", "a folder")
+        if not path.parent.is_dir():
+            raise InputError(f"out ({path})", f"no folder {path.parent}", "a folder in one that exists")
+        if (path / PLAN).is_file():
+            check_same(self.plan(), plan, str(path))
+            if not resume:
+                raise InputError(f"out ({path})", "results of this experiment", "--resume to go on, or another folder")
+        elif path.is_dir() and not all(self._own(p) for p in path.iterdir()):
+            raise InputError(f"out ({path})", "files that are no experiment's", "a new or empty folder")
+        path.mkdir(exist_ok=True)
+        self._hold()
+        write_text(path / PLAN, json.dumps(plan, indent=1) + "\n")
+        (path / SOLVES).mkdir(exist_ok=True)
+
+    @staticmethod
+    def _own(path: Path) -> bool:
+        """Return whether a run that ended before its plan was written may have left this."""
+        empty = path.name == SOLVES and path.is_dir() and not any(path.iterdir())
+        return empty or path.name == LOCK or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
 
     def close(self) -> None:
         """Let the folder go."""
@@ -102,7 +119,7 @@ class Folder:
 
     def file(self, solve: SolveId) -> Path:
         """Return where the solution of a solve is, or will be."""
-        return self.path / SOLVES / f"{_plain(solve.variation)}--seed{solve.seed}.json"
+        return self.path / SOLVES / f"{_file_name(solve.variation)}--seed{solve.seed}.json"
 
     def failure_file(self, solve: SolveId) -> Path:
         """Return where it says why a solve failed."""
@@ -117,7 +134,8 @@ class Folder:
             When it cannot be written, for example because the disk is full.
         """
         write_text(self.file(solve), text)
-        self.failure_file(solve).unlink(missing_ok=True)
+        with suppress(OSError):
+            self.failure_file(solve).unlink()
 
     def keep_failure(self, solve: SolveId, message: str) -> None:
         """Write why a solve failed."""
@@ -144,21 +162,22 @@ class Folder:
         """Return why a solve failed, or None where nothing says so."""
         try:
             data = json.loads(self.failure_file(solve).read_text(encoding="utf-8"))
-            return str(data["message"])
+            return plain(str(data["message"])) or "failed"
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             return f"its failure file cannot be read: {type(error).__name__}"
 
     def sweep(self) -> None:
         """Remove what a run that was ended left half written."""
         for stale in [*self.path.glob(".nlpgrasp-*.tmp"), *(self.path / SOLVES).glob(".nlpgrasp-*.tmp")]:
-            os.unlink(stale)
+            with suppress(OSError):
+                os.unlink(stale)
 
 
-def _plain(name: str) -> str:
-    """Return a file name for a variation: readable, and different for different names on any file system."""
-    plain = re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.")[:60]
-    if plain == name:
-        return plain
-    return f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:6]}"
+def _file_name(name: str) -> str:
+    """Return a file name for a variation: readable, and another for another name on any file system."""
+    readable = re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.")[:60]
+    if readable == name and not HASHED.search(name):
+        return readable
+    return f"{readable}-{hashlib.sha256(name.encode()).hexdigest()[:HASH]}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import multiprocessing
 import os
 import re
 import signal
@@ -15,6 +16,7 @@ from typing import Any
 from joblib import Parallel, delayed
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
+from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import SolveId
 from nlpgrasp.experiments.work import Job, Outcome, work
 
@@ -31,6 +33,8 @@ def run_local(
     nothing says which of the solves under way ended it: each of them is done again, alone, and the one that ends its
     process again has failed.
     """
+    if multiprocessing.current_process().daemon:  # joblib would stay in this process, which a crash would end
+        raise InputError("workers", "a daemonic process, which can have none", "a call from another process")
     waiting = dict.fromkeys(solves)
     while waiting:
         suspects, _ = yield from _until_broken(waiting, pack, workers)
@@ -91,6 +95,7 @@ def _guarded(job: Job) -> tuple[SolveId, Outcome]:
 def _prepare(parent: int) -> None:
     """Prepare a worker: Ctrl-C is for the parent, and a worker whose parent is gone ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.dup2(2, 1)  # what scripts print is not for the parent's standard output
 
     def watch() -> None:
         while os.getppid() == parent:

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 from nlpgrasp.atomic import write_text
-from nlpgrasp.experiments.folder import Folder
+from nlpgrasp.experiments.folder import PLAN
 from nlpgrasp.experiments.result import EXPLAINED, NOT_COMPARABLE, ExperimentResult
 
 STYLE = """
@@ -48,7 +48,7 @@ def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -
         f"<p>{sum(v.done for v in result.variations)} of {len(result.solves)} solves done.</p>",
         *_warnings(result),
         _table(result),
-        *(_figure(picture) for picture in pictures),
+        *(_figure(picture) for picture in pictures if picture.is_file()),
         _prices(result),
         _inputs(result),
         "</main></body></html>\n",
@@ -104,7 +104,10 @@ def _prices(result: ExperimentResult) -> str:
 
 
 def _inputs(result: ExperimentResult) -> str:
-    plan = escape((Folder(result.folder).path / "experiment.json").read_text(encoding="utf-8"))
+    try:
+        plan = escape((result.folder / PLAN).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        plan = f"{PLAN} is gone."
     return (
         "<h2>Do it again</h2><p>The solutions are in <code>solves/</code>; <code>nlpgrasp verify</code> checks each. "
         "The same script in a new folder gives the same grasps: <code>nlpgrasp experiment SCRIPT --out DIR</code>.</p>"

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.experiment import Experiment
+from nlpgrasp.experiments.experiment import Experiment, check_names, check_seeds
+from nlpgrasp.experiments.wording import one_line, plain
+from nlpgrasp.solution_file import DEEPEST, depth
 from nlpgrasp.version import __version__
 
 PLAN_SCHEMA = "nlpgrasp-experiment/1"
@@ -37,15 +39,20 @@ def read_plan(text: str, where: str) -> dict[str, Any]:
     InputError
         When it is none.
     """
+    allowed = f"the plan of an experiment ({PLAN_SCHEMA})"
+    if depth(text) > DEEPEST:
+        raise InputError(where, f"nesting deeper than {DEEPEST}", allowed)
     try:
         plan = json.loads(text)
-        known = plan["schema"] == PLAN_SCHEMA and isinstance(plan["variations"], dict)
-        seeds = plan["seeds"]
-        known = known and isinstance(seeds, list) and all(type(s) is int for s in seeds)
-    except (ValueError, TypeError, KeyError):
-        known = False
-    if not known:
-        raise InputError(where, "a file that is no plan", f"the plan of an experiment ({PLAN_SCHEMA})")
+        if plan["schema"] != PLAN_SCHEMA or not isinstance(plan["variations"], dict):
+            raise ValueError("another schema")
+        check_names(list(plan["variations"]))
+        check_seeds(plan["seeds"])
+        if not all(isinstance(v, dict) and isinstance(v.get("problem", {}), dict) for v in plan["variations"].values()):
+            raise ValueError("variations that are none")
+        plan["name"] = plain(str(plan.get("name", "")))
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise InputError(where, f"no plan ({one_line(error)})", allowed) from None
     return dict(plan)
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nlpgrasp.errors import InputError
+from nlpgrasp.atomic import write_bytes
 from nlpgrasp.experiments.result import ExperimentResult
 from nlpgrasp.experiments.variation_result import VariationResult
 from nlpgrasp.pyplot import pyplot
@@ -116,14 +118,13 @@ def wilson(good: int, total: int) -> tuple[float, float]:
 
 
 def _written(plt: Any, path: Path, draw: Any, variations: Sequence[VariationResult]) -> Path:
-    figure = draw(plt, variations)
-    try:
-        figure.savefig(path, dpi=130)
-    except OSError as error:
-        raise InputError("out", f"{path} ({error.strerror})", "a file that can be written") from None
-    finally:
-        plt.close(figure)
-    return path
+    image = BytesIO()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # names in scripts that the font lacks: drawn as boxes
+        figure = draw(plt, variations)
+        figure.savefig(image, dpi=130)
+    plt.close(figure)
+    return write_bytes(path, image.getvalue())
 
 
 def _label(variations: Sequence[VariationResult]) -> str:
@@ -137,4 +138,5 @@ def _legend(ax: Any, count: int) -> None:
 
 
 def _short(name: str, longest: int = 32) -> str:
-    return name if len(name) <= longest else name[: longest - 3] + "..."
+    short = name if len(name) <= longest else name[: longest - 3] + "..."
+    return short.replace("$", r"\$")  # no mathematics

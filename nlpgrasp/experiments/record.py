@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.wording import one_line
 from nlpgrasp.findings import ShadowPrice
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status
@@ -41,6 +44,10 @@ class SolveRecord:
         Digest of task and force budget: values of mu can be compared where it is the same.
     failure : str
         Why there is no solution, in one line.
+    asked : str
+        Digest of the problem.
+    earlier : bool
+        Whether an earlier run solved it.
     """
 
     variation: str
@@ -56,10 +63,25 @@ class SolveRecord:
     contacts: int = 0
     measured: str = ""
     failure: str = ""
+    asked: str = ""
+    earlier: bool = False
 
     @classmethod
     def of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
-        """Return the record of a solution."""
+        """Return the record of a solution.
+
+        Raises
+        ------
+        InputError
+            When the solution's record of the solver is not what a solve writes.
+        """
+        try:
+            return cls._of(variation, seed, solution)
+        except (AttributeError, TypeError, ValueError, OverflowError, KeyError) as error:
+            raise InputError("solver", one_line(error), "what a solve writes") from None
+
+    @classmethod
+    def _of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
         return cls(
             variation,
             seed,
@@ -67,12 +89,13 @@ class SolveRecord:
             solution.mu if solution.success else NOTHING,
             solution.kind,
             float(solution.solver.get("seconds", {}).get("total", 0.0)),
-            int(solution.solver.get("iterations", 0)),
+            min(int(solution.solver.get("iterations", 0)), 10**15),
             solution.starts,
             active_constraints(solution.constraints),
             solution.prices,
             len(solution.problem.get("contacts", ())),
             _measured(solution),
+            asked=asked_of(solution.problem),
         )
 
     @property
@@ -122,6 +145,12 @@ def _with_fingers(name: str, which: list[str]) -> str:
         return name
     several = len(which) > 1 or not which[0].isdigit()
     return f"{name}, finger{'s' if several else ''} {', '.join(which)}"
+
+
+def asked_of(problem: Mapping[str, Any]) -> str:
+    """Return a digest of a problem's JSON data; budgets are left out: of a hand they are stated in its posture."""
+    parts = {k: problem.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _measured(solution: GraspSolution) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +12,10 @@ from nlpgrasp.experiments import table
 from nlpgrasp.experiments.experiment import SolveId
 from nlpgrasp.experiments.folder import Folder
 from nlpgrasp.experiments.ranking import ranks, ties
-from nlpgrasp.experiments.record import SolveRecord
+from nlpgrasp.experiments.record import SolveRecord, asked_of
 from nlpgrasp.experiments.text import columns
 from nlpgrasp.experiments.variation_result import NOT_DONE, VariationResult
+from nlpgrasp.experiments.wording import plain
 from nlpgrasp.solution import GraspSolution
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class ExperimentResult:
         place = Folder(folder)
         plan = place.plan()
         solves = [SolveId(name, seed) for name in plan["variations"] for seed in plan["seeds"]]
-        records, notes = read_records(place, solves)
+        records, notes = read_records(place, solves, plan)
         return cls.of(str(plan.get("name", "")), place, solves, records, notes)
 
     @classmethod
@@ -122,10 +123,12 @@ class ExperimentResult:
     def solution(self, variation: str, seed: int | None = None) -> GraspSolution:
         """Return a solution from its file: of a seed, or of the best one.
 
+        It may hold no grasp: then it says why.
+
         Raises
         ------
         InputError
-            When there is no such file, or none with a grasp.
+            When there is no such file.
         KeyError
             On an unknown variation.
         """
@@ -169,18 +172,35 @@ class ExperimentResult:
         return "\n".join([*lines, *self.notes])
 
 
-def read_records(place: Folder, solves: Sequence[SolveId]) -> tuple[dict[SolveId, SolveRecord], list[str]]:
-    """Return the records of the solves that have a file, and a note for each file that cannot be used."""
+def _record(place: Folder, solve: SolveId) -> SolveRecord | None:
+    """Return the record of a solve from its file, None without one."""
+    solution = place.load(solve)
+    if solution is None:
+        return None
+    return replace(SolveRecord.of(solve.variation, solve.seed, solution), earlier=True)
+
+
+def read_records(
+    place: Folder, solves: Sequence[SolveId], plan: Mapping[str, Any]
+) -> tuple[dict[SolveId, SolveRecord], list[str]]:
+    """Return the records of the solves that have a file, and a note for each file that cannot be used.
+
+    All solves of a variation have to be of the plan's problem, or where a function makes it, of the same one.
+    """
+    variations = plan["variations"].items()
+    asked = {name: asked_of(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
     records: dict[SolveId, SolveRecord] = {}
     notes = []
     for solve in solves:
         try:
-            solution = place.load(solve)
+            record = _record(place, solve)
+            if record is not None and record.asked != asked.setdefault(solve.variation, record.asked):
+                raise InputError(str(place.file(solve)), "another problem", "the problem of its variation")
         except InputError as error:
-            notes.append(f"{solve}: not used, {error}")
-            continue
-        if solution is not None:
-            records[solve] = SolveRecord.of(solve.variation, solve.seed, solution)
+            notes.append(f"{solve}: not used, {plain(str(error))}")
+            record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")
+        if record is not None:
+            records[solve] = record
         elif (why := place.failure(solve)) is not None:
             records[solve] = SolveRecord(solve.variation, solve.seed, failure=why)
     return records, notes

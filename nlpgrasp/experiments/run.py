@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.cluster import connect, run_cluster
+from nlpgrasp.experiments.cluster import ClusterLostError, connect, run_cluster
 from nlpgrasp.experiments.experiment import Experiment, SolveId
 from nlpgrasp.experiments.folder import Folder
 from nlpgrasp.experiments.local import run_local
 from nlpgrasp.experiments.plan import plan_of
 from nlpgrasp.experiments.record import SolveRecord
 from nlpgrasp.experiments.result import ExperimentResult, read_records
+from nlpgrasp.experiments.wording import one_line
 from nlpgrasp.experiments.work import Outcome, Packer
 from nlpgrasp.solution_data import from_data
 from nlpgrasp.solve.parallel import cores
@@ -44,7 +45,8 @@ def run_experiment(
         Folder for the results: new or empty, or with ``resume`` the one of an earlier run of this experiment.
     resume : bool
         Do only what is missing: solves that are not done, that failed, or whose file cannot be read. Variations and
-        seeds may have been added since.
+        seeds may have been added since. A variation that is a function is compared by what it made then and makes now,
+        solve by solve.
     workers : int, optional
         Processes on this machine; one a core when left out.
     scheduler : str, optional
@@ -67,15 +69,19 @@ def run_experiment(
     """
     if not isinstance(experiment, Experiment):
         raise InputError("experiment", experiment, "an ng.Experiment")
+    if not isinstance(resume, bool):
+        raise InputError("resume", resume, "True or False")
+    if progress is not None and not callable(progress):
+        raise InputError("progress", progress, "a function of a SolveRecord")
     if workers is not None:
         if scheduler is not None:
             raise InputError("workers", workers, "no number of workers with a scheduler: the cluster has its own")
         workers = integer("workers", workers, at_least=1, at_most=1024)
+    place = Folder(out)
     pack = Packer(experiment)
     for name in experiment.names:
         pack(SolveId(name, 0))  # refused now rather than hours later
     client = None if scheduler is None else connect(scheduler)
-    place = Folder(out)
     try:
         place.open(plan_of(experiment), resume)
         run = _Run(experiment, place, progress)
@@ -103,7 +109,7 @@ class _Run:
     def missing(self) -> list[SolveId]:
         """Read what earlier runs have done; return the solves that are left."""
         self.place.sweep()
-        known, self.notes = read_records(self.place, self.experiment.solves)
+        known, self.notes = read_records(self.place, self.experiment.solves, self.place.plan())
         done = {solve: record for solve, record in known.items() if record.done}
         for solve, record in done.items():
             self._record(solve, record)
@@ -117,7 +123,7 @@ class _Run:
                     self._keep(solve, outcome)
             except KeyboardInterrupt:
                 self.notes.append("Interrupted: go on with --resume.")
-            except _NotWrittenError as error:
+            except (_NotWrittenError, ClusterLostError) as error:
                 self.notes.append(f"Stopped: {error}. What was written before is kept; go on with --resume.")
 
     def result(self) -> ExperimentResult:
@@ -128,19 +134,31 @@ class _Run:
     def _keep(self, solve: SolveId, outcome: Outcome) -> None:
         if outcome.interrupted:
             return
+        record = self._read(solve, outcome)
         try:
-            if outcome.failure:
-                record = SolveRecord(solve.variation, solve.seed, failure=outcome.failure)
-                self.place.keep_failure(solve, outcome.failure)
-            else:
-                solution = from_data(json.loads(outcome.text), str(solve))
-                record = SolveRecord.of(solve.variation, solve.seed, solution)
+            if record.done:
                 self.place.keep(solve, outcome.text)
+            else:
+                self.place.keep_failure(solve, record.failure)
         except InputError as error:
-            unwritten = SolveRecord(solve.variation, solve.seed, failure=f"not written: {error}")
-            self._record(solve, unwritten)
+            self._record(solve, SolveRecord(solve.variation, solve.seed, failure=f"not written: {error}"))
             raise _NotWrittenError(str(error)) from None
         self._record(solve, record)
+
+    def _read(self, solve: SolveId, outcome: Outcome) -> SolveRecord:
+        """Return the record of an outcome; one of another problem than its variation's other solves is a failure."""
+        failure = outcome.failure
+        if outcome.text:
+            try:
+                solution = from_data(json.loads(outcome.text), str(solve))
+                record = SolveRecord.of(solve.variation, solve.seed, solution)
+            except InputError as error:
+                return SolveRecord(solve.variation, solve.seed, failure=one_line(error))
+            others = {r.asked for s, r in self.records.items() if s.variation == solve.variation and r.done}
+            if others <= {record.asked}:
+                return record
+            failure = "its function makes another problem than in an earlier run: use a new folder"
+        return SolveRecord(solve.variation, solve.seed, failure=failure)
 
     def _record(self, solve: SolveId, record: SolveRecord) -> None:
         self.records[solve] = record

@@ -27,7 +27,7 @@ COLUMNS: dict[str, str] = {
     "kind": "mu or mu_tilde",
     "mu_lower": "certified, of the grasp found; 0 without one",
     "mu_upper": "certified",
-    "rank": "of the variation: 1 plus the number of variations that are certainly better",
+    "rank": "of the variation: 1 plus the number of variations that are certainly better; empty where nothing is done",
     "contacts": "number of contacts",
     "starts": "number of starts",
     "starts_succeeded": "starts that found a certified grasp",
@@ -35,6 +35,7 @@ COLUMNS: dict[str, str] = {
     "iterations": "of IPOPT",
     "active": "constraints at their limits, separated by semicolons",
     "prices": "shadow prices, change of mu by a step of a limit, separated by semicolons",
+    "measured": "digest of task and force budget: mu can be compared where it is the same",
     "failure": "why there is no solution",
     "file": "of the solution, in the output folder",
 }
@@ -56,7 +57,7 @@ def rows(result: ExperimentResult) -> list[dict[str, Any]]:
                 solve.kind,
                 solve.mu.lower,
                 solve.mu.upper,
-                rank,
+                rank if variation.done else None,
                 solve.contacts,
                 len(solve.starts),
                 solve.succeeded,
@@ -64,6 +65,7 @@ def rows(result: ExperimentResult) -> list[dict[str, Any]]:
                 solve.iterations,
                 "; ".join(solve.active),
                 "; ".join(str(p) for p in solve.prices),
+                solve.measured,
                 solve.failure,
                 file if solve.done else "",
             )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -60,6 +60,8 @@ def case_of(where: str, base: Case, variation: Variation) -> Case:
     InputError
         On fields that a problem does not have, and on values that it refuses.
     """
+    if isinstance(variation, type):
+        raise InputError(where, variation, "a mapping, a GraspProblem, or a function that returns one")
     given = variation() if callable(variation) else variation
     if isinstance(given, GraspProblem):
         return replace(base, problem=given)
@@ -68,11 +70,17 @@ def case_of(where: str, base: Case, variation: Variation) -> Case:
     check_fields(where, given)
     parts = {name: value for name, value in given.items() if name in PARTS}
     try:
-        problem = replace(base.problem, **_with_fingers(where, base.problem, given, parts))
+        problem = replace(base.problem, **_with_fingers(base.problem, given, parts))
     except InputError as error:
         raise InputError(f"{where}: {error.field}", error.given, error.allowed) from None
     starts = integer(f"{where}.starts", given.get("starts", base.starts), at_least=1, at_most=10**6)
     return Case(problem, starts, _options(where, base.options, given.get("options")))
+
+
+def settled_changes(changes: Changes) -> Changes:
+    """Return changes that can be read more than once: constraints from a generator as a tuple."""
+    given = changes.get("constraints")
+    return {**changes, "constraints": tuple(given)} if isinstance(given, Iterator) else changes
 
 
 def check_fields(where: str, changes: Changes) -> None:
@@ -82,30 +90,30 @@ def check_fields(where: str, changes: Changes) -> None:
         raise InputError(f"{where}.{unknown[0]}", "a field that does not exist", ALLOWED)
 
 
-def _with_fingers(where: str, base: GraspProblem, given: Changes, parts: dict[str, Any]) -> dict[str, Any]:
+def _with_fingers(base: GraspProblem, given: Changes, parts: dict[str, Any]) -> dict[str, Any]:
     """Return the parts with a number of fingers and a friction put into contacts and hand."""
     if "fingers" not in given and "friction" not in given:
         return parts
     if "contacts" in parts:
-        raise InputError(where, "contacts together with fingers or friction", "one or the other")
+        raise InputError("contacts", "contacts together with fingers or friction", "one or the other")
     models = base.models
     if "fingers" in given:
-        count = integer(f"{where}.fingers", given["fingers"], at_least=1)
+        count = integer("fingers", given["fingers"], at_least=1)
         if any(m != models[0] for m in models):
-            raise InputError(f"{where}.fingers", count, "a base problem whose contacts are all alike, or contacts")
+            raise InputError("fingers", count, "a base problem whose contacts are all alike, or contacts")
         models = models[:1] * count
         hand = parts.get("hand", base.hand)
         if isinstance(hand, Fingertips) and "hand" not in parts:
             parts = {**parts, "hand": replace(hand, count=count)}
     if "friction" in given:
-        friction = number(f"{where}.friction", given["friction"], above=0.0)
-        models = tuple(_with_friction(where, m, friction) for m in models)
+        friction = number("friction", given["friction"], above=0.0)
+        models = tuple(_with_friction(m, friction) for m in models)
     return {**parts, "contacts": models}
 
 
-def _with_friction(where: str, model: ContactModel, friction: float) -> ContactModel:
+def _with_friction(model: ContactModel, friction: float) -> ContactModel:
     if not hasattr(model, "friction"):
-        raise InputError(f"{where}.friction", f"a base problem with a {type(model).__name__}", "contacts with friction")
+        raise InputError("friction", f"a base problem with a {type(model).__name__}", "contacts with friction")
     return replace(model, friction=friction)  # type: ignore[call-arg]
 
 

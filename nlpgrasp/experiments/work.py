@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import cloudpickle
 
-from nlpgrasp.errors import InputError, NlpgraspError
+from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import Experiment, SolveId
 from nlpgrasp.experiments.variation import Case
+from nlpgrasp.experiments.wording import one_line
 from nlpgrasp.solution import Status
 from nlpgrasp.solution_file import text_of
 from nlpgrasp.solve.solve import check_json, solve_again
@@ -85,8 +86,8 @@ class Packer:
         if self._last[0] != name:
             try:
                 payload = cloudpickle.dumps((list(sys.path), self.experiment.maker(name)))
-            except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
-                reason = f"{type(error).__name__}: {error}"
+            except Exception as error:  # whatever the parts' own pickling raises
+                reason = one_line(error)
                 raise InputError(f"variation {name!r}", reason, "parts that can be sent to other processes") from None
             self._last = (name, bytes(payload))
         return Job(solve, f"{self._run} {name}", self._last[1])
@@ -101,10 +102,8 @@ def work(job: Job) -> Outcome:
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
             return Outcome(text_of(solution))
-        except NlpgraspError as error:
-            return Outcome(failure=str(error))
-        except (Exception, SystemExit) as error:
-            return Outcome(failure=" ".join(f"{type(error).__name__}: {error}".split()))
+        except BaseException as error:  # also what a script raises to end itself: it ends this solve alone
+            return Outcome(failure=one_line(error))
 
 
 def _bench_of(job: Job) -> tuple[Workbench, int]:

@@ -129,9 +129,29 @@ def test_bad_scripts_are_one_line_and_write_nothing(tmp_path, text, message):
     assert (tmp_path / "bad.json").read_text() == "earlier result"
 
 
+EXPERIMENTS = {
+    "twins": ('{"a": {}, "b": {}, "a": {}}', "two entries named 'a'"),
+    "pairs": ('[("a", {}), ("a", {})]', "two variations named 'a'"),
+    "field": ('{"a": {"frction": 1}}', "a field that does not exist"),
+    "other dictionaries": ('{"a": {}} if {"x": 1, "x": 2} else {}', "a new or empty folder"),
+}
+
+
+@pytest.mark.parametrize(("variations", "message"), EXPERIMENTS.values(), ids=EXPERIMENTS.keys())
+def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, message):
+    text = f"{SMALL}\ndef experiment():\n    return ng.Experiment(problem(), {variations}, starts=1)\n"
+    (tmp_path / "bad.py").write_text(text)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    assert message in refused(run("experiment", "bad.py", "--out", "out", cwd=tmp_path))
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["mine.txt"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["experiment", "square.py", "--out", "x"], "no function experiment()"),
+        (["experiment", "square.py"], "Missing option '--out'"),
         (["solve", "none.py"], "a Python file that exists"),
         (["solve", "square.py", "--starts", "0"], "--starts"),
         (["solve", "square.py", "--seed", "-1"], "--seed"),

@@ -1,5 +1,7 @@
 """What an experiment may ask, and what it refuses before anything runs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,16 @@ def test_solves_are_every_variation_with_every_seed():
     assert experiment([("b", {}), ("a", {})]).names == ("b", "a")
 
 
+def test_generators_are_read_once_and_kept():
+    asked = experiment({"a": {"constraints": (c for c in [ng.Forbid(["edge0"])])}}, seeds=(s for s in [2, 5]))
+    again = replace(asked, starts=3)
+    assert again.seeds == (2, 5)
+    assert len(again.case("a").problem.constraints) == 1
+    factor = {"c": {"constraints": (c for c in [ng.Forbid(["edge0"])])}}
+    made = ng.combinations(factor, {"x": {"friction": 0.6}, "y": {"friction": 0.7}})
+    assert [len(changes["constraints"]) for changes in made.values()] == [1, 1]
+
+
 def test_deferred_variations_are_made_when_asked_for():
     made = []
     asked = experiment({"late": lambda: made.append(1) or {"friction": 0.7}})
@@ -65,7 +77,7 @@ BAD = {
     "value": (lambda: experiment({"a": 7}), "Experiment.variations['a']: got 7"),
     "name": (lambda: experiment({"": {}}), "names of 1 to 200 printable characters"),
     "unknown field": (lambda: experiment({"a": {"frction": 1}}), "variations['a'].frction: got a field that does not"),
-    "bad value": (lambda: experiment({"a": {"friction": -1}}), "variations['a'].friction: got -1"),
+    "bad value": (lambda: experiment({"a": {"friction": -1}}), "variations['a']: friction: got -1"),
     "refused part": (
         lambda: experiment({"a": {"task": ng.TaskEllipsoid([1] * 6)}}),
         "variations['a']: GraspProblem.task",
@@ -84,6 +96,9 @@ BAD = {
     "seed twice": (lambda: experiment(seeds=[1, 1]), "at least one whole number, none twice"),
     "seed": (lambda: experiment(seeds=[0.5]), "Experiment.seeds: got 0.5"),
     "seeds": (lambda: experiment(seeds="12"), "Experiment.seeds: got 12"),
+    "class": (lambda: experiment({"a": ng.GraspProblem}).case("a"), "a function that returns one"),
+    "alike": (lambda: experiment([("a b", {}), ("a  b ", {})]), "two variations named 'a b'"),
+    "array": (lambda: experiment(seeds=np.array(3)), "Experiment.seeds: got 3"),
     "all starts": (lambda: experiment(starts=0), "Experiment.starts: got 0"),
 }
 
@@ -117,6 +132,12 @@ def test_combinations_can_be_chosen():
 BAD_COMBINATIONS = {
     "nothing": (lambda: ng.combinations(), "no factors"),
     "field twice": (lambda: ng.combinations({"a": {"friction": 1}}, {"b": {"friction": 2}}), "values of two factors"),
+    "option twice": (
+        lambda: ng.combinations({"a": {"options": {"rtol": 0.1}}}, {"b": {"options": {"rtol": 0.2}}}),
+        "['a, b'].options: got values of two factors",
+    ),
+    "choose": (lambda: ng.combinations({"a": {}}, choose=["a"]), "a function of the levels' names"),
+    "choose's arguments": (lambda: ng.combinations({"a": {}}, choose=lambda: True), "a function of 1 names"),
     "none chosen": (lambda: ng.combinations({"a": {}}, choose=lambda a: False), "no combination"),
     "unknown": (lambda: ng.combinations({"a": {"x": 1}}), "factor 0['a'].x: got a field that does not exist"),
     "no mapping": (lambda: ng.combinations({"a": 3}), "factor 0['a']: got 3"),

@@ -3,6 +3,8 @@
 import csv
 import json
 import re
+import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -82,10 +84,53 @@ def test_load_gives_the_same_result(result):
         ng.ExperimentResult.load(result.folder.parent)
 
 
-def test_a_plan_that_is_none_is_refused(result, tmp_path):
-    (tmp_path / "experiment.json").write_text('{"schema": "else"}')
-    with pytest.raises(InputError, match="the plan of an experiment"):
+def plan(**changes):
+    return json.dumps(
+        {"schema": "nlpgrasp-experiment/1", "name": "x", "seeds": [0], "variations": {"a": {}}, **changes}
+    )
+
+
+NO_PLANS = {
+    "empty": "",
+    "schema": '{"schema": "else"}',
+    "deep": "[" * 100_000,
+    "no seeds": plan(seeds=[]),
+    "seeds twice": plan(seeds=[0, 0]),
+    "huge seed": plan(seeds=[10**300]),
+    "negative seed": plan(seeds=[-1]),
+    "no variations": plan(variations={}),
+    "number": plan(variations={"a": 3}),
+    "problem": plan(variations={"a": {"problem": 3}}),
+    "surrogate": plan(variations={"\ud800": {}}),
+    "name": plan(variations={"": {}}),
+}
+
+
+@pytest.mark.parametrize("text", NO_PLANS.values(), ids=NO_PLANS.keys())
+def test_a_plan_that_is_none_is_refused(text, tmp_path):
+    (tmp_path / "experiment.json").write_text(text)
+    with pytest.raises(InputError, match="the plan of an experiment") as caught:
         ng.ExperimentResult.load(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+WRONG = [None, 3, "x", [], {}, 1e300]
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=repr)
+@pytest.mark.parametrize("field", ["seconds", "iterations", "seed"])
+def test_a_wrong_entry_in_one_file_costs_that_solve_alone(result, tmp_path, field, wrong):
+    folder = tmp_path / "out"
+    shutil.copytree(result.folder, folder)
+    file = folder / "solves" / "rough--seed0.json"
+    data = json.loads(file.read_text())
+    data["solver"][field] = wrong
+    file.write_text(json.dumps(data))
+    loaded = ng.ExperimentResult.load(folder)
+    assert loaded["same"].done == 2
+    assert loaded["rough"].done in (1, 2)
+    assert len(loaded.notes) == 2 - loaded["rough"].done
+    assert write_outputs(loaded) == []
 
 
 class Page(HTMLParser):
@@ -114,10 +159,10 @@ def test_the_page_stands_alone_and_says_all(result):
     assert any('"nlpgrasp-experiment/1"' in cell for cell in page.cells)
 
 
-def test_names_are_escaped_on_the_page(tmp_path):
-    asked = experiment({"<script>alert(1)</script>": {}}, seeds=[0])
+def test_names_are_escaped_on_the_page_and_in_pictures(tmp_path):
+    asked = experiment({"<script>alert(1)</script>": {}, r"a $\foo$ b": {}, "摩擦": {}}, seeds=[0])
     found = ng.run_experiment(asked, tmp_path / "out", workers=1)
-    write_outputs(found)
+    assert write_outputs(found) == []
     assert "<script>" not in (tmp_path / "out" / "report.html").read_text()
 
 
@@ -151,6 +196,8 @@ def test_file_names_differ_where_names_do(tmp_path):
     place = Folder(tmp_path)
     names = ["a", "A", "a b", "a-b", "a/b", "..", "ä", "x" * 100, "x" * 101, "con?"]
     files = {place.file(SolveId(name, 0)).name.lower() for name in names}
+    hashed = place.file(SolveId("A", 0)).name.removesuffix("--seed0.json")
+    assert place.file(SolveId(hashed, 0)) != place.file(SolveId("A", 0))
     assert len(files) == len(names)
     assert all(re.fullmatch(r"[a-z0-9.-]+--seed0\.json", f) for f in files)
     assert all(place.file(SolveId(name, 0)).parent == tmp_path / "solves" for name in names)
@@ -166,6 +213,8 @@ def test_compare_ranks_solutions(result):
     assert "rough" in str(compared).splitlines()[1]
     unnamed = ng.compare([result.solution("rough"), result.solution("same")])
     assert unnamed.names == ("square (1)", "square (2)")
+    named = [replace(result.solution("rough"), name=n) for n in ("a", "a", "a (1)")]
+    assert len(ng.compare(named).names) == 3
 
 
 def test_compare_says_when_mu_measures_different_things(result, tmp_path):

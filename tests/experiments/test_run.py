@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -118,7 +119,7 @@ def test_a_folder_of_other_things_is_refused(tmp_path):
         ng.run_experiment(experiment(), tmp_path)
     with pytest.raises(InputError, match="no folder"):
         ng.run_experiment(experiment(), tmp_path / "a" / "b")
-    with pytest.raises(InputError, match="not a folder"):
+    with pytest.raises(InputError, match="got a file, expected a folder"):
         ng.run_experiment(experiment(), tmp_path / "thesis.tex")
 
 
@@ -149,6 +150,95 @@ def test_crashing_and_failing_solves_cost_only_themselves(tmp_path):
     assert failures["broken", 1] == "ZeroDivisionError: division by zero"
     result = ng.ExperimentResult.load(tmp_path / "out")
     assert {(s.variation, s.seed) for s in result.failures} == set(failures)
+
+
+RAISED = {
+    "interrupt": lambda: KeyboardInterrupt(),
+    "exit": lambda: SystemExit(3),
+    "odd": lambda: GeneratorExit("odd"),
+    "empty": lambda: ng.NlpgraspError(),
+    "undecodable": lambda: ValueError("file \udcff \x1b[31m\nhere"),
+}
+
+
+@pytest.mark.parametrize("name", RAISED)
+def test_whatever_a_solve_raises_is_its_own_failure(name, tmp_path):
+    def broken(make=RAISED[name]):
+        raise make()
+
+    asked = experiment({"broken": broken, "fine": {}}, seeds=[0])
+    result = ng.run_experiment(asked, tmp_path / "out", workers=1)
+    (failure,) = result.failures
+    assert failure.variation == "broken"
+    assert failure.failure.isprintable()
+    assert failure.failure
+    assert result["fine"].mu.lower > 0.3
+    assert str(ng.ExperimentResult.load(tmp_path / "out")) == str(result)
+
+
+def test_a_function_that_makes_another_problem_than_before_is_not_mixed_in(tmp_path):
+    def made(friction):
+        return experiment({"late": lambda: {"friction": friction}}, seeds=[0] if friction == 0.3 else [0, 1])
+
+    first = ng.run_experiment(made(0.3), tmp_path / "out", workers=1)
+    second = ng.run_experiment(made(0.9), tmp_path / "out", resume=True, workers=1)
+    assert second["late"].mu == first["late"].mu
+    assert "another problem than in an earlier run" in second.failures[0].failure
+
+
+def test_the_file_of_another_variation_is_not_used(finished, tmp_path):
+    folder = tmp_path / "out"
+    shutil.copytree(finished.folder, folder)
+    shutil.copy(folder / "solves" / "smooth--seed0.json", folder / "solves" / "rough--seed0.json")
+    loaded = ng.ExperimentResult.load(folder)
+    assert [(s.variation, s.seed) for s in loaded.failures] == [("rough", 0)]
+    assert "another problem" in loaded.notes[0]
+    again = ng.run_experiment(experiment(), folder, resume=True, workers=1)
+    assert grasps(again) == grasps(finished)
+
+
+def test_a_run_that_ended_before_its_plan_leaves_a_usable_folder(tmp_path):
+    folder = tmp_path / "out"
+    (folder / "solves").mkdir(parents=True)
+    (folder / ".lock").touch()
+    (folder / ".nlpgrasp-x.tmp").touch()
+    assert ng.run_experiment(experiment(seeds=[0]), folder, workers=1).complete
+
+
+def test_a_reader_that_goes_away_does_not_end_the_run(tmp_path):
+    line, environment = command("--out", "out", "--workers", 1, "--json")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(line, cwd=tmp_path, env=environment, **pipes)
+    process.stdout.close()
+    process.stderr.read()
+    process.stderr.close()
+    process.wait()
+    assert ng.ExperimentResult.load(tmp_path / "out").complete
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_output_that_is_no_terminal_gets_a_line_a_solve(tmp_path):
+    done = run("--out", "out", "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0
+    lines = done.stderr.splitlines()
+    assert [line.split()[0] for line in lines] == ["1/4", "2/4", "3/4", "4/4"]
+    assert "left" in lines[0]
+    assert "friction 0.5" in done.stdout
+
+
+@pytest.mark.parametrize("out", [3, None, b"out", "a\0b", ""])
+def test_out_that_is_no_path_is_refused(out):
+    with pytest.raises(InputError, match=r"out: got .* expected the path of a folder"):
+        ng.run_experiment(experiment(), out)
+
+
+def test_arguments_are_checked_first(tmp_path):
+    for settings, message in [({"resume": "no"}, "resume"), ({"progress": 3}, "progress"), ({"workers": 0}, "workers")]:
+        with pytest.raises(InputError, match=message):
+            ng.run_experiment(experiment(), tmp_path / "out", **settings)
+    with pytest.raises(InputError, match="can be written"):
+        ng.run_experiment(experiment(), tmp_path / ("x" * 300))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_one_worker_survives_a_crash_too(tmp_path):

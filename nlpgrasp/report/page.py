@@ -1,0 +1,90 @@
+"""The report: one page that opens from disk, with all that a solution file says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+from nlpgrasp.atomic import write_text
+from nlpgrasp.errors import MissingExtraError
+from nlpgrasp.experiments.compare import compare
+from nlpgrasp.report import sections
+from nlpgrasp.report.chosen_wrenches import chosen_wrenches, force_words
+from nlpgrasp.report.scene import scene
+from nlpgrasp.solution import GraspSolution
+
+
+def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Path:
+    """Write a page that shows solutions; several of them are compared first.
+
+    The page needs no network: plotly (extra ``viz``) is inside it.
+
+    Parameters
+    ----------
+    solutions : mapping of str to GraspSolution
+        By the names they have on the page, such as their files'.
+    path : str or Path
+
+    Raises
+    ------
+    MissingExtraError
+        Without plotly.
+    InputError
+        On no solutions, or a path that cannot be written.
+    """
+    compared = compare(solutions)  # refuses what are no solutions
+    title = "nlpgrasp: " + ", ".join(s.name for s in solutions.values())
+    body = [f"<h1>{escape(title)}</h1>"]
+    if len(solutions) > 1:
+        body.append(sections.comparison(compared))
+    body += [_solution(name, solution, i) for i, (name, solution) in enumerate(solutions.items())]
+    text = "\n".join(
+        [
+            f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
+            '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">',
+            f"<style>{_resource('report.css')}</style></head><body><main>",
+            *body,
+            f"</main><script>{_plotly()}</script><script>{_resource('report.js')}</script></body></html>\n",
+        ]
+    )
+    return write_text(path, text)
+
+
+def _solution(name: str, solution: GraspSolution, number: int) -> str:
+    """Return the section of one solution."""
+    chosen = chosen_wrenches(solution)
+    traces, arrows = scene(solution, chosen)
+    grasp = solution.grasp
+    labels = [c.label for c in chosen]
+    fingers = [force_words(grasp, c.forces) for c in chosen] if grasp is not None else []
+    data = {"traces": traces, "arrows": arrows, "labels": labels, "fingers": fingers}
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    parts = [
+        f'<section data-grasp aria-labelledby="name{number}">',
+        f'<h2 id="name{number}">{escape(name)}: {escape(solution.name)}</h2>',
+        sections.status(solution),
+        sections.interval(solution),
+        sections.stage(solution, labels, fingers, number),
+        sections.wrench_space(solution),
+        sections.constraints(solution),
+        sections.convergence(solution),
+        sections.starts(solution),
+        sections.inputs(name, solution),
+        f'<script type="application/json">{text}</script></section>',
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def _resource(name: str) -> str:
+    return files("nlpgrasp.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _plotly() -> str:
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError:
+        raise MissingExtraError("a report", "viz") from None
+    return str(get_plotlyjs())

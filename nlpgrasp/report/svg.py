@@ -1,0 +1,77 @@
+"""Small line drawings as SVG text: no script, readable by screen readers, sharp at any width."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from nlpgrasp.validation import FloatArray
+
+WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 320, 240, 58, 38, 8
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A line of a chart.
+
+    Parameters
+    ----------
+    points : (m, 2) array
+    kind : str
+        CSS class: ``grasp``, ``task``, ``limit``, ``other``.
+    closed : bool
+    """
+
+    points: FloatArray
+    kind: str
+    closed: bool = False
+
+
+def chart(title: str, x_label: str, y_label: str, curves: Sequence[Curve], equal: bool = False) -> str:
+    """Return a chart; ``title`` says in words what is seen."""
+    everything = np.concatenate([c.points for c in curves])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    span = np.where(high - low > 0.0, high - low, np.maximum(np.abs(high), 1e-9))
+    low, high = low - 0.06 * span, high + 0.06 * span
+    wide, tall = WIDTH - LEFT - 8, HEIGHT - BOTTOM - TOP
+    if equal:
+        scale = max((high[0] - low[0]) / wide, (high[1] - low[1]) / tall)
+        middle = 0.5 * (low + high)
+        half = 0.5 * scale * np.array([wide, tall])
+        low, high = middle - half, middle + half
+
+    def place(p: FloatArray) -> FloatArray:
+        x = LEFT + (p[:, 0] - low[0]) / (high[0] - low[0]) * wide
+        y = TOP + tall - (p[:, 1] - low[1]) / (high[1] - low[1]) * tall
+        return np.stack([x, y], axis=1)
+
+    parts = [f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">']
+    parts.append(f'<rect class="frame" x="{LEFT}" y="{TOP}" width="{wide}" height="{tall}"/>')
+    for value in ticks(float(low[0]), float(high[0])):
+        x = place(np.array([[value, low[1]]]))[0, 0]
+        parts.append(f'<line class="tick" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{TOP + tall}"/>')
+        parts.append(f'<text x="{x:.1f}" y="{TOP + tall + 13}" text-anchor="middle">{value:g}</text>')
+    for value in ticks(float(low[1]), float(high[1])):
+        y = place(np.array([[low[0], value]]))[0, 1]
+        parts.append(f'<line class="tick" x1="{LEFT}" x2="{LEFT + wide}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(f'<text x="{LEFT - 4}" y="{y + 3:.1f}" text-anchor="end">{value:g}</text>')
+    for curve in curves:
+        text = " ".join(f"{x:.1f},{y:.1f}" for x, y in place(curve.points))
+        parts.append(f'<poly{"gon" if curve.closed else "line"} class="{curve.kind}" points="{text}"/>')
+    middle = LEFT + wide / 2
+    parts.append(f'<text x="{middle}" y="{HEIGHT - 6}" text-anchor="middle">{escape(x_label)}</text>')
+    turned = f'transform="rotate(-90 11 {TOP + tall / 2})" x="11" y="{TOP + tall / 2}"'
+    parts.append(f'<text {turned} text-anchor="middle">{escape(y_label)}</text></svg>')
+    return "".join(parts)
+
+
+def ticks(low: float, high: float, most: int = 5) -> list[float]:
+    """Return round values between two limits, about ``most`` of them."""
+    raw = (high - low) / most
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = float(power * min((m for m in (1.0, 2.0, 5.0, 10.0) if m * power >= raw), default=10.0))
+    first = np.ceil(low / step)
+    return [float(f"{step * (first + i):.12g}") for i in range(int(np.floor(high / step) - first) + 1)]
