@@ -2,12 +2,13 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
 READY := $(VENV)/.ready
 
 # one thread for linear algebra: the tests run on all cores already
 test test-all bench: export OMP_NUM_THREADS = 1
 
-.PHONY: demo test test-all bench lint types lock clean
+.PHONY: demo test test-all bench lint types browser lock clean
 
 demo: $(READY)
 	$(BIN)/nlpgrasp solve problems/screwdriver.py --out screwdriver.json
@@ -28,6 +29,11 @@ lint: $(READY)
 
 types: $(READY)
 	$(BIN)/mypy
+
+# the browser that the report's tests use (Debian; as root, or with sudo)
+browser:
+	$(SUDO) apt-get update -qq
+	$(SUDO) apt-get install -y -qq chromium chromium-driver >/dev/null
 
 # writes requirements.lock from pyproject.toml
 lock:

@@ -1,4 +1,4 @@
-"""``nlpgrasp solve | quality | verify | experiment``.
+"""``nlpgrasp solve | quality | verify | experiment | report``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -6,7 +6,6 @@ Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad 
 from __future__ import annotations
 
 import io
-import os
 import sys
 from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
@@ -16,8 +15,9 @@ import typer
 
 from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.cli.experiment import experiment_command
-from nlpgrasp.cli.options import AsJson, File, Rtol, Script
+from nlpgrasp.cli.options import AsJson, File, Rtol, Script, writable
 from nlpgrasp.cli.progress import Reporter, done, emit, pair
+from nlpgrasp.cli.report import report_command
 from nlpgrasp.cli.script import load_problem
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.quality import delta, mu, nu
@@ -63,7 +63,7 @@ def solve_command(
     integer("--seed", seed, at_least=0)
     options = SolveOptions(workers=workers, time_limit=time_limit)
     target = Path(f"{script.stem}.json") if out is None else out
-    place = _writable(target, script)  # before the script runs: it may change the working directory
+    place = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
     with Reporter(problem.name, starts, as_json) as reporter:
@@ -135,6 +135,7 @@ def verify_command(file: File, rtol: Rtol = 0.01, as_json: AsJson = False) -> No
 
 
 app.command("experiment")(experiment_command)
+app.command("report")(report_command)
 
 
 def main() -> None:
@@ -157,19 +158,3 @@ def main() -> None:
 def _end(message: str, code: int) -> NoReturn:
     sys.stderr.write(f"nlpgrasp: {message}\n")
     sys.exit(code)
-
-
-def _writable(target: Path, script: Path) -> Path:
-    """Return the absolute path of a result file, refusing one that could not or should not be written."""
-    place = target.resolve()
-    if place.is_dir():
-        raise InputError("--out", f"{target} (a folder)", "a file name")
-    if not place.parent.is_dir():
-        raise InputError("--out", f"{target} (no folder {target.parent})", "a file in a folder that exists")
-    if place == script.resolve():
-        raise InputError("--out", f"{target} (the script itself)", "another file")
-    if place.exists() and not place.is_file():
-        raise InputError("--out", f"{target} (not a regular file)", "a file name")
-    if not os.access(place.parent, os.W_OK) or (place.exists() and not os.access(place, os.W_OK)):
-        raise InputError("--out", f"{target} (not writable)", "a file that can be written")
-    return place

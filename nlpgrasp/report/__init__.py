@@ -1,5 +1,6 @@
 """Reports: solutions as a page, and as pictures."""
 
 from nlpgrasp.report.page import write_report
+from nlpgrasp.report.pictures import write_pictures
 
-__all__ = ["write_report"]
+__all__ = ["write_pictures", "write_report"]

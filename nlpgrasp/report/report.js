@@ -5,6 +5,7 @@ for (const section of document.querySelectorAll("section[data-grasp]")) {
   const scene = section.querySelector(".scene");
   const axis = { visible: false, showspikes: false };
   const layout = {
+    autosize: true,
     margin: { l: 0, r: 0, t: 0, b: 0 },
     paper_bgcolor: "#fff",
     showlegend: false,

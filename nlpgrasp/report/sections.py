@@ -110,7 +110,7 @@ def wrench_space(solution: GraspSolution) -> str:
         return ""
     words = (
         "Shadows of what the fingers can produce with their budget (blue) and of the task times the certified lower "
-        "bound (orange). In the first the task comes nearest to the limit, along the weakest direction (red)."
+        "bound (orange). In the first, in shares of what can be produced, the task comes nearest to the limit (red)."
     )
     return f'<h3>Wrench space</h3><p>{words}</p><div class="charts">{"".join(charts)}</div>'
 

@@ -10,7 +10,7 @@ from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.report.chosen_wrenches import LABELS
 from nlpgrasp.solution import GraspSolution
-from nlpgrasp.tasks import task_from_dict
+from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.validation import FloatArray
 
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)
@@ -26,7 +26,7 @@ class Shadow:
     grasp, task : (m, 2) array
         Outlines of G(B n K), and of the task times the certified lower bound.
     limit : float or None
-        Where both end along the horizontal axis: on the plane that holds the weakest direction.
+        Where the grasp's wrenches end along the weakest direction, on the plane that shows it.
     """
 
     x_label: str
@@ -47,28 +47,35 @@ def shadows(solution: GraspSolution) -> list[Shadow]:
     labels = [f"{n} [{'N' if i < space else 'N m'}]" for i, n in enumerate(LABELS[d])]
     spatial = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
     pairs = spatial if d == 6 else [(0, 1), (0, 2), (1, 2)]
-    lengths = np.ones(d)
-    lengths[space:] = 1.0 / max(grasp.mean_arm, 1e-12)  # directions in the plane are spread evenly in these units
-
-    def outlines(plane: FloatArray) -> tuple[FloatArray, FloatArray]:
-        y = (np.cos(ANGLES)[:, None] * plane[0] + np.sin(ANGLES)[:, None] * plane[1]) * lengths
-        return reachable.support(y)[1] @ plane.T, scale * task.support(y)[1] @ plane.T
-
     found = []
-    y = solution.mu.worst_direction
-    if y is not None and np.linalg.norm(y) > 0.0:
-        found.append(_weakest(y / np.linalg.norm(y), lengths, outlines))
+    if solution.mu.worst_direction is not None and np.any(solution.mu.worst_direction):
+        found.append(_weakest(solution.mu.worst_direction, reachable, task, scale))
     for i, j in pairs:
-        found.append(Shadow(labels[i], labels[j], *outlines(np.eye(d)[[i, j]])))
+        plane = np.eye(d)[[i, j]]
+        found.append(Shadow(labels[i], labels[j], *_outlines(plane, reachable, task, scale)))
     return found
 
 
-def _weakest(y: FloatArray, lengths: FloatArray, outlines: object) -> Shadow:
-    """Return the shadow on a plane that holds the weakest direction: there the task touches the wrench set."""
-    along = y / lengths
-    along = along / np.linalg.norm(along)
-    others = np.eye(len(y)) - np.outer(along, along)
-    across = others[int(np.argmax(np.linalg.norm(others, axis=1)))]
-    plane = np.stack([along, across / np.linalg.norm(across)])
-    grasp, task = outlines(plane)  # type: ignore[operator]  # the function above
-    return Shadow("along the weakest direction", "across it", grasp, task, float(np.max(task[:, 0])))
+def _outlines(plane: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> tuple[FloatArray, FloatArray]:
+    """Return the outlines of both sets' images under ``w -> plane w``: the points that attain their supports.
+
+    Parameters
+    ----------
+    plane : (2, d) array
+        Its rows need be neither orthogonal nor of unit length.
+    """
+    sizes = np.maximum(reachable.support(plane)[0], reachable.support(-plane)[0])
+    evenly = plane / np.maximum(sizes, 1e-300)[:, None]  # directions spread evenly over what is seen
+    y = np.cos(ANGLES)[:, None] * evenly[0] + np.sin(ANGLES)[:, None] * evenly[1]
+    return reachable.support(y)[1] @ plane.T, scale * task.support(y)[1] @ plane.T
+
+
+def _weakest(y: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> Shadow:
+    """Return the shadow along the weakest direction, in shares of what can be produced: the sets all but touch."""
+    limit = float(reachable.support(y[None, :])[0][0])
+    along = y / limit if limit > 0.0 else y / np.linalg.norm(y)
+    sizes = np.maximum(reachable.support(np.eye(len(y)))[0], 1e-300)
+    across = (np.eye(len(y)) / sizes[:, None])[int(np.argmin(np.abs(along) * sizes))]
+    plane = np.stack([along, across])
+    grasp, shown = _outlines(plane, reachable, task, scale)
+    return Shadow("along the weakest direction", "across it", grasp, shown, float(np.max(grasp[:, 0])))

@@ -4,7 +4,7 @@ import sys
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import by_hand, ellipsoid, experiments, hands, measures, meshes, power, tasks
+from tests.benchmarks import by_hand, ellipsoid, experiments, hands, measures, meshes, power, report, tasks
 
 ALL = {
     "ellipsoid": ellipsoid,
@@ -15,6 +15,7 @@ ALL = {
     "power": power,
     "tasks": tasks,
     "experiments": experiments,
+    "report": report,
 }
 
 for name in sys.argv[1:] or ALL:

@@ -82,6 +82,17 @@ def test_quality_prints_both_measures(solved):
     assert "delta    certified in [0.4" in done.stdout
 
 
+def test_report_writes_a_page_or_pictures(solved):
+    folder, _ = solved
+    done = run("report", "square.json", cwd=folder)
+    assert done.stdout == "written to square.html\n", done.stderr
+    assert "mu-tilde is certified in [0.37" in (folder / "square.html").read_text()
+    done = run("report", "square.json", "--png", "--out", "pictures.html", cwd=folder)
+    written = [f"pictures-{name}.png" for name in ("grasp", "wrenches", "convergence")]
+    assert done.stdout.splitlines() == [f"written to {name}" for name in written]
+    assert (folder / "pictures-wrenches.png").stat().st_size > 10_000
+
+
 def test_json_lines(script, tmp_path):
     done = run("solve", script, "--starts", 2, "--workers", 1, "--json", cwd=tmp_path)
     lines = [json.loads(line) for line in done.stdout.splitlines()]
@@ -152,6 +163,10 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
     [
         (["experiment", "square.py", "--out", "x"], "no function experiment()"),
         (["experiment", "square.py"], "Missing option '--out'"),
+        (["report", "none.json"], "a solution file that exists"),
+        (["report"], "Missing argument"),
+        (["report", "square.py"], "not valid JSON"),
+        (["report", "none.json", "--out", "none/x.html"], "a file in a folder that exists"),
         (["solve", "none.py"], "a Python file that exists"),
         (["solve", "square.py", "--starts", "0"], "--starts"),
         (["solve", "square.py", "--seed", "-1"], "--seed"),
@@ -159,7 +174,7 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
         (["solve", "square.py", "--time-limit", "0"], "time_limit"),
         (["solve", "square.py", "--out", "none/x.json"], "a file in a folder that exists"),
         (["solve", "square.py", "--out", "."], "a file name"),
-        (["solve", "square.py", "--out", "square.py"], "the script itself"),
+        (["solve", "square.py", "--out", "square.py"], "itself"),
         (["solve", "square.py", "--starts", "many"], "--starts"),
         (["solve"], "Missing argument"),
         (["resolve"], "No such command"),
