@@ -9,7 +9,6 @@ from importlib.resources import files
 from pathlib import Path
 
 from nlpgrasp.atomic import write_text
-from nlpgrasp.errors import MissingExtraError
 from nlpgrasp.experiments.compare import compare
 from nlpgrasp.report import sections
 from nlpgrasp.report.chosen_wrenches import chosen_wrenches, force_words
@@ -20,7 +19,7 @@ from nlpgrasp.solution import GraspSolution
 def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Path:
     """Write a page that shows solutions; several of them are compared first.
 
-    The page needs no network: plotly (extra ``viz``) is inside it.
+    The page needs no network: plotly is inside it.
 
     Parameters
     ----------
@@ -30,8 +29,6 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
 
     Raises
     ------
-    MissingExtraError
-        Without plotly.
     InputError
         On no solutions, or a path that cannot be written.
     """
@@ -47,7 +44,7 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
             '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">',
             f"<style>{_resource('report.css')}</style></head><body><main>",
             *body,
-            f"</main><script>{_plotly()}</script><script>{_resource('report.js')}</script></body></html>\n",
+            f"</main><script>{_resource('vendor/plotly-gl3d.min.js')}</script><script>{_resource('report.js')}</script></body></html>\n",
         ]
     )
     return write_text(path, text)
@@ -80,11 +77,3 @@ def _solution(name: str, solution: GraspSolution, number: int) -> str:
 
 def _resource(name: str) -> str:
     return files("nlpgrasp.report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _plotly() -> str:
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError:
-        raise MissingExtraError("a report", "viz") from None
-    return str(get_plotlyjs())
