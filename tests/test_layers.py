@@ -24,6 +24,7 @@ LAYERS = [
     ["solve"],
     ["experiments", "pictures"],
     ["report"],
+    ["interop"],
     ["cli"],
     ["__init__", "__main__"],
 ]

@@ -1,4 +1,4 @@
-"""``nlpgrasp solve | quality | verify | experiment | report``.
+"""``nlpgrasp solve | quality | verify | experiment | report | export``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -13,17 +13,15 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.cli.experiment import experiment_command
+from nlpgrasp.cli.export import export_command
 from nlpgrasp.cli.options import AsJson, File, Rtol, Script, writable
 from nlpgrasp.cli.progress import Reporter, done, emit, pair
+from nlpgrasp.cli.quality import quality_command
 from nlpgrasp.cli.report import report_command
 from nlpgrasp.cli.script import load_problem
-from nlpgrasp.errors import InputError, NlpgraspError
-from nlpgrasp.quality import delta, mu, nu
-from nlpgrasp.solution import GraspSolution
+from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.solve import SolveOptions, solve
-from nlpgrasp.tasks import task_from_dict
 from nlpgrasp.validation import integer
 from nlpgrasp.verify import verify
 from nlpgrasp.version import __version__
@@ -82,43 +80,6 @@ def solve_command(
         raise typer.Exit(1)
 
 
-@app.command("quality")
-def quality_command(
-    file: File,
-    rtol: Rtol = 0.01,
-    torque_scale: Annotated[
-        float | None,
-        typer.Option("--torque-scale", help="Metres; the contacts' distance from the origin by default."),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compute the certified quality measures of a grasp anew from its file."""
-    solution = GraspSolution.load(file)
-    if solution.grasp is None:
-        raise InputError(f"{file}: grasp", "none", "a file that holds a grasp")
-    grasp = solution.grasp
-    if torque_scale is None:
-        torque_scale = grasp.mean_arm
-    task = task_from_dict(solution.problem["task"])
-    budget = budget_from_dict(solution.problem["force_budget"])
-    found = mu(grasp, task, rtol, force_budget=budget)
-    ball = delta(grasp, torque_scale, rtol, force_budget=budget)
-    volume = nu(grasp, torque_scale, rtol, force_budget=budget)
-    stable = ball.lower > 0.0
-    if as_json:
-        data = {"kind": solution.kind, "mu": pair(found), "delta": pair(ball), "torque_scale": torque_scale}
-        emit({**data, "nu": pair(volume), "nu_value": volume.value, "nu_error": volume.error, "stable": stable})
-        return
-    typer.echo(f"{solution.name}: {len(grasp)} contacts, force budget {budget.kind}")
-    typer.echo(f"  {solution.kind:8} certified in {found}")
-    typer.echo(
-        f"  delta    certified in {ball} (torque scale {torque_scale:.4g} m): {'' if stable else 'not '}force-closed"
-    )
-    typer.echo(f"  nu       {volume}")
-    if found.upper == 0.0 and found.worst_direction is not None:
-        typer.echo(f"  cannot resist the task: no contact force works along {found.worst_direction.tolist()}")
-
-
 @app.command("verify")
 def verify_command(file: File, rtol: Rtol = 0.01, as_json: AsJson = False) -> None:
     """Check a solution file from its task and grasp alone, by independent code."""
@@ -134,8 +95,10 @@ def verify_command(file: File, rtol: Rtol = 0.01, as_json: AsJson = False) -> No
         raise typer.Exit(1)
 
 
+app.command("quality")(quality_command)
 app.command("experiment")(experiment_command)
 app.command("report")(report_command)
+app.command("export")(export_command)
 
 
 def main() -> None:

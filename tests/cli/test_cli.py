@@ -93,6 +93,22 @@ def test_report_writes_a_page_or_pictures(solved):
     assert (folder / "pictures-wrenches.png").stat().st_size > 10_000
 
 
+def test_exports_and_tables_of_contacts(solved):
+    folder, _ = solved
+    for kind, name in (("csv", "square.csv"), ("glb", "square.glb")):
+        done = run("export", "square.json", "--to", kind, cwd=folder)
+        assert done.stdout == f"written to {name}\n", done.stderr
+    assert (folder / "square.glb").read_bytes()[:4] == b"glTF"
+    done = run("quality", "square.csv", "--task", "square.json", cwd=folder)
+    assert "mu_tilde certified in [0.37" in done.stdout, done.stderr
+    done = run("quality", "square.csv", cwd=folder)
+    assert "needs a task" in done.stdout
+    assert "force-closed" in done.stdout
+    assert "a CSV table of contacts" in refused(run("quality", "square.json", "--friction", "0.5", cwd=folder))
+    assert "ng.URDFHand" in refused(run("export", "square.json", "--to", "isaac_grasp", cwd=folder))
+    assert "--to" in refused(run("export", "square.json", "--to", "fbx", cwd=folder))
+
+
 def test_json_lines(script, tmp_path):
     done = run("solve", script, "--starts", 2, "--workers", 1, "--json", cwd=tmp_path)
     lines = [json.loads(line) for line in done.stdout.splitlines()]

@@ -1,0 +1,68 @@
+"""A scene of the grasp as binary glTF, for any viewer: body, hand, contacts with friction cones, normals."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.report.scene import CONE, NORMAL, body_size, in_space
+from nlpgrasp.solution import GraspSolution
+from nlpgrasp.validation import FloatArray
+
+BODY, LINK, POINT, ARROW, CONES = (
+    [143, 163, 181, 255],
+    [181, 155, 122, 255],
+    [20, 20, 20, 255],
+    [42, 111, 187, 255],
+    [63, 155, 87, 140],
+)
+POINT_RADIUS, ARROW_RADIUS = 0.02, 0.006  # of the body's size
+
+
+def glb(solution: GraspSolution) -> bytes:
+    """Return the scene as a GLB file's bytes; metres, body frame, y as it is in the body.
+
+    Raises
+    ------
+    InputError
+        Without a grasp.
+    """
+    grasp = solution.grasp
+    if grasp is None:
+        raise InputError("solution", "no grasp", "a solution with a grasp")
+    scene = trimesh.Scene()
+    if solution.drawing is not None:
+        shapes = [("body", solution.drawing.body, BODY), *((name, s, LINK) for name, s in solution.drawing.links)]
+        for name, shape, colour in shapes:
+            scene.add_geometry(_coloured(trimesh.Trimesh(shape.vertices, shape.faces), colour), name, name)
+    size = body_size(solution)
+    points, normals = in_space(grasp.points), in_space(grasp.normals)
+    for i, (p, n, model) in enumerate(zip(points, normals, grasp.contacts, strict=True)):
+        tip = trimesh.creation.icosphere(2, POINT_RADIUS * size).apply_translation(p)
+        scene.add_geometry(_coloured(tip, POINT), f"contact {i}", f"contact {i}")
+        line = trimesh.creation.cylinder(ARROW_RADIUS * size, segment=[p, p + NORMAL * size * n])
+        scene.add_geometry(_coloured(line, ARROW), f"inward normal {i}", f"inward normal {i}")
+        friction = getattr(model, "friction", None)
+        if isinstance(friction, float):
+            cone = trimesh.creation.cone(CONE * size * friction, CONE * size)
+            scene.add_geometry(
+                _coloured(cone.apply_transform(_opening(p, n, CONE * size)), CONES), f"cone {i}", f"cone {i}"
+            )
+    return bytes(scene.export(file_type="glb"))
+
+
+def _coloured(mesh: trimesh.Trimesh, colour: list[int]) -> trimesh.Trimesh:
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=colour, alphaMode="BLEND" if colour[3] < 255 else "OPAQUE", doubleSided=True
+    )
+    mesh.visual = trimesh.visual.TextureVisuals(material=material)
+    return mesh
+
+
+def _opening(point: FloatArray, normal: FloatArray, height: float) -> FloatArray:
+    """Return the pose of a cone along z whose apex comes to the contact and whose base is away from the body."""
+    pose = np.eye(4)
+    pose[:3, :3] = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], normal)[:3, :3]
+    pose[:3, 3] = point - height * normal
+    return pose

@@ -1,0 +1,141 @@
+"""isaac_grasp files (YAML, format 1.0): the pose of a gripper in the object's frame and its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.solution import GraspSolution
+from nlpgrasp.validation import FloatArray, array, number
+
+FORMAT, VERSION = "isaac_grasp", 1.0
+LARGEST = 16 * 1024 * 1024
+UNIT = 1e-2  # how far a quaternion may be from unit length
+
+
+@dataclass(frozen=True)
+class IsaacGrasp:
+    """One grasp of an isaac_grasp file.
+
+    Parameters
+    ----------
+    name : str
+    confidence : float
+    position : (3,) array
+        Of the gripper's frame in the object's, metres.
+    quaternion : (4,) array
+        Its orientation, w first, unit.
+    joints, open_joints : mapping of str to float
+        ``cspace_position`` and ``pregrasp_cspace_position``.
+    """
+
+    name: str
+    confidence: float
+    position: FloatArray
+    quaternion: FloatArray
+    joints: Mapping[str, float]
+    open_joints: Mapping[str, float]
+
+
+def isaac_grasp(solutions: Mapping[str, GraspSolution]) -> str:
+    """Return solutions as the text of an isaac_grasp file.
+
+    ``confidence`` is the certified lower bound over the best upper bound of the file.
+
+    Parameters
+    ----------
+    solutions : mapping of str to GraspSolution
+        By the names of the grasps; each with a hand that has a pose and joints.
+
+    Raises
+    ------
+    InputError
+        Without such a hand, or without a grasp.
+    """
+    best = max((s.mu.upper for s in solutions.values() if s.success), default=0.0)
+    grasps = {}
+    for name, solution in solutions.items():
+        hand = solution.hand or {}
+        if not solution.success or "palm_pose" not in hand or "joint_positions" not in hand:
+            raise InputError(name, "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
+        w, *xyz = hand["palm_pose"]["quaternion_wxyz"]
+        opened = hand.get("pregrasp") or hand
+        grasps[name] = {
+            "confidence": solution.mu.lower / best,
+            "position": list(hand["palm_pose"]["position"]),
+            "orientation": {"w": w, "xyz": xyz},
+            "cspace_position": dict(hand["joint_positions"]),
+            "pregrasp_cspace_position": dict(opened["joint_positions"]),
+        }
+    first = next(iter(solutions.values())).problem
+    palm = first["hand"].get("palm", "palm") if isinstance(first.get("hand"), Mapping) else "palm"
+    data = {
+        "format": FORMAT,
+        "format_version": VERSION,
+        "object_frame": first["body"].get("source") or first["body"].get("type", "body"),
+        "gripper_frame": palm,
+        "grasps": grasps,
+    }
+    return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120))
+
+
+def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
+    """Return the grasps of an isaac_grasp file.
+
+    Raises
+    ------
+    InputError
+        On a file that is none, naming grasp and field.
+    """
+    name = str(path)
+    try:
+        if Path(path).stat().st_size > LARGEST:
+            raise InputError(name, "a larger file", f"at most {LARGEST // 2**20} MiB")
+        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(name, error.strerror, "an isaac_grasp file that exists") from None
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise InputError(name, f"no YAML ({type(error).__name__})", "an isaac_grasp file") from None
+    if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+        raise InputError(f"{name}: format", data.get("format") if isinstance(data, Mapping) else data, FORMAT)
+    if str(data.get("format_version")) not in ("1.0", "1"):
+        raise InputError(f"{name}: format_version", data.get("format_version"), f"{VERSION}")
+    grasps = data.get("grasps")
+    if not isinstance(grasps, Mapping) or not grasps:
+        raise InputError(f"{name}: grasps", grasps, "a mapping of names to grasps, not empty")
+    return tuple(_grasp(f"{name}: grasps.{key}", str(key), value) for key, value in grasps.items())
+
+
+def _grasp(where: str, name: str, data: Any) -> IsaacGrasp:
+    if not isinstance(data, Mapping):
+        raise InputError(where, data, "a mapping with position, orientation and cspace_position")
+    turned = data.get("orientation")
+    if not isinstance(turned, Mapping):
+        raise InputError(f"{where}.orientation", turned, "w and xyz")
+    axis = array(f"{where}.orientation.xyz", turned.get("xyz", ()), (3,))
+    quaternion = np.array([number(f"{where}.orientation.w", turned.get("w")), *axis])
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > UNIT:
+        raise InputError(f"{where}.orientation", f"a quaternion of length {length:.4g}", "a unit quaternion")
+    return IsaacGrasp(
+        name,
+        number(f"{where}.confidence", data.get("confidence", 1.0)),
+        array(f"{where}.position", data.get("position", ()), (3,)),
+        quaternion / length,
+        _joints(f"{where}.cspace_position", data.get("cspace_position")),
+        _joints(f"{where}.pregrasp_cspace_position", data.get("pregrasp_cspace_position")),
+    )
+
+
+def _joints(where: str, data: Any) -> dict[str, float]:
+    if data is None:
+        return {}
+    if not isinstance(data, Mapping):
+        raise InputError(where, data, "joint positions by name")
+    return {str(joint): number(f"{where}.{joint}", value) for joint, value in data.items()}
