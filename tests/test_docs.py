@@ -29,6 +29,8 @@ def test_code_blocks_run(page, tmp_path):
     if page.stem == "experiments":
         assert "plate: 8 of 8 solves done" in done.stdout
         assert "1 free, rough [0.8" in done.stdout
+    if page.stem == "interop":
+        assert "stable: True [0." in done.stdout
     if page.stem == "measures":
         assert "True True" in done.stdout
         assert "False [" in done.stdout

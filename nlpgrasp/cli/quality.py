@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -10,14 +12,27 @@ import typer
 from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
 from nlpgrasp.cli.options import AsJson, Rtol
 from nlpgrasp.cli.progress import emit, pair
+from nlpgrasp.cli.script import load_problem
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
-from nlpgrasp.interop import read_contacts_csv
+from nlpgrasp.interop import grasp_of_posture, read_contacts_csv, read_isaac_grasps
 from nlpgrasp.quality import delta, mu, nu
 from nlpgrasp.solution import GraspSolution
 from nlpgrasp.tasks import Task, task_from_dict
 
-GraspFile = Annotated[Path, typer.Argument(metavar="F", help="Solution file, or a CSV table of contacts.")]
+GraspFile = Annotated[
+    Path, typer.Argument(metavar="F", help="Solution file, CSV table of contacts, or isaac_grasp file (.yaml).")
+]
+
+
+@dataclass(frozen=True)
+class _Given:
+    """A grasp to be measured."""
+
+    name: str
+    grasp: Grasp
+    task: Task | None
+    budget: ForceBudget
 
 
 def quality_command(
@@ -31,59 +46,82 @@ def quality_command(
         float | None, typer.Option("--friction", help="Of contacts in a CSV table that state none.")
     ] = None,
     task_of: Annotated[
-        Path | None,
-        typer.Option("--task", metavar="G.json", help="For a CSV table: the solution file with task and force budget."),
+        Path | None, typer.Option("--task", metavar="G.json", help="For a CSV table: where the task is.")
+    ] = None,
+    script: Annotated[
+        Path | None, typer.Option("--problem", metavar="SCRIPT", help="For an isaac_grasp file: body, hand and task.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute the certified quality measures of a grasp: of a solution, or of any grasp given as contacts."""
-    name, grasp, task, budget = _read(file, friction, task_of)
-    if torque_scale is None:
-        torque_scale = grasp.mean_arm
+    """Compute the certified quality measures of a grasp: of a solution, or of any tool's grasp."""
+    options = {"--friction": friction, "--task": task_of, "--problem": script}
+    kind = file.suffix.lower()
+    allowed = {".csv": ("--friction", "--task"), ".yaml": ("--problem",), ".yml": ("--problem",)}.get(kind, ())
+    for option, value in options.items():
+        if value is not None and option not in allowed:
+            raise InputError(option, value, "another kind of file with it: this one states its own")
+    if kind == ".csv":
+        given = iter([_of_table(file, friction, task_of)])
+    elif kind in (".yaml", ".yml"):
+        given = _of_postures(file, script)
+    else:
+        given = iter([_of_solution(file)])
+    for one in given:
+        _measure(one, rtol, torque_scale, as_json)
+
+
+def _measure(given: _Given, rtol: float, torque_scale: float | None, as_json: bool) -> None:
+    """Compute and print the measures of one grasp."""
+    grasp, task, budget = given.grasp, given.task, given.budget
+    scale = grasp.mean_arm if torque_scale is None else torque_scale
     found = None if task is None else mu(grasp, task, rtol, force_budget=budget)
-    ball = delta(grasp, torque_scale, rtol, force_budget=budget)
-    volume = nu(grasp, torque_scale, rtol, force_budget=budget)
+    ball = delta(grasp, scale, rtol, force_budget=budget)
+    volume = nu(grasp, scale, rtol, force_budget=budget)
     stable = ball.lower > 0.0
     kind = "mu" if task is None or task.is_centred else "mu_tilde"
     if as_json:
-        data = {"kind": kind, "mu": None if found is None else pair(found), "delta": pair(ball)}
+        data = {"name": given.name, "kind": kind, "mu": None if found is None else pair(found), "delta": pair(ball)}
         more = {"nu": pair(volume), "nu_value": volume.value, "nu_error": volume.error, "stable": stable}
-        emit({**data, "torque_scale": torque_scale, **more})
+        emit({**data, "torque_scale": scale, **more})
         return
-    typer.echo(f"{name}: {len(grasp)} contacts, force budget {budget.kind}")
+    typer.echo(f"{given.name}: {len(grasp)} contacts, force budget {budget.kind}")
     typer.echo(f"  {kind:8} {'needs a task: --task G.json' if found is None else f'certified in {found}'}")
     closed = "" if stable else "not "
-    typer.echo(f"  delta    certified in {ball} (torque scale {torque_scale:.4g} m): {closed}force-closed")
+    typer.echo(f"  delta    certified in {ball} (torque scale {scale:.4g} m): {closed}force-closed")
     typer.echo(f"  nu       {volume}")
     if found is not None and found.upper == 0.0 and found.worst_direction is not None:
         typer.echo(f"  cannot resist the task: no contact force works along {found.worst_direction.tolist()}")
 
 
-def _read(file: Path, friction: float | None, task_of: Path | None) -> tuple[str, Grasp, Task | None, ForceBudget]:
-    """Return name, grasp, task and budget of a solution, or of a table of contacts."""
-    if file.suffix.lower() == ".csv":
-        grasp = read_contacts_csv(file, friction)
-        if task_of is None:
-            return file.name, grasp, None, force_budget("l2")
-        other = GraspSolution.load(task_of)
-        if other.grasp is None:
-            raise InputError(f"{task_of}: grasp", "none", "a file that says what point its moments are about")
-        task = task_from_dict(other.problem["task"])
-        if task.dimension != grasp.dimension:
-            raise InputError("--task", f"dimension {task.dimension}", f"dimension {grasp.dimension}, as the contacts")
-        about = Grasp(grasp.points, grasp.normals, grasp.contacts, other.grasp.torque_origin, grasp.tangents)
-        named = other.problem["force_budget"]
-        return (
-            file.name,
-            about,
-            task,
-            force_budget(named if isinstance(named, str) and named != "hand_torques" else "l2"),
-        )
-    for option, value in (("--friction", friction), ("--task", task_of)):
-        if value is not None:
-            raise InputError(option, value, "a CSV table of contacts with it: a solution file states its own")
+def _of_solution(file: Path) -> _Given:
     solution = GraspSolution.load(file)
     if solution.grasp is None:
         raise InputError(f"{file}: grasp", "none", "a file that holds a grasp")
     budget = budget_from_dict(solution.problem["force_budget"])
-    return solution.name, solution.grasp, task_from_dict(solution.problem["task"]), budget
+    return _Given(solution.name, solution.grasp, task_from_dict(solution.problem["task"]), budget)
+
+
+def _of_table(file: Path, friction: float | None, task_of: Path | None) -> _Given:
+    grasp = read_contacts_csv(file, friction)
+    if task_of is None:
+        return _Given(file.name, grasp, None, force_budget("l2"))
+    other = GraspSolution.load(task_of)
+    if other.grasp is None:
+        raise InputError(f"{task_of}: grasp", "none", "a file that says what point its moments are about")
+    task = task_from_dict(other.problem["task"])
+    if task.dimension != grasp.dimension:
+        raise InputError("--task", f"dimension {task.dimension}", f"dimension {grasp.dimension}, as the contacts")
+    about = Grasp(grasp.points, grasp.normals, grasp.contacts, other.grasp.torque_origin, grasp.tangents)
+    stated = other.problem["force_budget"]  # one with Jacobians is of that grasp's own contacts
+    return _Given(file.name, about, task, budget_from_dict(stated if isinstance(stated, str) else "l2"))
+
+
+def _of_postures(file: Path, script: Path | None) -> Iterator[_Given]:
+    """Yield the grasps that a problem's hand makes in the postures of an isaac_grasp file."""
+    if script is None:
+        raise InputError("--problem", "nothing", "the script of a problem whose hand the isaac_grasp file is for")
+    postures = read_isaac_grasps(file)
+    problem = load_problem(script)
+    budget = problem.budget if problem.budget.kind != "hand_torques" else force_budget("l2")
+    for posture in postures:
+        yield _Given(posture.name, grasp_of_posture(problem, posture), problem.task, budget)

@@ -3,5 +3,14 @@
 from nlpgrasp.interop.contacts_csv import contacts_csv, read_contacts_csv
 from nlpgrasp.interop.glb import glb
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, isaac_grasp, read_isaac_grasps
+from nlpgrasp.interop.placed_hand import grasp_of_posture
 
-__all__ = ["IsaacGrasp", "contacts_csv", "glb", "isaac_grasp", "read_contacts_csv", "read_isaac_grasps"]
+__all__ = [
+    "IsaacGrasp",
+    "contacts_csv",
+    "glb",
+    "grasp_of_posture",
+    "isaac_grasp",
+    "read_contacts_csv",
+    "read_isaac_grasps",
+]

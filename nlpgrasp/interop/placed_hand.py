@@ -1,0 +1,96 @@
+"""The contacts that a hand makes in a posture somebody else chose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.interop.isaac_grasp import IsaacGrasp
+from nlpgrasp.problem import GraspProblem
+from nlpgrasp.validation import FloatArray
+
+SLIDES, SHARE = 60, 0.5
+NEAR = 2e-3  # metres: how far a fingertip may be from the body and still count as touching
+
+
+def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = NEAR) -> Grasp:
+    """Return the contacts between round fingertips and the body in a posture, at the body's nearest points.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+        With the body, and an :class:`~nlpgrasp.URDFHand` whose palm is the file's gripper frame.
+    posture : IsaacGrasp
+    near : float
+        Metres: a fingertip farther from the surface, outside or inside, makes no contact.
+
+    Raises
+    ------
+    InputError
+        Without such a hand, on joints that are missing or unknown, or when fewer than two fingertips touch.
+    """
+    hand = problem.hand
+    if not isinstance(hand, URDFHand):
+        raise InputError("problem.hand", hand, "an ng.URDFHand: the file says where its joints are")
+    tips, radii = _tips(hand, posture), np.array(hand.tip_radii)
+    points, normals, distances = nearest(problem.body, tips)
+    touching = np.flatnonzero(np.abs(distances - radii) <= near)
+    if len(touching) < 2:
+        gaps = ", ".join(f"{1e3 * gap:.1f} mm" for gap in distances - radii)
+        raise InputError(posture.name, f"fingertips {gaps} from the body", f"two or more within {1e3 * near:g} mm")
+    models = [problem.models[i] for i in touching]
+    return Grasp(points[touching], -normals[touching], models, problem.origin)
+
+
+def nearest(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the body's nearest points, outward normals there, and signed distances.
+
+    Of a mesh exactly; of another body the nearest that is found from where Newton steps reach its faces.
+    """
+    if isinstance(body, Mesh):
+        found, normals, distances = body.closest(points)
+        return found, normals, np.where(body.signed_distance(points) < 0.0, -distances, distances)
+    best = np.full(len(points), np.inf)
+    found, normals = np.zeros_like(points), np.zeros_like(points)
+    for name in body.face_names:
+        snapped = body.snap(name, points)
+        for _ in range(SLIDES):  # along the surface towards the point, until it is straight above
+            outward = body.evaluate(name, snapped)[2]
+            apart = points - snapped
+            sideways = apart - np.sum(apart * outward, axis=1, keepdims=True) * outward
+            snapped = body.snap(name, snapped + SHARE * sideways)
+        _, _, outward, extent = body.evaluate(name, snapped)
+        apart = np.where(extent <= 1e-6 * body.size, np.linalg.norm(points - snapped, axis=1), np.inf)
+        closer = apart < best
+        best, found[closer], normals[closer] = np.minimum(best, apart), snapped[closer], outward[closer]
+    return found, normals, np.where(np.sum((points - found) * normals, axis=1) < 0.0, -best, best)
+
+
+def _tips(hand: URDFHand, posture: IsaacGrasp) -> FloatArray:
+    """Return the fingertips' centres in the body's frame."""
+    joints = _joints(hand, posture.joints, posture.name)
+    p, quaternion, q = ca.SX.sym("p", 3), ca.SX.sym("quaternion", 4), ca.SX.sym("q", len(joints))
+    centres = hand.tip_centres({"palm_position": p, "palm_quaternion": quaternion, "joints": q})
+    round_ones = [c for c in centres if c is not None]
+    if len(round_ones) < len(centres):
+        raise InputError("problem.hand", "fingertips that are not round", "spherical fingertips")
+    place = ca.Function("tips", [p, quaternion, q], [ca.horzcat(*round_ones)])
+    return np.asarray(place(posture.position, posture.quaternion, joints).full()).T
+
+
+def _joints(hand: URDFHand, given: Mapping[str, float], name: str) -> FloatArray:
+    """Return the free joints' positions; those that follow others may be left out."""
+    free = [joint.name for joint in hand.tree.robot.free_joints]
+    missing = [joint for joint in free if joint not in given]
+    known = hand.tree.joint_positions(np.zeros(len(free)))
+    unknown = [joint for joint in given if joint not in known]
+    if missing or unknown:
+        what = f"no position of joint {missing[0]}" if missing else f"joint {unknown[0]}"
+        raise InputError(f"{name}.cspace_position", what, f"the hand's joints: {', '.join(free)}")
+    return np.array([given[joint] for joint in free])
