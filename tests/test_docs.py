@@ -10,7 +10,15 @@ import pytest
 PAGES = sorted((Path(__file__).resolve().parents[1] / "docs").glob("*.md"))
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if "```python" in p.read_text()], ids=lambda p: p.stem)
+SLOW = ("hands",)
+RUN = [
+    pytest.param(p, marks=[pytest.mark.slow] if p.stem in SLOW else [], id=p.stem)
+    for p in PAGES
+    if "```python" in p.read_text()
+]
+
+
+@pytest.mark.parametrize("page", RUN)
 def test_code_blocks_run(page, tmp_path):
     (tmp_path / "problems").symlink_to(page.parents[1] / "problems")
     script = tmp_path / "page.py"

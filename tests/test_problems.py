@@ -35,7 +35,17 @@ def test_every_script_is_pinned(problems_folder):
     assert {path.stem for path in problems_folder.glob("*.py")} == set(VALUES)
 
 
-SLOW_SCRIPTS = {"power_grasp", "odd_object_on_table", "tea_cup", "filling_cup", "hammer", "screwdriver"}
+SLOW_SCRIPTS = {
+    "knife",
+    "peg_in_hole",
+    "how_many_fingers",
+    "power_grasp",
+    "odd_object_on_table",
+    "tea_cup",
+    "filling_cup",
+    "hammer",
+    "screwdriver",
+}
 SCRIPTS = [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW_SCRIPTS else []) for n in VALUES]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
@@ -118,7 +118,8 @@ def fit_ellipsoid(
     else:
         offset = np.zeros(local.shape[1])
         values, vectors = np.linalg.eigh(local.T @ local / max(len(local) - (middle is None), 1))
-        axes, excess = np.sqrt(chi2.ppf(probability, local.shape[1]) * values)[:, None] * vectors.T, None
+        quantile = 2.0 * gammaincinv(0.5 * local.shape[1], probability)  # of chi squared; scipy.stats is slow to import
+        axes, excess = np.sqrt(quantile * values)[:, None] * vectors.T, None
     task = TaskEllipsoid.from_axes((axes @ basis[used]) * unit, about + (offset @ basis[used]) * unit)
     near = np.linalg.solve(axes.T, (local - offset).T)
     return EllipsoidFit(task, np.sum(near**2, axis=0) <= 1.0 + 1e-9, excess, flat)

@@ -20,5 +20,5 @@ def experiment():
     variations = {f"friction {mu}": {"friction": mu} for mu in (0.5, 0.7)}
     if kind == "troubled":
         variations |= {"crash": crash, "broken": broken, "late": lambda: {"friction": 0.9}}
-    seeds = range(40) if kind == "long" else range(2)
+    seeds = range(12) if kind == "long" else range(2)
     return ng.Experiment(base(), variations, seeds=seeds, starts=1, options=QUICK)

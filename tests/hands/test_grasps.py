@@ -166,6 +166,7 @@ def test_hand_on_a_mesh_touches_the_mesh_itself(name, shared_meshes):
     assert ng.verify(solution)
 
 
+@pytest.mark.slow
 def test_same_seed_same_hand_with_any_number_of_workers():
     problem = ng.GraspProblem(
         BODIES["sphere"], ng.FrictionContact(0.7), task(BODIES["sphere"]), hand=three_finger_hand()

@@ -23,11 +23,13 @@ def found(names):
     return ng.fine_manipulation(names["problem"](), names["in_the_hand"](), starts=2, options=OPTIONS)
 
 
+@pytest.mark.slow
 def test_the_grasp_in_the_hand_is_better(found):
     assert found.success
     assert found.goal.mu.lower > 1.1 * found.pick.mu.upper
 
 
+@pytest.mark.slow
 def test_every_finger_moves_once_along_the_body(found, names):
     body = names["problem"]().body
     assert sorted(m.finger for m in found.moves) == list(range(5))
@@ -40,6 +42,7 @@ def test_every_finger_moves_once_along_the_body(found, names):
         assert np.max(np.linalg.norm(np.diff(move.path, axis=0), axis=1)) < 0.012
 
 
+@pytest.mark.slow
 def test_what_holds_meanwhile_is_certified(found, names):
     """The first move again, from the pick-up grasp alone."""
     move = found.moves[0]

@@ -39,6 +39,7 @@ def test_every_kind_of_task_is_solved_and_verified_from_its_file(name, transcrip
         np.testing.assert_allclose(forces.sum(axis=0), wrench[:3], atol=1e-6 * np.linalg.norm(wrench))
 
 
+@pytest.mark.slow
 def test_a_polytope_and_its_ellipsoid_agree():
     """The ends of an ellipsoid's axes are a smaller task than it, and 1 / sqrt(6) of it a smaller one yet."""
     ends = ng.TaskPolytope(np.concatenate([BALL.axes, -BALL.axes]))
@@ -54,6 +55,7 @@ def test_a_task_without_a_json_form_is_refused_before_anything_is_solved():
         ng.solve(problem(ng.TaskSet(BALL.support)), 1)
 
 
+@pytest.mark.slow
 def test_pencil_writing_is_best_near_the_lead():
     """Example 3-5: torque about the axes across the pencil at its lead asks for fingers near it."""
     near = ng.solve(pencil.problem(), 2, options=FAST)
