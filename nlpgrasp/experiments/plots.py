@@ -31,7 +31,7 @@ def write_plots(result: ExperimentResult, folder: Path) -> list[Path]:
     InputError
         When a picture cannot be written.
     """
-    plt = pyplot("pictures")
+    plt = pyplot("a picture")
     ranked = sorted(zip(result.variations, result.ranks(), strict=True), key=lambda pair: (pair[1], -pair[0].mu.upper))
     shown = [v for v, _ in ranked if v.best is not None][:MOST_SHOWN]
     pictures = {"mu_by_variation": draw_mu, "mu_against_time": draw_time, "convergence": draw_convergence}

@@ -29,7 +29,7 @@ def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
     InputError
         When a picture cannot be written.
     """
-    plt = pyplot("pictures")
+    plt = pyplot("a picture")
     drawn: dict[str, Callable[[Any, GraspSolution], Any]] = {}
     if solution.grasp is not None:
         drawn |= {"grasp": draw_grasp, "wrenches": draw_wrenches}
