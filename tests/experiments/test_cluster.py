@@ -94,3 +94,21 @@ def test_a_scheduler_that_does_not_answer_is_refused_before_anything_runs(addres
 def test_workers_and_a_scheduler_contradict_each_other(tmp_path):
     with pytest.raises(InputError, match="the cluster has its own"):
         ng.run_experiment(experiment(), tmp_path / "out", scheduler="127.0.0.1:1", workers=2)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_ends_the_run_and_is_listed(cluster, tmp_path):
+    address, _ = cluster
+    done = []
+
+    def progress(record):
+        done.append(record)
+        if len(done) == 3:
+            port = int(address.rsplit(":", 1)[1])
+            listening = (c for c in psutil.net_connections() if c.status == "LISTEN" and c.laddr.port == port)
+            os.kill(next(listening).pid, signal.SIGKILL)
+
+    result = ng.run_experiment(experiment(seeds=range(30)), tmp_path / "out", scheduler=address, progress=progress)
+    assert 3 <= sum(s.done for s in result.solves) < 60
+    assert "the cluster" in result.notes[-1]
+    assert "go on with --resume" in result.notes[-1]
