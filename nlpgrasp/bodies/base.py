@@ -103,6 +103,10 @@ class Body(ABC):
         p = self.symbol.sym("p", self.space)  # type: ignore[attr-defined]
         return ca.Function("distance", [p], [self.distance(p)], ["p"], ["d"])
 
+    def signed_distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance of points (m, space) to the body, metres, negative inside, as :meth:`distance`."""
+        return np.asarray(self.distance_function.map(len(points))(points.T).full()).ravel()
+
     def select(self, names: Iterable[str] | None, field: str) -> tuple[str, ...]:
         """Return the named faces, or all, refusing names this body does not have."""
         if names is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import igl
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +19,22 @@ THICKNESS = 0.04  # of the size: half of it, of the plate that a planar body is 
 def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
     """Return vertices (n, 3), metres, and triangles (m, 3), at most ``most``; a planar body becomes a thin plate.
 
-    A mesh is simplified; any other body is meshed by marching cubes of its distance, then simplified, and its vertices
-    put onto the surface.
+    A mesh is simplified; any other body, and a mesh that cannot be, is meshed by marching cubes of its distance first.
     """
-    vertices, faces = _of_mesh(body) if isinstance(body, Mesh) else _marched(body)
+    if isinstance(body, Mesh):
+        vertices, faces = simplified(np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces), most)
+        if len(faces) <= most:
+            return vertices, faces
+    return simplified(*_marched(body), most)
+
+
+def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
+    """Return at most ``most`` triangles, or all of them where the surface cannot be simplified."""
     if len(faces) > most:
         simple = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(faces.astype(np.int32)), most)
-        if isinstance(body, Mesh) and not len(simple[1]):  # a mesh that cannot be simplified
-            vertices, faces = _marched(body)
-            simple = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(faces.astype(np.int32)), most)
-        vertices, faces = np.asarray(simple[0]), np.asarray(simple[1], dtype=np.int64)
-    return vertices, faces
-
-
-def _of_mesh(body: Mesh) -> tuple[FloatArray, IntArray]:
-    return np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces, dtype=np.int64)
+        if len(simple[1]):
+            return np.asarray(simple[0]), np.asarray(simple[1], dtype=np.int64)
+    return vertices, faces.astype(np.int64)
 
 
 def _marched(body: Body) -> tuple[FloatArray, IntArray]:
@@ -49,16 +49,8 @@ def _marched(body: Body) -> tuple[FloatArray, IntArray]:
     axes = [np.linspace(a, b, n) for a, b, n in zip(lower, upper, counts, strict=True)]
     z, y, x = np.meshgrid(*axes[::-1], indexing="ij")  # x runs fastest, as igl wants it
     grid = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    if isinstance(body, Mesh):
-        values = body.signed_distance(grid)
-    else:
-        values = _distances(body, grid[:, : body.space])
-        if body.space == 2:
-            values = np.maximum(values, np.abs(grid[:, 2]) - half)
+    values = body.signed_distance(grid[:, : body.space])
+    if body.space == 2:
+        values = np.maximum(values, np.abs(grid[:, 2]) - half)
     vertices, faces, _ = igl.marching_cubes(values, grid, *(int(n) for n in counts), 0.0)
     return np.asarray(vertices), np.asarray(faces)
-
-
-def _distances(body: Body, points: FloatArray) -> FloatArray:
-    function: ca.Function = body.distance_function
-    return np.asarray(function.map(len(points))(points.T).full()).ravel()

@@ -71,7 +71,6 @@ def run_cluster(
             solve = under_way.pop(future)
             yield solve, _outcome(future)
             submit()
-        client.cancel(list(under_way))
     except (OSError, RuntimeError, KeyError, CancelledError) as error:  # as distributed says that nobody is there
         raise ClusterLostError(f"the cluster was lost ({type(error).__name__})") from None
 

@@ -30,18 +30,13 @@ class Curve:
     closed: bool = False
 
 
-def chart(title: str, x_label: str, y_label: str, curves: Sequence[Curve], equal: bool = False) -> str:
+def chart(title: str, x_label: str, y_label: str, curves: Sequence[Curve]) -> str:
     """Return a chart; ``title`` says in words what is seen."""
     everything = np.concatenate([c.points for c in curves])
     low, high = everything.min(axis=0), everything.max(axis=0)
     span = np.where(high - low > 0.0, high - low, np.maximum(np.abs(high), 1e-9))
     low, high = low - 0.06 * span, high + 0.06 * span
     wide, tall = WIDTH - LEFT - 8, HEIGHT - BOTTOM - TOP
-    if equal:
-        scale = max((high[0] - low[0]) / wide, (high[1] - low[1]) / tall)
-        middle = 0.5 * (low + high)
-        half = 0.5 * scale * np.array([wide, tall])
-        low, high = middle - half, middle + half
 
     def place(p: FloatArray) -> FloatArray:
         x = LEFT + (p[:, 0] - low[0]) / (high[0] - low[0]) * wide

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import igl
 import numpy as np
 import trimesh
 
 from nlpgrasp.bodies import Body
-from nlpgrasp.bodies.triangles import triangles
+from nlpgrasp.bodies.triangles import simplified, triangles
 from nlpgrasp.drawing import Drawing, Triangles
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand
@@ -28,15 +27,6 @@ def _links(hand: URDFHand, values: dict[str, FloatArray]) -> tuple[tuple[str, Tr
         meshes = [shape.mesh for shape in hand.robot.shapes.get(link, ())]
         if meshes:
             joined = trimesh.util.concatenate(meshes)
-            vertices, faces = _simple(np.asarray(joined.vertices, dtype=float), np.asarray(joined.faces))
+            vertices, faces = simplified(np.asarray(joined.vertices, dtype=float), np.asarray(joined.faces), LINK)
             result.append((link, Triangles(vertices @ pose[:3, :3].T + pose[:3, 3], faces)))
     return tuple(result)
-
-
-def _simple(vertices: FloatArray, faces: np.ndarray) -> tuple[FloatArray, np.ndarray]:
-    """Return at most ``LINK`` triangles where the shape can be simplified."""
-    if len(faces) > LINK:
-        simple = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(faces.astype(np.int32)), LINK)
-        if len(simple[1]):
-            return np.asarray(simple[0]), np.asarray(simple[1], dtype=np.int64)
-    return vertices, faces.astype(np.int64)

@@ -56,7 +56,7 @@ def link_depth(body: Body, hand: URDFHand, values: dict[str, FloatArray]) -> Lin
             continue
         points = surface_points(shapes, rng)[0]
         samples += len(points)
-        there = -float(np.min(_distances(body, points @ pose[:3, :3].T + pose[:3, 3])))
+        there = -float(np.min(body.signed_distance(points @ pose[:3, :3].T + pose[:3, 3])))
         local = (own - pose[:3, 3]) @ pose[:3, :3]
         depth = max(there, *(float(np.max(shape.depth(local))) for shape in shapes))
         if depth > worst:
@@ -71,10 +71,3 @@ def _surface(body: Body, rng: np.random.Generator) -> FloatArray:
         return np.concatenate([vertices, body.surface_samples(SAMPLES, rng)[0]])
     each = max(SAMPLES // len(body.face_names), 50)
     return np.concatenate([body.sample(name, each, rng) for name in body.face_names])
-
-
-def _distances(body: Body, points: FloatArray) -> FloatArray:
-    """Return signed distances, negative inside: a mesh's own, not its spline's."""
-    if isinstance(body, Mesh):
-        return body.signed_distance(points)
-    return np.asarray(body.distance_function.map(len(points))(points.T).full()).ravel()
