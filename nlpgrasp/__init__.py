@@ -72,6 +72,7 @@ from nlpgrasp.quality import (
     screen,
     smallest_singular_value,
 )
+from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.solution import GraspSolution, Status
 from nlpgrasp.solve import (
     ContactCurve,
@@ -144,6 +145,7 @@ __all__ = [
     "Robustness",
     "ShadowPrice",
     "SharedJointTorqueLimits",
+    "Simulation",
     "SoftContact",
     "SolveOptions",
     "Sphere",
@@ -204,6 +206,7 @@ __all__ = [
     "rotate_body_frame",
     "run_experiment",
     "screen",
+    "simulate",
     "smallest_singular_value",
     "solve",
     "turn",

@@ -25,6 +25,7 @@ LAYERS = [
     ["experiments", "pictures"],
     ["report"],
     ["interop"],
+    ["simulation"],
     ["cli"],
     ["__init__", "__main__"],
 ]

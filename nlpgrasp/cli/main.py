@@ -1,4 +1,4 @@
-"""``nlpgrasp solve | quality | verify | experiment | report | export``.
+"""``nlpgrasp solve | quality | verify | experiment | report | export | simulate``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -20,6 +20,7 @@ from nlpgrasp.cli.progress import Reporter, done, emit, pair
 from nlpgrasp.cli.quality import quality_command
 from nlpgrasp.cli.report import report_command
 from nlpgrasp.cli.script import load_problem
+from nlpgrasp.cli.simulate import simulate_command
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.solve import SolveOptions, solve
 from nlpgrasp.validation import integer
@@ -99,6 +100,7 @@ app.command("quality")(quality_command)
 app.command("experiment")(experiment_command)
 app.command("report")(report_command)
 app.command("export")(export_command)
+app.command("simulate")(simulate_command)
 
 
 def main() -> None:

@@ -3,6 +3,8 @@
 from nlpgrasp.interop.contacts_csv import contacts_csv, read_contacts_csv
 from nlpgrasp.interop.glb import glb
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, isaac_grasp, read_isaac_grasps
+from nlpgrasp.interop.mjcf import mjcf
+from nlpgrasp.interop.mjcf_hand import mjcf_with_hand
 from nlpgrasp.interop.placed_hand import grasp_of_posture
 
 __all__ = [
@@ -11,6 +13,8 @@ __all__ = [
     "glb",
     "grasp_of_posture",
     "isaac_grasp",
+    "mjcf",
+    "mjcf_with_hand",
     "read_contacts_csv",
     "read_isaac_grasps",
 ]

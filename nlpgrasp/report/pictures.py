@@ -56,7 +56,7 @@ def draw_grasp(plt: Any, solution: GraspSolution) -> Any:
         shapes = [(solution.drawing.body, "#8fa3b5", 0.35), *((s, "#b59b7a", 0.6) for _, s in solution.drawing.links)]
         for shape, colour, opacity in shapes:
             corners = shape.vertices[shape.faces]
-            ax.add_collection3d(Poly3DCollection(corners, facecolors=_shaded(corners, colour), alpha=opacity))
+            ax.add_collection3d(Poly3DCollection(corners, facecolors=shaded(corners, colour), alpha=opacity))
             everything.append(shape.vertices)
     grasp, size = solution.grasp, body_size(solution)
     if grasp is not None:
@@ -71,7 +71,7 @@ def draw_grasp(plt: Any, solution: GraspSolution) -> Any:
             ax.set_title(f"{solution.name}: {chosen[0].label}", fontsize=8, wrap=True)
             everything.append(points - forces)
         everything.append(points)
-    _equal(ax, np.vstack(everything))
+    equal(ax, np.vstack(everything))
     return figure
 
 
@@ -107,7 +107,7 @@ def draw_convergence(plt: Any, solution: GraspSolution) -> Any:
     return figure
 
 
-def _shaded(corners: Any, colour: str) -> Any:
+def shaded(corners: Any, colour: str) -> Any:
     """Return a colour for each triangle, darker where it faces away from the light."""
     base = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -116,7 +116,7 @@ def _shaded(corners: Any, colour: str) -> Any:
     return np.clip(base * light[:, None], 0.0, 1.0)
 
 
-def _equal(ax: Any, points: Any) -> None:
+def equal(ax: Any, points: Any) -> None:
     """Show all points at one scale, without axes."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = 0.5 * float(np.max(high - low)) or 1.0

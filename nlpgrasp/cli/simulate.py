@@ -1,0 +1,71 @@
+"""``nlpgrasp simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlpgrasp.cli.options import AsJson, File, writable
+from nlpgrasp.cli.progress import emit
+from nlpgrasp.simulation import Simulation, simulate
+from nlpgrasp.simulation.strip import write_strip
+from nlpgrasp.solution import GraspSolution
+
+
+def simulate_command(
+    file: File,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="F.png", help="The strip of pictures; by default F-simulation.png.")
+    ] = None,
+    share: Annotated[float, typer.Option("--share", help="Of certified mu, that wrenches are scaled by.")] = 0.8,
+    mass: Annotated[
+        float | None, typer.Option("--mass", help="Of the object, kilograms; a light one by default.")
+    ] = None,
+    wrenches: Annotated[int, typer.Option("--wrenches", help="How many, beside the hardest one.")] = 12,
+    as_json: AsJson = False,
+) -> None:
+    """Press on the object in MuJoCo: hold the task's wrenches, then the hardest until it is lost."""
+    target = file.with_name(f"{file.stem}-simulation.png") if out is None else out
+    writable(target, file)
+    solution = GraspSolution.load(file)
+    found = simulate(solution, share, mass, wrenches, lambda name: typer.echo(f"  {name} ...", err=True))
+    picture = write_strip(found, solution, target)
+    if as_json:
+        emit(_data(found))
+    else:
+        typer.echo(str(found))
+        typer.echo(f"  pictures written to {picture}")
+        typer.echo(_verdict(found))
+    if not found.confirmed:
+        raise typer.Exit(1)
+
+
+def _verdict(found: Simulation) -> str:
+    """Return the verdict in a sentence."""
+    if found.confirmed:
+        return "confirmed: held as certified, and lost beyond it"
+    if not found.held:
+        return "NOT confirmed: lost a wrench that the certificate says can be held"
+    if found.lost_at is None:
+        return "NOT confirmed: held more than the certificate says is possible"
+    return "NOT confirmed: lost before the certified bounds"
+
+
+def _data(found: Simulation) -> dict[str, object]:
+    trials = [
+        {"condition": t.condition, "wrench": t.label, "slip": t.slip, "turn": t.turn, "held": t.held}
+        for t in found.trials
+    ]
+    return {
+        "name": found.name,
+        "confirmed": found.confirmed,
+        "share": found.share,
+        "mass": found.mass,
+        "effort": found.effort,
+        "lost_at": found.lost_at,
+        "upper_bound": found.gap,
+        "trials": trials,
+        "notes": list(found.notes),
+    }

@@ -1,0 +1,51 @@
+"""The world as it may be, while the hand knows the grasp as solved."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.contacts import less_friction
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.solution import GraspSolution
+from nlpgrasp.validation import FloatArray
+
+LESS_FRICTION, OFF = 0.1, 2e-3  # share, and metres
+
+
+def slippery(grasp: Grasp, share: float) -> Grasp:
+    """Return the grasp with this share less friction."""
+    models = less_friction(grasp.contacts, share)
+    return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
+
+
+def displaced(solution: GraspSolution, offset: float) -> Grasp | None:
+    """Return the contacts off by this much (metres), towards the worst placement that the file knows of.
+
+    The file has the worst placement found at another offset; positions and normals are continued in proportion.
+    None where the file has none.
+    """
+    grasp, robust = solution.grasp, solution.robust
+    if grasp is None or robust is None or robust.offset <= 0.0:
+        return None
+    factor = offset / robust.offset
+    points = grasp.points + factor * (robust.points - grasp.points)
+    normals = grasp.normals + factor * (robust.normals - grasp.normals)
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    flat = grasp.tangents - np.einsum("kts,ks->kt", grasp.tangents, normals)[..., None] * normals[:, None]
+    first = flat[:, 0] / np.linalg.norm(flat[:, 0], axis=1, keepdims=True)
+    tangents = first[:, None] if grasp.space == 2 else np.stack([first, np.cross(normals, first)], axis=1)
+    return Grasp(points, normals, grasp.contacts, grasp.torque_origin, tangents)
+
+
+def as_felt(known: Grasp, there: Grasp, forces: FloatArray) -> FloatArray:
+    """Return finger forces (m, n) in the frames of the contacts as they are: the hand turns none of them."""
+    result = forces.copy()
+    start = 0
+    for i, model in enumerate(known.contacts):
+        axes = np.array(model.axes(known.space))
+        which = start + np.flatnonzero(axes < known.space)
+        turned = there.frames[i].T @ known.frames[i]
+        local = axes[axes < known.space]
+        result[:, which] = forces[:, which] @ turned[np.ix_(local, local)].T
+        start += len(axes)
+    return result

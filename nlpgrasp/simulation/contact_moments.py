@@ -1,0 +1,77 @@
+"""Moments that contacts transmit about their points: torsion of soft fingers, tilting of pads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.contacts import ContactModel, SoftContact
+from nlpgrasp.contacts.range_cone import RangeContact
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class ContactMoment:
+    """Moment components of a contact that one limit bounds together.
+
+    Parameters
+    ----------
+    contact : int
+    model : ContactModel
+    share : float
+        Their largest size over the normal force, metres.
+    indices : tuple of b int
+        Which of all components they are.
+    directions : (b, 3) array
+        What they turn about, body frame.
+    """
+
+    contact: int
+    model: ContactModel
+    share: float
+    indices: tuple[int, ...]
+    directions: FloatArray
+
+    def most(self, normal: float, rubbing: float) -> float:
+        """Return the largest moment transmitted at this normal and tangential force (newtons)."""
+        model = self.model
+        if isinstance(model, SoftContact) and model.model == "elliptic":
+            normal = float(np.sqrt(max(normal**2 - (rubbing / model.friction) ** 2, 0.0)))
+        return self.share * normal
+
+    def cut(self, moment: FloatArray, normal: float, rubbing: float) -> FloatArray:
+        """Return a moment (b,) cut to what is transmitted."""
+        size, most = float(np.linalg.norm(moment)), self.most(normal, rubbing)
+        return moment if size <= most else moment * (most / size)
+
+
+def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
+    """Return which of all components are forces, and the moments."""
+    forces: list[int] = []
+    moments: list[ContactMoment] = []
+    start = 0
+    for i, model in enumerate(grasp.contacts):
+        axes = model.axes(grasp.space)
+        many = sum(axis < grasp.space for axis in axes)
+        forces += range(start, start + many)
+        for where, share in _blocks(model, grasp.space):
+            parts = [j for j in range(where.start, where.stop) if j >= many]
+            if parts:
+                about = np.array([_direction(grasp, i, axes[j]) for j in parts])
+                moments.append(ContactMoment(i, model, share, tuple(start + j for j in parts), about))
+        start += len(axes)
+    return forces, moments
+
+
+def _blocks(model: ContactModel, space: int) -> tuple[tuple[slice, float], ...]:
+    if not isinstance(model, RangeContact):
+        raise InputError("contacts", model, "contacts that press")
+    return model.blocks(model.components(space))
+
+
+def _direction(grasp: Grasp, i: int, axis: int) -> FloatArray:
+    """Return what a moment component turns about, body frame."""
+    return np.eye(3)[2] if grasp.space == 2 else np.asarray(grasp.frames[i][:, axis - 3])

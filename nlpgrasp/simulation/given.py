@@ -1,0 +1,94 @@
+"""What a simulation starts from: the grasp, the hand's effort, the object's mass, the wrenches to try."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.budgets import ForceBudget, budget_from_dict
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.interop.mass import Mass, mass_of
+from nlpgrasp.interop.mjcf import DENSITY, mjcf
+from nlpgrasp.interop.mjcf_scales import scales
+from nlpgrasp.quality import finger_forces
+from nlpgrasp.report.chosen_wrenches import wrench_words
+from nlpgrasp.report.scene import in_space
+from nlpgrasp.simulation.press import Press
+from nlpgrasp.solution import GraspSolution
+from nlpgrasp.tasks import task_from_dict
+from nlpgrasp.validation import FloatArray, number
+
+EARTH = 9.81
+WEIGHT = 0.25  # of the effort that the wrenches leave: an object whose mass is not given weighs no more
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a simulation starts from.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    grasp : Grasp
+    budget : ForceBudget
+    effort : float
+        Units of the budget that the hand has: what certified mu says the task as given takes.
+    mass : Mass
+        Of the object.
+    wrenches : (m, d) array
+        Of the task, at certified mu of the effort; the hardest first.
+    labels : tuple of m str
+        The wrenches in words, at the share that is tried.
+    weight : (d,) array
+        The wrench that carries the object.
+    """
+
+    solution: GraspSolution
+    grasp: Grasp
+    budget: ForceBudget
+    effort: float
+    mass: Mass
+    wrenches: FloatArray
+    labels: tuple[str, ...]
+    weight: FloatArray
+
+    def press(self, there: Grasp, gravity: float) -> Press:
+        """Return the grasp in MuJoCo, with the contacts as they really are."""
+        force = finger_forces(self.grasp, self.wrenches[:1], force_budget=self.budget).forces
+        unit = scales(self.grasp, float(np.linalg.norm(force)), self.mass.mass)
+        scene = mjcf(self.solution, grasp=there, mass=self.mass, unit=unit, stiffness=False)
+        return Press(scene, there, self.budget, self.effort, unit, gravity)
+
+
+def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> Given:
+    """Return what a simulation of a solution starts from; arguments as those of :func:`~nlpgrasp.simulate`."""
+    grasp = solution.grasp
+    if grasp is None or not solution.success or solution.drawing is None:
+        raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
+    budget, task = budget_from_dict(solution.problem["force_budget"]), task_from_dict(solution.problem["task"])
+    effort = 1.0 if "joint_torques" in budget.kind else 1.0 / solution.mu.lower
+    ends = list(task.ends()[:count])
+    if solution.mu.worst_direction is not None:
+        ends.insert(0, task.support(solution.mu.worst_direction[None, :])[1][0])
+    wrenches = effort * solution.mu.lower * np.array(ends)
+    whole = mass_of(solution.drawing.body, DENSITY)
+    carrying = _carrying(grasp, whole)
+    found = finger_forces(grasp, carrying, force_budget=budget)
+    if mass is not None:
+        kilograms = number("mass", mass, above=0.0)
+    elif found.feasible[0]:
+        kilograms = min(whole.mass, WEIGHT * (1.0 - share) * effort / float(found.used[0]) / EARTH)
+    else:
+        raise InputError("solution", "a grasp that cannot carry any weight", "one that can")
+    labels = tuple(wrench_words(share * w) for w in wrenches)
+    weight = kilograms * EARTH * carrying
+    return Given(solution, grasp, budget, effort, whole.scaled(kilograms), wrenches, labels, weight)
+
+
+def _carrying(grasp: Grasp, mass: Mass) -> FloatArray:
+    """Return the wrench (d,) that carries one newton of weight."""
+    up = np.eye(3)[2 if grasp.space == 3 else 1]
+    moment = np.cross(mass.center - in_space(grasp.torque_origin[None])[0], up)
+    return np.concatenate([up, moment]) if grasp.space == 3 else np.array([*up[:2], moment[2]])

@@ -1,0 +1,59 @@
+"""The hardest wrench, growing until the grasp is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.quality import finger_forces
+from nlpgrasp.simulation.given import Given
+from nlpgrasp.simulation.loads import answered
+from nlpgrasp.simulation.moment import MOST_SLIP, MOST_TURN, Moment
+from nlpgrasp.simulation.outcome import Trial
+from nlpgrasp.validation import FloatArray
+
+FURTHEST = 1.5  # times the certified upper bound: how far the wrench grows
+RISE, SOON = 8.0, 20.0  # units of time in which the fingers grip, and in which the wrench grows to QUICK
+QUICK = 0.9  # of what the effort is enough for
+SLOWLY = 0.002  # how much it grows after that, a unit of time: what is too much has to show against the damping
+LOOKS = 2000
+STEPS = 40  # shares for which forces are computed; between them they are interpolated: cones are convex
+FAR = 5.0  # times what counts as lost: how far the pictures go
+
+
+def grow(given: Given) -> tuple[float | None, Trial]:
+    """Return at which share of the certified lower bound the hardest wrench was lost, without gravity, and the run.
+
+    The hand answers with all of its effort; what is more than that can produce, it leaves.
+    """
+    press = given.press(given.grasp, 0.0)
+    unit, end = press.unit.time, FURTHEST * given.solution.mu.upper / given.solution.mu.lower
+    hardest = given.wrenches[0]
+    least = finger_forces(given.grasp, hardest, force_budget=given.budget)
+    limit = given.effort / float(least.used[0])
+    shares = np.append(np.linspace(0.0, min(end, (1.0 - 1e-9) * limit), STEPS), max(end, limit))
+    labels = ("",) * len(shares)
+    forces = answered(given.grasp, labels, shares[:, None] * hardest, given.budget, given.effort).forces
+    forces[-1] = forces[-2]
+
+    quick = QUICK * min(limit, 1.0)
+
+    def share_at(time: float) -> float:
+        since = max(time / unit - RISE, 0.0)
+        return quick * min(since / SOON, 1.0) + SLOWLY * max(since - SOON, 0.0)
+
+    def course(time: float) -> tuple[FloatArray, FloatArray]:
+        share = share_at(time)
+        after = min(int(np.searchsorted(shares, share, side="right")), STEPS)
+        part = (share - shares[after - 1]) / max(shares[after] - shares[after - 1], 1e-300)
+        answer = forces[after - 1] + min(part, 1.0) * (forces[after] - forces[after - 1])
+        return share * hardest, min(2.0 * time / (RISE * unit), 1.0) * answer
+
+    seconds = (RISE + SOON + (end - quick) / SLOWLY) * unit
+    moments = press.run(course, seconds, RISE * unit, LOOKS, _far_gone)
+    last = moments[-1]
+    trial = Trial("growing", given.labels[0], last.slip, last.turn, tuple(moments))
+    return next((share_at(m.time) for m in moments if m.lost), None), trial
+
+
+def _far_gone(moment: Moment) -> bool:
+    return moment.slip >= FAR * MOST_SLIP or moment.turn >= FAR * MOST_TURN

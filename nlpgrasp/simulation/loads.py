@@ -1,0 +1,91 @@
+"""The wrenches that a simulated grasp has to hold, and the finger forces that a hand would answer them with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.quality import finger_forces
+from nlpgrasp.simulation.conditions import slippery
+from nlpgrasp.validation import FloatArray
+
+MARGINS = np.arange(0.0, 0.41, 0.05)  # shares of friction that forces are chosen to do without
+FOR_FRICTION, FOR_GRIP = 0.90, 0.95  # of the effort: the rest is for holding the fingertips in place
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Wrenches and answers.
+
+    Parameters
+    ----------
+    labels : tuple of m str
+    wrenches : (m, d) array
+        What the fingers have to produce.
+    forces : (m, n) array
+        Contact by contact, as in G: they produce the wrenches.
+    margins : (m,) array
+        Share of friction they do without; -1 where a wrench takes more than the effort.
+    """
+
+    labels: tuple[str, ...]
+    wrenches: FloatArray
+    forces: FloatArray
+    margins: FloatArray
+
+    @property
+    def rest(self) -> tuple[FloatArray, FloatArray]:
+        """The mean of all wrenches and forces: cones are convex, so it is held as well."""
+        return self.wrenches.mean(axis=0), self.forces.mean(axis=0)
+
+
+def answered(grasp: Grasp, labels: tuple[str, ...], wrenches: FloatArray, budget: ForceBudget, effort: float) -> Loads:
+    """Return the wrenches with forces that hold them safely within an effort.
+
+    The least forces lie on the friction cones' edges, where any disturbance makes fingers slip. A hand has effort to
+    spare for all but the hardest wrenches, and spends it on forces that need less friction, and on gripping.
+
+    Parameters
+    ----------
+    grasp : Grasp
+    labels : tuple of m str
+    wrenches : (m, d) array
+    budget : ForceBudget
+    effort : float
+        Units of the budget.
+    """
+    forces = np.zeros((len(wrenches), grasp.G.shape[1]))
+    margins = np.full(len(wrenches), -1.0)
+    for share in MARGINS:
+        found = finger_forces(slippery(grasp, float(share)), wrenches, force_budget=budget)
+        most = (1.0 if share == 0.0 else FOR_FRICTION) * effort
+        good = found.feasible & (found.used <= most)
+        forces[good], margins[good] = found.forces[good], share
+    grip = gripping(grasp, budget)
+    for i in np.flatnonzero(margins >= 0.0):
+        forces[i] += _most_grip(grasp, forces[i], grip, budget, FOR_GRIP * effort) * grip
+    return Loads(labels, wrenches, forces, margins)
+
+
+def gripping(grasp: Grasp, budget: ForceBudget) -> FloatArray:
+    """Return finger forces (n,) that press and produce no wrench: of opposite wrenches' forces the sum."""
+    d, space = grasp.dimension, grasp.space
+    ends = np.diag([1.0] * space + [grasp.mean_arm] * (d - space))
+    found = finger_forces(grasp, np.concatenate([ends, -ends]), force_budget=budget)
+    total = np.where(found.feasible[:, None], found.forces, 0.0)
+    both = found.feasible[:d] & found.feasible[d:]
+    return np.asarray((total[:d] + total[d:])[both].sum(axis=0))
+
+
+def _most_grip(grasp: Grasp, x: FloatArray, grip: FloatArray, budget: ForceBudget, most: float) -> float:
+    """Return the most of a grip that forces can be given within an effort, by bisection."""
+    size = float(budget.used(grip[None], grasp.contacts, grasp.space)[0])
+    low, high = 0.0, most / size if size > 0.0 else 0.0
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        used = float(budget.used((x + middle * grip)[None], grasp.contacts, grasp.space)[0])
+        low, high = (middle, high) if used <= most else (low, middle)
+    return low

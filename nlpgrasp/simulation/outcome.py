@@ -1,0 +1,110 @@
+"""What a simulation found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.simulation.moment import MOST_SLIP, MOST_TURN, Moment
+
+CREEP = 0.05  # of the lower bound: simulated friction creeps where it is at its limit
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One task wrench under one condition.
+
+    Parameters
+    ----------
+    condition : str
+    label : str
+        The wrench, in words.
+    slip : float
+        Largest way of a point of contact from its fingertip, metres.
+    turn : float
+        How far the body has turned, radians.
+    moments : tuple of Moment
+        The run.
+    """
+
+    condition: str
+    label: str
+    slip: float
+    turn: float
+    moments: tuple[Moment, ...]
+
+    @property
+    def held(self) -> bool:
+        """Whether slip and turn stayed small."""
+        return not any(m.lost for m in self.moments)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A solution in MuJoCo.
+
+    Parameters
+    ----------
+    name : str
+    share : float
+        Of certified mu, that the task wrenches were scaled by.
+    effort : float
+        Of the hand: units of the force budget.
+    mass : float
+        Kilograms.
+    trials : tuple of Trial
+    gap : float
+        The certified upper bound over the lower one.
+    lost_at : float or None
+        Of the certified lower bound, the share of the hardest wrench at which the grasp was lost as it grew.
+    growing : Trial
+        The run in which it grew.
+    notes : tuple of str
+        What could not be tried, and why.
+    """
+
+    name: str
+    share: float
+    effort: float
+    mass: float
+    trials: tuple[Trial, ...]
+    gap: float
+    lost_at: float | None
+    growing: Trial
+    notes: tuple[str, ...] = ()
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The conditions tried, in order."""
+        return tuple(dict.fromkeys(t.condition for t in self.trials))
+
+    def of(self, condition: str) -> tuple[Trial, ...]:
+        """Return the trials under a condition."""
+        return tuple(t for t in self.trials if t.condition == condition)
+
+    @property
+    def held(self) -> bool:
+        """Whether the grasp as solved held every wrench, with and without gravity."""
+        return all(t.held for t in self.trials if t.condition in self.conditions[:2])
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether both ends were seen: held at the share, and lost, not before the certified lower bound."""
+        return self.held and self.lost_at is not None and self.lost_at >= 1.0 - CREEP
+
+    def __str__(self) -> str:
+        first = f"{self.name}: wrenches up to {self.share:g} of certified mu, effort {self.effort:.4g}"
+        lines = [f"{first}, mass {self.mass:.3g} kg"]
+        for condition in self.conditions:
+            trials = self.of(condition)
+            count = sum(t.held for t in trials)
+            worst = max(trials, key=lambda t: max(t.slip / MOST_SLIP, t.turn / MOST_TURN))
+            verdict = "held" if count == len(trials) else "LOST" if not count else "PARTLY LOST"
+            seen = f"at most {1e3 * worst.slip:.2g} mm and {np.degrees(worst.turn):.2g} degrees"
+            if not worst.held:
+                seen = f"lost first: {next(t.label for t in trials if not t.held)}"
+            lines.append(f"  {condition:24} {verdict}, {count} of {len(trials)} wrenches, {seen}")
+        lost = "never lost" if self.lost_at is None else f"lost at {self.lost_at:.3f}"
+        lines.append(f"  hardest wrench, growing  {lost}; certified in [1, {self.gap:.3f}] of the lower bound")
+        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])

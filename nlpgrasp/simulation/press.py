@@ -1,0 +1,161 @@
+"""Fingertips that press on a free object in MuJoCo, while a wrench pulls at it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.grasp import Grasp
+from nlpgrasp.interop.mjcf_scales import DAMPING, Scales
+from nlpgrasp.interop.mujoco_extra import import_mujoco
+from nlpgrasp.report.scene import in_space
+from nlpgrasp.simulation.contact_moments import components
+from nlpgrasp.simulation.moment import Moment
+from nlpgrasp.validation import FloatArray
+
+GIVE = 0.02  # radians of turn that a contact's moment answers with all its friction
+Course = Callable[[float], tuple[FloatArray, FloatArray]]  # time to wrench (d,) and finger forces (n,)
+
+
+class Press:
+    """A grasp in MuJoCo.
+
+    Each fingertip is a ball driven by a motor along each direction its contact can push in, and held in place by a
+    spring; motors and springs together never exceed the hand's effort. MuJoCo's contacts transmit the forces, with
+    its elliptic (exact) friction cones. Moments about the contact points are applied as torques, cut to what the
+    contact model allows at the normal force that MuJoCo reports: its own torsional friction is another model than the
+    box (2.4-1).
+
+    Parameters
+    ----------
+    scene : str
+        MJCF text of :func:`~nlpgrasp.interop.mjcf`, without stiffness.
+    grasp : Grasp
+        The scene's.
+    budget : ForceBudget
+    effort : float
+        How many units of the budget the hand has.
+    unit : Scales
+        The scene's.
+    gravity : float
+        Acceleration along -z (-y in the plane), m / s^2.
+    """
+
+    def __init__(
+        self, scene: str, grasp: Grasp, budget: ForceBudget, effort: float, unit: Scales, gravity: float = 0.0
+    ) -> None:
+        self.mujoco = import_mujoco("a simulation")
+        self.grasp, self.budget, self.effort, self.unit = grasp, budget, effort, unit
+        self.gravity = -gravity * np.eye(3)[2 if grasp.space == 3 else 1]
+        self.model = self.mujoco.MjModel.from_xml_string(scene)
+        self.model.pair_dim[:] = np.minimum(self.model.pair_dim, 3)
+        self.data = self.mujoco.MjData(self.model)
+        self.body = self.model.body("object").id
+        self.tips = [self.model.body(f"tip_{i}").id for i in range(len(grasp))]
+        self.tip_of = {self.model.geom(f"tip_{i}").id: i for i in range(len(grasp))}
+        self.points = in_space(grasp.points)
+        self.arm = in_space(grasp.torque_origin[None])[0] - self.model.body_ipos[self.body]
+        self.forces, self.moments = components(grasp)
+        self.moment_indices = [index for m in self.moments for index in m.indices]
+        self.turning = np.concatenate([m.directions for m in self.moments] or [np.zeros((0, 3))])
+        self.stiffness, self.damping = self._against_turning()
+        self.pull = slice(0, grasp.space)  # of a wrench in space: the force
+        self.turn = slice(3, 6) if grasp.space == 3 else slice(5, 6)
+        self.normal, self.rubbing = np.zeros(len(grasp)), np.zeros(len(grasp))  # contact forces of the last step
+
+    def run(
+        self, course: Course, seconds: float, rise: float, looks: int, lost: Callable[[Moment], bool]
+    ) -> list[Moment]:
+        """Return ``looks`` moments of a run from rest, evenly in time; it ends where the grasp is lost.
+
+        Gravity rises from zero over the first ``rise`` seconds, as the course's forces should.
+        """
+        self.mujoco.mj_resetData(self.model, self.data)
+        self.mujoco.mj_forward(self.model, self.data)
+        self.normal[:], self.rubbing[:] = 0.0, 0.0
+        steps = max(looks, round(seconds / self.model.opt.timestep))
+        rest = np.array(self.data.xpos[self.tips])
+        moments: list[Moment] = []
+        for step in range(1, steps + 1):
+            time = step * seconds / steps
+            self.model.opt.gravity[:] = min(time / rise, 1.0) * self.gravity
+            used = self._step(*course(time))
+            if step % (steps // looks) == 0 or step == steps:
+                moments.append(self._seen(time, used, rest))
+                if lost(moments[-1]):
+                    break
+        return moments
+
+    def _step(self, wrench: FloatArray, forces: FloatArray) -> float:
+        """Take one step with the fingers pressing while the opposite of ``wrench`` pulls; return the effort used."""
+        data = self.data
+        command = forces.copy()
+        command[self.forces] -= self.unit.stiffness * data.qpos[-len(self.forces) :]
+        if self.moments:
+            give = self.stiffness * (self.turning @ self._rotation())
+            command[self.moment_indices] -= give + self.damping * (self.turning @ self._angular_velocity())
+        used = float(self.budget.used(command[None], self.grasp.contacts, self.grasp.space)[0]) / self.effort
+        if used > 1.0:
+            command /= used
+        data.ctrl[:] = command[self.forces]
+        load = np.zeros(6)
+        load[self.pull] = -wrench[: self.grasp.space]
+        load[self.turn] = -wrench[self.grasp.space :]
+        load[3:] += _cross(data.xmat[self.body].reshape(3, 3) @ self.arm, load[:3])
+        for m in self.moments:
+            wanted = command[list(m.indices)]
+            load[3:] += m.cut(wanted, self.normal[m.contact], self.rubbing[m.contact]) @ m.directions
+        data.xfrc_applied[self.body] = load
+        self.mujoco.mj_step(self.model, data)
+        if self.moments:
+            self._contact_forces()
+        return min(used, 1.0)
+
+    def _contact_forces(self) -> None:
+        """Note how hard each fingertip presses and rubs."""
+        self.normal[:], self.rubbing[:] = 0.0, 0.0
+        force = np.zeros(6)
+        for c, geoms in enumerate(self.data.contact.geom.tolist()):
+            i = self.tip_of.get(geoms[0], self.tip_of.get(geoms[1], -1))
+            if i >= 0:
+                self.mujoco.mj_contactForce(self.model, self.data, c, force)
+                self.normal[i], self.rubbing[i] = force[0], (force[1] ** 2 + force[2] ** 2) ** 0.5
+
+    def _seen(self, time: float, used: float, rest: FloatArray) -> Moment:
+        attitude = np.array(self.data.xmat[self.body]).reshape(3, 3)
+        position = np.array(self.data.xpos[self.body])
+        tips = np.array(self.data.xpos[self.tips]) - rest
+        way = self.points @ attitude.T + position - self.points - tips
+        slip = float(np.max(np.linalg.norm(way, axis=1)))
+        return Moment(time, slip, float(np.linalg.norm(self._rotation())), used, attitude, position, tips)
+
+    def _rotation(self) -> FloatArray:
+        """Return the body's rotation vector."""
+        result = np.zeros(3)
+        if self.grasp.space == 2:
+            result[2] = self.data.qpos[2]
+        else:
+            self.mujoco.mju_quat2Vel(result, self.data.qpos[3:7], 1.0)
+        return result
+
+    def _angular_velocity(self) -> FloatArray:
+        """Return the body's angular velocity, body frame."""
+        return np.array([0.0, 0.0, self.data.qvel[2]]) if self.grasp.space == 2 else self.data.qvel[3:6]
+
+    def _against_turning(self) -> tuple[FloatArray, FloatArray]:
+        """Return stiffness and damping of the moments: all of the friction for :data:`GIVE`, near critical."""
+        turned = np.zeros(9)
+        self.mujoco.mju_quat2Mat(turned, self.model.body_iquat[self.body])
+        axes = turned.reshape(3, 3)
+        inertia = axes @ np.diag(self.model.body_inertia[self.body]) @ axes.T
+        about = np.einsum("ij,jk,ik->i", self.turning, inertia, self.turning)
+        most = np.array([m.share for m in self.moments for _ in m.indices])
+        stiffness = self.unit.force * most / GIVE
+        return stiffness, DAMPING * np.sqrt(stiffness * about)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the cross product of two vectors; numpy's is for many."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -1,0 +1,82 @@
+"""A strip of pictures of a simulation: the grasp held, and the grasp lost."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nlpgrasp.atomic import write_bytes
+from nlpgrasp.interop.mjcf_parts import TIP
+from nlpgrasp.interop.mjcf_scales import scales
+from nlpgrasp.pyplot import pyplot
+from nlpgrasp.report.pictures import equal, shaded
+from nlpgrasp.report.scene import body_size, in_space
+from nlpgrasp.simulation.moment import Moment
+from nlpgrasp.simulation.outcome import Simulation
+from nlpgrasp.solution import GraspSolution
+
+FRAMES = 4  # of each run
+MAGNIFIED = 0.2  # of the body's size: the slip at the end is shown at least this large
+ZOOM = 1.5
+
+
+def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Path) -> Path:
+    """Write a row of pictures of the hardest wrench held, and one of it growing until the grasp is lost.
+
+    Displacements are magnified alike in both rows, the factor is stated.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    InputError
+        When the file cannot be written.
+    """
+    plt = pyplot("a strip of pictures")
+    held, growing = simulation.trials[0], simulation.growing
+    factor = max(MAGNIFIED * body_size(solution) / max(growing.slip, 1e-12), 1.0)
+    figure = plt.figure(figsize=(3.0 * FRAMES, 6.4), layout="constrained")
+    share = "never" if simulation.lost_at is None else f"at {simulation.lost_at:.3f}"
+    figure.suptitle(
+        f"{simulation.name}: held at {simulation.share:g} of certified mu (above); growing, lost {share} (below)\n"
+        f"hardest wrench: {held.label}; displacements x {factor:.3g}",
+        fontsize=9,
+    )
+    for row, trial in enumerate((held, growing)):
+        moments = trial.moments
+        for column, index in enumerate(np.linspace(0, len(moments) - 1, FRAMES).round().astype(int)):
+            ax = figure.add_subplot(2, FRAMES, row * FRAMES + column + 1, projection="3d")
+            moment = moments[index]
+            _draw(ax, solution, moment, factor)
+            turn = np.degrees(moment.turn)
+            ax.set_title(f"{moment.time:.2g} s: {1e3 * moment.slip:.2g} mm, {turn:.2g} deg", fontsize=8)
+    image = BytesIO()
+    figure.savefig(image, dpi=110)
+    plt.close(figure)
+    return write_bytes(Path(path), image.getvalue())
+
+
+def _draw(ax: Any, solution: GraspSolution, moment: Moment, factor: float) -> None:
+    """Draw body, contacts and fingertips at one time."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    grasp, drawing = solution.grasp, solution.drawing
+    if grasp is None or drawing is None:
+        return
+    turn = np.eye(3) + factor * (moment.rotation - np.eye(3))
+    corners = (drawing.body.vertices @ turn.T + factor * moment.position)[drawing.body.faces]
+    ax.add_collection3d(Poly3DCollection(corners, facecolors=shaded(corners, "#8fa3b5"), alpha=0.35))
+    points = in_space(grasp.points)
+    marks = points @ turn.T + factor * moment.position
+    radius = TIP * scales(grasp, 1.0, 1.0).length
+    tips = points - radius * in_space(grasp.normals) + factor * moment.tips
+    ends = points + factor * moment.tips
+    ax.scatter(*marks.T, color="#c2410c", s=12)
+    ax.scatter(*tips.T, color="black", s=60)
+    for tip, end in zip(tips, ends, strict=True):
+        ax.plot(*np.stack([tip, end]).T, color="black", linewidth=1.5)
+    equal(ax, np.vstack([drawing.body.vertices, points - radius * in_space(grasp.normals)]))
+    ax.set_box_aspect((1, 1, 1), zoom=ZOOM)
