@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from threadpoolctl import threadpool_limits
-
 from nlpgrasp.drawing import Drawing
 from nlpgrasp.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.solve.draw import drawing_of
 from nlpgrasp.solve.link_depth import LinkDepth, link_depth
+from nlpgrasp.solve.one_thread import one_thread
 from nlpgrasp.solve.pregrasp import Pregrasp, pregrasp
 from nlpgrasp.solve.robust import robustness_of
 from nlpgrasp.solve.shadow import shadow_prices
@@ -56,7 +55,7 @@ def look_back(
 
     A numerical failure here leaves a part out: it never costs the grasp.
     """
-    with threadpool_limits(1):
+    with one_thread():
         if best is None:
             return Aftermath(why_not=_attempted(lambda: why_not(bench, list(results), seed, stop)))
         hand = bench.problem.hand

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
-from threadpoolctl import threadpool_limits
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
@@ -24,6 +23,7 @@ from nlpgrasp.solve.dynamic_grasp import DynamicGrasp, DynamicStep
 from nlpgrasp.solve.exchange_state import ExchangeState, with_known
 from nlpgrasp.solve.minimisers import weakest_directions
 from nlpgrasp.solve.on_body import OnBody, put_on_body
+from nlpgrasp.solve.one_thread import one_thread
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.sequential import improved
 from nlpgrasp.solve.start import run_start
@@ -89,7 +89,7 @@ def follow_task(
     for problem, value in zip(problems[1:], values[1:], strict=True):
         _check_same(problems[0], problem, float(value))
     bench = Workbench(problems[0], options)
-    with threadpool_limits(1):
+    with one_thread():
         branches = _branches([bench.with_task(problems[i]) for i in (0, -1)], starts, seed)
         if not branches:
             raise InputError("problem_at", "no grasp found at either end of the parameters", "tasks with a grasp")

@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from nlpgrasp.errors import InputError, NoGraspError
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.quality import Bounds
@@ -19,6 +17,7 @@ from nlpgrasp.solution import GraspSolution, StartRecord, Status
 from nlpgrasp.solve.aftermath import Aftermath
 from nlpgrasp.solve.answer import answer, best_of, solver_record
 from nlpgrasp.solve.interrupt import Interrupt
+from nlpgrasp.solve.one_thread import one_thread
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.parallel import NOT_BEGUN, Runner
 from nlpgrasp.solve.start_result import StartResult
@@ -90,7 +89,7 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
     results: list[StartResult] = []
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         stop = Stop(deadline, Path(folder) / "stop")
-        with Interrupt(stop) as interrupt, threadpool_limits(1):
+        with Interrupt(stop) as interrupt, one_thread():
             for result in runner.starts(seed, stop):
                 results.append(result)
                 if progress is not None:

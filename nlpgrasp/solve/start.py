@@ -6,13 +6,13 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from nlpgrasp.quality import mu
 from nlpgrasp.solution import StartRecord, Status
 from nlpgrasp.solve.candidates import MANY, draw_start
 from nlpgrasp.solve.first import FirstResult, solve_first
 from nlpgrasp.solve.on_body import put_on_body
+from nlpgrasp.solve.one_thread import one_thread
 from nlpgrasp.solve.reports import constraint_reports
 from nlpgrasp.solve.restore import touching_candidates
 from nlpgrasp.solve.robust_ascent import steadied
@@ -30,7 +30,7 @@ def run_start(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResul
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
     Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
     """
-    with threadpool_limits(1):
+    with one_thread():
         return _run(bench, index, seed, stop)
 
 

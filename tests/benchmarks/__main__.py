@@ -2,8 +2,7 @@
 
 import sys
 
-from threadpoolctl import threadpool_limits
-
+from nlpgrasp.solve.one_thread import one_thread
 from tests.benchmarks import by_hand, ellipsoid, experiments, hands, measures, meshes, power, report, tasks
 
 ALL = {
@@ -20,5 +19,5 @@ ALL = {
 
 for name in sys.argv[1:] or ALL:
     print(f"\n== {name}: {ALL[name].__doc__.splitlines()[0]}")
-    with threadpool_limits(1):
+    with one_thread():
         ALL[name].run()

@@ -74,7 +74,7 @@ def run():
         result = run_start(bench, index, 0, Stop())
         seconds = sum(v for k, v in result.record.seconds.items() if k != "certificate")
         rows["nlpgrasp"].append((result.record.mu.lower, seconds))
-        points = draw_start(bench, np.random.default_rng([0, index]))[1]
+        points = draw_start(bench, np.random.default_rng([0, index]))[0].points
         for name, method in {
             "SLSQP": lambda p, r: slsqp(p, r),
             "vertex, random": lambda p, r: random_program(bench, programs["vertex"], p, r, "vertex"),

@@ -3,11 +3,14 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 import nlpgrasp as ng
+from nlpgrasp.solve.one_thread import one_thread
 from nlpgrasp.solve.workbench import Workbench
 
 BALL = ng.TaskEllipsoid([1.0] * 6)
@@ -203,6 +206,33 @@ def test_workbench_directions_for_a_flat_task():
     assert len(w) == bench.task_samples.count
     assert np.all(w[:, [2, 4, 5]] == 0.0)
     np.testing.assert_allclose(np.linalg.norm(w, axis=1), 1.0)
+
+
+THREADS = """
+import nlpgrasp as ng
+task = ng.TaskEllipsoid([2.0, 2.0, 2.0, 0.05, 0.05, 0.05])
+problem = ng.GraspProblem(ng.Box([0.08, 0.05, 0.05]), [ng.FrictionContact(0.6)] * 3, task)
+print([start.mu for start in ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1)).starts])
+"""
+
+
+def test_the_answer_does_not_depend_on_the_number_of_threads():
+    """IPOPT's own OpenBLAS is limited like numpy's: the same bits whatever the environment says."""
+    answers = set()
+    for threads in ("1", "2", "4"):
+        environment = {**os.environ, "OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
+        command = [sys.executable, "-c", THREADS]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+        assert done.returncode == 0, done.stderr
+        answers.add(done.stdout)
+    assert len(answers) == 1
+
+
+def test_every_library_computes_on_one_thread():
+    with one_thread():
+        limited = {Path(found["filepath"]).name: found["num_threads"] for found in threadpool_info()}
+    assert any(name.startswith("libcasadi") for name in limited)
+    assert set(limited.values()) == {1}
 
 
 @pytest.mark.parametrize(

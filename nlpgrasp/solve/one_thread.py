@@ -1,0 +1,21 @@
+"""Linear algebra on one thread: the same rounding on any number of cores, and no more threads than workers."""
+
+from __future__ import annotations
+
+import casadi as ca
+from threadpoolctl import OpenBLASController, register, threadpool_limits
+
+
+class CasadiOpenBLAS(OpenBLASController):  # type: ignore[misc]
+    """The OpenBLAS that CasADi brings for IPOPT, which threadpoolctl does not know by its name."""
+
+    filename_prefixes = ("libcasadi-tp-openblas",)
+
+
+register(CasadiOpenBLAS)
+
+
+def one_thread() -> threadpool_limits:
+    """Return a context in which numpy, scipy and IPOPT compute on one thread."""
+    ca.has_nlpsol("ipopt")  # loads it: a library that is loaded later would not be limited
+    return threadpool_limits(1)
