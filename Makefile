@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 # one thread for linear algebra: the tests run on all cores already
 test test-all bench: export OMP_NUM_THREADS = 1
 
-.PHONY: demo test test-all bench lint types browser lock clean
+.PHONY: demo test test-all bench lint types docs gallery dist browser lock clean
 
 demo: $(READY)
 	$(BIN)/nlpgrasp solve problems/screwdriver.py --out screwdriver.json
@@ -30,6 +30,18 @@ lint: $(READY)
 types: $(READY)
 	$(BIN)/mypy
 
+# the site, in build/site; warnings are errors
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=true $(BIN)/mkdocs build --strict --quiet
+
+# docs/gallery.md, by solving all of problems/
+gallery: $(READY)
+	$(BIN)/python docs/make_gallery.py
+
+# wheel and sdist, in dist
+dist: $(READY)
+	$(BIN)/python -m build --no-isolation --outdir dist .
+
 # the browser that the report's tests use (Debian; as root, or with sudo)
 browser:
 	$(SUDO) apt-get update -qq
@@ -40,7 +52,7 @@ lock:
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/pip install --quiet pip-tools
 	$(VENV)-lock/bin/pip-compile --quiet --strip-extras --no-emit-index-url --no-emit-find-links --no-emit-trusted-host \
-	  --no-header --extra hands --extra dev --output-file requirements.lock pyproject.toml
+	  --no-header --extra hands --extra docs --extra dev --output-file requirements.lock pyproject.toml
 	rm -rf $(VENV)-lock
 
 $(READY): pyproject.toml requirements.lock

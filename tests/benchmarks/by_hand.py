@@ -54,7 +54,7 @@ def random_program(bench, compiled, points, rng, transcription):
     scaled = u * bench.scaling.wrench if transcription == "vertex" else u / bench.scaling.wrench
     scaled = scaled / bench.scaling.task if transcription == "vertex" else scaled * bench.scaling.task
     parameters = scaled.ravel() if transcription == "vertex" else np.concatenate([scaled.ravel(), np.ones(72)])
-    return contacts_of(bench, compiled, FACES, compiled.solve(start, parameters))[0]
+    return contacts_of(bench, compiled, FACES, compiled.solve(start, parameters).z)[0]
 
 
 def certified(bench, points):

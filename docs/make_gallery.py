@@ -1,0 +1,78 @@
+"""Solve every script of ``problems/`` and write ``gallery.md`` with its picture, certified value and run time.
+
+Run by ``make gallery``, from the checkout's root.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from io import BytesIO
+from pathlib import Path
+
+import nlpgrasp as ng
+from nlpgrasp.pyplot import pyplot
+from nlpgrasp.report.pictures import draw_grasp
+
+DOCS = Path(__file__).resolve().parent
+PROBLEMS = DOCS.parent / "problems"
+HEAD = """# Gallery
+
+Every script of `problems/`, solved as it is (8 starts, seed 0) by `make gallery` on {cores} cores ({machine}, Python
+{python}); seconds are wall time of `nlpgrasp solve`, with the start of the interpreter. The interval is certified for
+the grasp in the picture, which is the best of the starts: a local optimum. Blue arrows are inward normals, orange ones
+the finger forces for the task's hardest wrench.
+"""
+
+
+def solved(script: Path, folder: Path) -> tuple[ng.GraspSolution, float]:
+    """Return what a script's problem is solved to, and the seconds it took."""
+    out = folder / f"{script.stem}.json"
+    begun = time.perf_counter()
+    command = [sys.executable, "-m", "nlpgrasp", "solve", str(script), "--out", str(out), "--json"]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)  # noqa: S603
+    return ng.GraspSolution.load(out), time.perf_counter() - begun
+
+
+def entry(script: Path, folder: Path) -> str:
+    """Return a script's part of the page, and write its picture."""
+    solution, seconds = solved(script, folder)
+    plt = pyplot("the gallery")
+    figure = draw_grasp(plt, solution)
+    image = BytesIO()
+    figure.savefig(image, dpi=75)
+    plt.close(figure)
+    picture = DOCS / "pictures" / "gallery" / f"{script.stem}.png"
+    picture.write_bytes(image.getvalue())
+    text = (ast.get_docstring(ast.parse(script.read_text(encoding="utf-8"))) or "").strip().splitlines()
+    label = "mu-tilde" if solution.kind == "mu_tilde" else "mu"
+    contacts = len(solution.grasp) if solution.grasp is not None else 0
+    return "\n".join(
+        [
+            f"## {script.stem.replace('_', ' ').capitalize()}",
+            "",
+            *text,
+            "",
+            f"`problems/{script.name}`: {contacts} contacts, {label} certified in **{solution.mu}**, {seconds:.0f} s.",
+            "",
+            f"![{solution.name}: the grasp found](pictures/gallery/{picture.name})",
+            "",
+        ]
+    )
+
+
+def main() -> None:
+    """Write the page."""
+    head = HEAD.format(cores=os.cpu_count(), machine=platform.machine(), python=platform.python_version())
+    with tempfile.TemporaryDirectory() as folder:
+        parts = [entry(script, Path(folder)) for script in sorted(PROBLEMS.glob("*.py"))]
+    (DOCS / "gallery.md").write_text("\n".join([head, *parts]), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
