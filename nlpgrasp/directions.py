@@ -45,7 +45,7 @@ def directions(dimension: int, shells: int = 1) -> FloatArray:
 
 @lru_cache
 def inradius(dimension: int, shells: int = 1) -> float:
-    """Return the radius of the largest ball inside the polytope of :func:`directions`."""
+    """Return the radius of the largest ball inside the polytope of ``directions``."""
     points = directions(dimension, shells)
     if dimension == 1:
         return 1.0

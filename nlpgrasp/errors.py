@@ -57,7 +57,7 @@ class NoGraspError(NlpgraspError):
     message : str
         The status sentence.
     solution : object
-        The :class:`nlpgrasp.GraspSolution` with the evidence.
+        The ``GraspSolution`` with the evidence.
     """
 
     def __init__(self, message: str, solution: object) -> None:

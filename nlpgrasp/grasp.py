@@ -121,7 +121,7 @@ class Grasp:
         Parameters
         ----------
         x : (n,) array
-            Force components in the contact frames, as :func:`~nlpgrasp.finger_forces` returns them.
+            Force components in the contact frames, as ``finger_forces`` returns them.
 
         Returns
         -------

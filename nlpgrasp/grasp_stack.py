@@ -16,7 +16,7 @@ from nlpgrasp.validation import FloatArray, array, read_only
 
 
 class GraspStack:
-    """b grasps with the same k contact models; a sequence of :class:`~nlpgrasp.grasp.Grasp`.
+    """b grasps with the same k contact models; a sequence of ``Grasp``.
 
     Parameters
     ----------

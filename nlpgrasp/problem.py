@@ -42,7 +42,7 @@ class GraspProblem:
         What a unit of finger force means: ``"l2"`` bounds the L2 norm of all finger forces by 1, ``"per_finger"``
         each normal force, ``"shared"`` their sum, ``"per_finger_size"`` each force;
         ``"hand_torques"`` the torques that the forces ask of the hand's joints in the posture found;
-        :class:`~nlpgrasp.budgets.JointTorqueLimits` is for Jacobians that are known.
+        ``JointTorqueLimits`` is for Jacobians that are known.
     torque_origin : (space,) array, optional
         Point about which task and grasp map take moments; the body's centroid when left out.
     name : str

@@ -26,7 +26,7 @@ class PlacementRows:
     rows : tuple of Row
     clearances : tuple of Clearance
     sources : tuple of tuple of int
-        Which rows of :attr:`named` each constraint gave, in order; then the hand's, then the links' clearance.
+        Which rows of ``named`` each constraint gave, in order; then the hand's, then the links' clearance.
     """
 
     rows: tuple[Row, ...]

@@ -57,7 +57,7 @@ class Row:
 class Clearance:
     """A point that stays a distance away from a body: ``lower <= distance(point)``.
 
-    Kept apart from :class:`Row` because the distance to a mesh is a spline, which exists as ``MX`` only.
+    Kept apart from ``Row`` because the distance to a mesh is a spline, which exists as ``MX`` only.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Clearance:
     lower : float
         Metres.
     scale : float
-        As in :class:`Row`.
+        As in ``Row``.
     """
 
     name: str

@@ -127,7 +127,7 @@ class GraspSolution:
     name : str
         The problem's name.
     problem : mapping
-        The problem as JSON data (see :meth:`nlpgrasp.GraspProblem.to_dict`).
+        The problem as JSON data (see ``to_dict``).
     grasp : Grasp or None
     faces : tuple of str
         The face each contact is on.
@@ -196,7 +196,7 @@ class GraspSolution:
 
     @classmethod
     def load(cls, path: str | Path) -> GraspSolution:
-        """Read a solution written by :meth:`save`.
+        """Read a solution written by ``save``.
 
         Raises
         ------

@@ -39,7 +39,7 @@ def text_of(solution: GraspSolution) -> str:
 
 
 def load(path: str | Path) -> GraspSolution:
-    """Read a solution; every way a file can be wrong is an :class:`InputError` naming the field."""
+    """Read a solution; every way a file can be wrong is an ``InputError`` naming the field."""
     return from_data(read_data(path), str(path))
 
 

@@ -16,7 +16,7 @@ SMALLEST = 1e-100  # and the reciprocal of a smaller one does
 
 
 def number(field: str, value: Any, *, above: float | None = None, at_least: float | None = None) -> float:
-    """Return ``value`` as a finite float, or raise :class:`InputError` naming ``field``.
+    """Return ``value`` as a finite float, or raise ``InputError`` naming ``field``.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def number(field: str, value: Any, *, above: float | None = None, at_least: floa
 
 
 def integer(field: str, value: Any, *, at_least: int, at_most: int = 10**9) -> int:
-    """Return ``value`` as an int within inclusive limits, or raise :class:`InputError`."""
+    """Return ``value`` as an int within inclusive limits, or raise ``InputError``."""
     allowed = f"a whole number from {at_least} to {at_most}"
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not at_least <= value <= at_most:
         raise InputError(field, value, allowed)

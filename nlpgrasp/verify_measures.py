@@ -38,7 +38,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Verification:
-    """The outcome of :func:`verify`; true when every check passed.
+    """The outcome of ``verify``; true when every check passed.
 
     Parameters
     ----------

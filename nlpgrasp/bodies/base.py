@@ -99,12 +99,12 @@ class Body(ABC):
 
     @cached_property
     def distance_function(self) -> ca.Function:
-        """The compiled :meth:`distance`."""
+        """The compiled ``distance``."""
         p = self.symbol.sym("p", self.space)  # type: ignore[attr-defined]
         return ca.Function("distance", [p], [self.distance(p)], ["p"], ["d"])
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, space) to the body, metres, negative inside, as :meth:`distance`."""
+        """Return the signed distance of points (m, space) to the body, metres, negative inside, as ``distance``."""
         return np.asarray(self.distance_function.map(len(points))(points.T).full()).ravel()
 
     def select(self, names: Iterable[str] | None, field: str) -> tuple[str, ...]:

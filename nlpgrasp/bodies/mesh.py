@@ -34,7 +34,7 @@ class Mesh(Body):
         Standard deviation of the Gaussian over the distance grid, in grid cells; 0 for none.
     resolution : int, optional
         Grid cells along the longest side, at least 8. When left out: 48, or more for slender bodies, so that
-        the shortest side has 16 (see :func:`automatic_resolution`).
+        the shortest side has 16 (see ``automatic_resolution``).
     source : str, optional
         Where the mesh comes from, for the record.
 

@@ -31,7 +31,7 @@ class ForceBudget(ABC):
     power: ClassVar[float] = 2.0  # p, where the support is near the p-norm of the contacts' own supports
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Raise :class:`InputError` on contacts whose forces this budget does not bound, or does not fit."""
+        """Raise ``InputError`` on contacts whose forces this budget does not bound, or does not fit."""
         if self.limited and any(isinstance(c, BilateralContact) for c in contacts):
             raise InputError("force_budget", self.limited, '"l2" with bilateral contacts')
 
@@ -40,7 +40,7 @@ class ForceBudget(ABC):
         return self
 
     def check_hand(self, hand: Hand | None) -> None:
-        """Raise :class:`InputError` on hands of which this budget cannot say what they can exert."""
+        """Raise ``InputError`` on hands of which this budget cannot say what they can exert."""
         del hand
 
     def posed(self, hand: Hand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
@@ -72,7 +72,7 @@ class ForceBudget(ABC):
     ) -> list[Any] | None:
         """Return smooth functions whose largest is the support (symbolic), one a contact, or ``None``.
 
-        For supports with kinks; arguments as in :meth:`closed_form`.
+        For supports with kinks; arguments as in ``closed_form``.
         """
         return None
 

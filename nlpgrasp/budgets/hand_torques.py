@@ -50,7 +50,7 @@ class HandTorques(UnplacedBudget):
             )
 
     def posed(self, hand: Hand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
-        """Return the budget in a posture: :class:`SharedJointTorqueLimits`."""
+        """Return the budget in a posture: ``SharedJointTorqueLimits``."""
         self.check_hand(hand)
         return self if hand is None else SharedJointTorqueLimits(*_loads(hand, values, points), self.force_limit)
 
@@ -70,7 +70,7 @@ class HandTorques(UnplacedBudget):
 def hand_torque_limits(
     hand: URDFHand, posture: Mapping[str, Any], points: ArrayLike, force_limit: float = MOST_FORCE
 ) -> SharedJointTorqueLimits:
-    """Return the force budget that a hand's joint-torque limits are in a grasp: :class:`HandTorques`, posed.
+    """Return the force budget that a hand's joint-torque limits are in a grasp: ``HandTorques``, posed.
 
     Parameters
     ----------

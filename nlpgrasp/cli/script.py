@@ -35,7 +35,7 @@ def load_experiment(path: str | Path) -> Experiment:
     Raises
     ------
     InputError
-        As :func:`load_problem`; also when two variations are written with one name, of which Python keeps the last.
+        As ``load_problem``; also when two variations are written with one name, of which Python keeps the last.
     """
     _refuse_twins(path)
     return _returned(path, "experiment", Experiment, "an ng.Experiment")

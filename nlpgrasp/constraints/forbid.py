@@ -20,7 +20,7 @@ class Forbid(PlacementConstraint):
     Parameters
     ----------
     faces_or_region : str, sequence of str, Region or callable
-        Face names; or a :class:`HalfSpace`, a :class:`BoxRegion`; or a function of a CasADi point that is
+        Face names; or a ``HalfSpace``, a ``BoxRegion``; or a function of a CasADi point that is
         positive inside the forbidden region.
     """
 

@@ -20,7 +20,7 @@ Expression = Any
 class Region(ABC):
     """A part of space, closed, given by an expression that is positive inside."""
 
-    unit: ClassVar[str] = "m"  # of :meth:`inside`
+    unit: ClassVar[str] = "m"  # of ``inside``
 
     @abstractmethod
     def inside(self, p: Expression) -> Expression:

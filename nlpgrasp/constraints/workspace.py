@@ -21,7 +21,7 @@ class Workspace(PlacementConstraint):
     Parameters
     ----------
     region : Region or callable
-        A :class:`BoxRegion`, a :class:`HalfSpace`, or a function of a CasADi point that is positive inside.
+        A ``BoxRegion``, a ``HalfSpace``, or a function of a CasADi point that is positive inside.
     fingers : sequence of int, optional
         Which contacts; all when left out.
     palm : bool

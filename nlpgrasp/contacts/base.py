@@ -65,7 +65,7 @@ class ContactModel(ABC):
 
     @abstractmethod
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return the upper triangle of :meth:`derivative`, entries first and row by row, (n_i (n_i + 1) / 2, ...)."""
+        """Return the upper triangle of ``derivative``, entries first and row by row, (n_i (n_i + 1) / 2, ...)."""
 
     def derivative(self, z: FloatArray) -> FloatArray:
         """Return the Jacobian of the projection at ``z`` (..., n_i): symmetric (..., n_i, n_i).
@@ -124,7 +124,7 @@ class ContactModel(ABC):
     def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
         """Return the work of unit normal force at its best, ``z_n + mu |z_t|`` and so on (symbolic).
 
-        Arguments as in :meth:`squared_support`. Negative where no pressing pays; ``None`` when there is no closed form.
+        Arguments as in ``squared_support``. Negative where no pressing pays; ``None`` when there is no closed form.
         """
         return None
 

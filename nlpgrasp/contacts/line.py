@@ -31,7 +31,7 @@ class LineContact(RangeContact):
         left out.
     direction : (3,) array, optional
         The line's direction, body frame; its part along the surface counts. In place of it a
-        :class:`~nlpgrasp.grasp.Grasp` may be given tangents, the first of them along the line.
+        ``Grasp`` may be given tangents, the first of them along the line.
     faces : str or sequence of str, optional
         Faces this contact may use.
     """

@@ -37,7 +37,7 @@ class PlaneContact(RangeContact):
         Greatest moment about the normal over normal force, metres; that of even pressure when left out.
     direction : (3,) array, optional
         Of the rectangle's first side, body frame; its part along the surface counts. In place of it a
-        :class:`~nlpgrasp.grasp.Grasp` may be given tangents.
+        ``Grasp`` may be given tangents.
     faces : str or sequence of str, optional
         Faces this contact may use.
     """

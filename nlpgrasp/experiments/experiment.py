@@ -42,8 +42,8 @@ class Experiment:
     base : GraspProblem
     variations : mapping of str to mapping, GraspProblem or callable; or a sequence of such pairs
         By name, the fields of the base problem that are replaced. Besides the fields of
-        :class:`~nlpgrasp.GraspProblem` these are known: ``friction`` (of all contacts), ``fingers`` (how many, where
-        the base's contacts are alike), ``starts``, and ``options`` (an :class:`~nlpgrasp.SolveOptions`, or a mapping
+        ``GraspProblem`` these are known: ``friction`` (of all contacts), ``fingers`` (how many, where
+        the base's contacts are alike), ``starts``, and ``options`` (``SolveOptions``, or a mapping
         of some of its fields). A whole problem stands for itself. A function without arguments that returns either is
         called in the worker that solves it: for hundreds of meshes that should not all be in memory.
         ``ng.combinations`` makes combinations of several factors.

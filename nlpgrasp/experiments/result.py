@@ -137,7 +137,7 @@ class ExperimentResult:
         return GraspSolution.load(Folder(self.folder).file(SolveId(variation, best.seed if seed is None else seed)))
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return the table: one mapping a solve, see :mod:`nlpgrasp.experiments.table`."""
+        """Return the table: one mapping a solve, see ``table``."""
         return table.rows(self)
 
     def frame(self) -> pd.DataFrame:

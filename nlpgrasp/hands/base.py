@@ -40,8 +40,8 @@ class HandVariable:
 class Hand(ABC):
     """A hand: what it can reach, with one fingertip a contact, in the order of the contacts.
 
-    A hand either follows its contacts (:meth:`start`), or has a pose of its own from which a search begins
-    (:meth:`draw`).
+    A hand either follows its contacts (``start``), or has a pose of its own from which a search begins
+    (``draw``).
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the b
 
 
 class URDFHand(LinkedHand):
-    """A hand whose palm pose and joints are variables of the program; made by :meth:`load`.
+    """A hand whose palm pose and joints are variables of the program; made by ``load``.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class URDFHand(LinkedHand):
         ----------
         path : str or Path
         fingertips : mapping
-            Link name to a radius (a sphere around the link's origin, metres), a :class:`Tip`, or several tips.
+            Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips.
             Contact i belongs to fingertip i, in this order. Inner links and the palm may have tips too.
         torque_limits : mapping of joint names to floats, or float, optional
             Newton-metres (newtons for sliding joints), for the force budget ``"hand_torques"``; the URDF's efforts

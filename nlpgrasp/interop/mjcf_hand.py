@@ -26,7 +26,7 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path) -> str:
     Parameters
     ----------
     solution : GraspSolution
-        Of a problem with an :class:`~nlpgrasp.URDFHand`.
+        Of a problem with an ``URDFHand``.
     urdf : path
         The hand's file: the one the problem was solved with.
 

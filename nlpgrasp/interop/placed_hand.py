@@ -25,7 +25,7 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = N
     Parameters
     ----------
     problem : GraspProblem
-        With the body, and an :class:`~nlpgrasp.URDFHand` whose palm is the file's gripper frame.
+        With the body, and an ``URDFHand`` whose palm is the file's gripper frame.
     posture : IsaacGrasp
     near : float
         Metres: a fingertip farther from the surface, outside or inside, makes no contact.

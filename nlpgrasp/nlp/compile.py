@@ -1,4 +1,4 @@
-"""From a :class:`Program` to an IPOPT solver."""
+"""From a ``Program`` to an IPOPT solver."""
 
 from __future__ import annotations
 

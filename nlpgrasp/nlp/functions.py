@@ -1,4 +1,4 @@
-"""Functions of a :class:`Program` for a solver: rows, Jacobian, Hessian of the Lagrangian.
+"""Functions of a ``Program`` for a solver: rows, Jacobian, Hessian of the Lagrangian.
 
 CasADi would colour the Hessian of the whole graph and evaluate it through MX at 10 ms a call; the Lagrangian splits
 into an SX part with an exact sparse Hessian, one small block per contact, and the distances, whose second

@@ -75,7 +75,7 @@ class ContactSymbols:
 def add_placement(program: Program, problem: GraspProblem, scaling: Scaling) -> ContactSymbols:
     """Add positions, normals and the hand's variables; return the contacts' symbols.
 
-    The normals are variables of their own, tied to the surface by :func:`add_placement_rows`: with them everything
+    The normals are variables of their own, tied to the surface by ``add_placement_rows``: with them everything
     but the surface is a polynomial, and friction reads as in the theory notes.
     """
     space, k = problem.body.space, len(problem.models)

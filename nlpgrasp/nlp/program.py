@@ -103,7 +103,7 @@ class Program:
         self._limits.append((_filled(lower / scale, size), _filled(upper / scale, size)))
 
     def constrain_distance(self, name: str, function: ca.Function, point: Any, lower: float, scale: float) -> None:
-        """Add the row ``lower <= function(point)``, divided by ``scale``; call these after :meth:`constrain`."""
+        """Add the row ``lower <= function(point)``, divided by ``scale``; call these after ``constrain``."""
         if not self.distance_parts or self.distance_parts[-1].function is not function:
             self.distance_parts.append(DistancePart(function, [], []))
         part = self.distance_parts[-1]

@@ -44,7 +44,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class StackBounds:
-    """Intervals of a stack of grasps; a sequence of :class:`Bounds`.
+    """Intervals of a stack of grasps; a sequence of ``Bounds``.
 
     Parameters
     ----------

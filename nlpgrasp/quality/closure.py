@@ -44,7 +44,7 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
     Returns
     -------
     (d,) array or None
-        The caller checks :func:`no_support` itself: this function is a search, not the proof.
+        The caller checks ``no_support`` itself: this function is a search, not the proof.
     """
     U, S, _ = np.linalg.svd(wrenches.G, full_matrices=False)
     white = wrenches.transformed((U / S).T)  # rows of G orthonormal: as well-conditioned as the question allows

@@ -33,7 +33,7 @@ def mu_tilde(
 ) -> Bounds | StackBounds:
     """Return mu-tilde (3.3-4b): one over the least finger force that resists every wrench of the task.
 
-    The same number as :func:`mu`, which measures a task by its own size: a centred ellipsoid whose axes are the
+    The same number as ``mu``, which measures a task by its own size: a centred ellipsoid whose axes are the
     paper's ``r_i`` has mu = beta, and the ellipsoid ``A_beta`` has mu-tilde = mu / beta.
 
     Parameters

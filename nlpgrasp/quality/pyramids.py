@@ -143,7 +143,7 @@ def pyramid_volume(
     unit_edges: bool = False,
     first_edge: float = 0.0,
 ) -> float | FloatArray:
-    """Return the volume of the hull of :func:`ferrari_canny` (Miller and Allen 1999, doi:10.1109/ROBOT.1999.772531).
+    """Return the volume of the hull of ``ferrari_canny`` (Miller and Allen 1999, doi:10.1109/ROBOT.1999.772531).
 
     A grasp that is not force-closed has a volume too; 0 only where the wrenches do not span wrench space.
     """
@@ -181,7 +181,7 @@ def _pyramid_hulls(
     unit_edges: bool,
     first_edge: float,
 ) -> list[ConvexHull | None]:
-    """Return the hull of :func:`_pyramid_hull` for a grasp, or for each of a stack."""
+    """Return the hull of ``_pyramid_hull`` for a grasp, or for each of a stack."""
     grasps = grasp if isinstance(grasp, GraspStack) else [grasp]
     return [_pyramid_hull(g, edges, torque_scale, force_budget, unit_edges, first_edge) for g in grasps]
 

@@ -78,7 +78,7 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
 
 
 def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Sandwich:
-    """Return the sandwich of :func:`sandwich`, narrowed to the tolerance, before its bounds are certified."""
+    """Return the sandwich of ``sandwich``, narrowed to the tolerance, before its bounds are certified."""
     rng = np.random.default_rng(seed)
     seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
     found, values = descend(problem, seeds, DESCENT)

@@ -6,7 +6,7 @@ span an inner polytope P, cut into simplices with their apex c inside. On the co
 
     ``sum_cells vol  <=  nu  <=  sum_cells r^d vol``,
 
-both certified. Between them is an estimate from samples (:mod:`nlpgrasp.quality.radial`).
+both certified. Between them is an estimate from samples (``radial``).
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ def _inside(points: FloatArray, rng: np.random.Generator) -> FloatArray:
 class _Inner:
     """The polytope of points of W, built from scratch by Qhull, and the bounds it gives.
 
-    The growing hull of :mod:`nlpgrasp.quality.hull` covers all directions, which is what a bound on mu needs, but its
+    The growing hull of ``hull`` covers all directions, which is what a bound on mu needs, but its
     cells may overlap where points are coplanar; volumes need cells that do not.
     """
 

@@ -17,6 +17,7 @@ from nlpgrasp.report.wrench_space import shadows
 from nlpgrasp.solution import GraspSolution
 
 LIGHT = np.array([0.4, 0.3, 0.85])
+ZOOM = 1.4  # matplotlib leaves wide margins
 
 
 def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
@@ -122,5 +123,5 @@ def equal(ax: Any, points: Any) -> None:
     half = 0.5 * float(np.max(high - low)) or 1.0
     for setter, middle in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), 0.5 * (low + high), strict=True):
         setter(middle - half, middle + half)
-    ax.set_box_aspect((1, 1, 1))
+    ax.set_box_aspect((1, 1, 1), zoom=ZOOM)
     ax.set_axis_off()

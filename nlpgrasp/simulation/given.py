@@ -63,7 +63,7 @@ class Given:
 
 
 def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> Given:
-    """Return what a simulation of a solution starts from; arguments as those of :func:`~nlpgrasp.simulate`."""
+    """Return what a simulation of a solution starts from; arguments as those of ``simulate``."""
     grasp = solution.grasp
     if grasp is None or not solution.success or solution.drawing is None:
         raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")

@@ -31,7 +31,7 @@ class Press:
     Parameters
     ----------
     scene : str
-        MJCF text of :func:`~nlpgrasp.interop.mjcf`, without stiffness.
+        MJCF text of ``mjcf``, without stiffness.
     grasp : Grasp
         The scene's.
     budget : ForceBudget
@@ -145,7 +145,7 @@ class Press:
         return np.array([0.0, 0.0, self.data.qvel[2]]) if self.grasp.space == 2 else self.data.qvel[3:6]
 
     def _against_turning(self) -> tuple[FloatArray, FloatArray]:
-        """Return stiffness and damping of the moments: all of the friction for :data:`GIVE`, near critical."""
+        """Return stiffness and damping of the moments: all of the friction for ``GIVE``, near critical."""
         turned = np.zeros(9)
         self.mujoco.mju_quat2Mat(turned, self.model.body_iquat[self.body])
         axes = turned.reshape(3, 3)

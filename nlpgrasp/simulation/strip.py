@@ -20,7 +20,6 @@ from nlpgrasp.solution import GraspSolution
 
 FRAMES = 4  # of each run
 MAGNIFIED = 0.2  # of the body's size: the slip at the end is shown at least this large
-ZOOM = 1.5
 
 
 def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Path) -> Path:
@@ -79,4 +78,3 @@ def _draw(ax: Any, solution: GraspSolution, moment: Moment, factor: float) -> No
     for tip, end in zip(tips, ends, strict=True):
         ax.plot(*np.stack([tip, end]).T, color="black", linewidth=1.5)
     equal(ax, np.vstack([drawing.body.vertices, points - radius * in_space(grasp.normals)]))
-    ax.set_box_aspect((1, 1, 1), zoom=ZOOM)

@@ -111,7 +111,7 @@ def fine_manipulation(
         What the other fingers resist while one moves. When left out: a unit weight, down along the last axis, with a
         tenth of it in any direction; the quality is then the force it takes, as mu-tilde.
     starts, seed, options
-        As in :func:`nlpgrasp.solve`.
+        As in ``solve``.
 
     Raises
     ------

@@ -67,7 +67,7 @@ def how_many_contacts(
         The problem with a number of contacts; the task is the same for all.
     counts : iterable of int
     starts, seed, options
-        As of :func:`nlpgrasp.solve`.
+        As of ``solve``.
 
     Raises
     ------

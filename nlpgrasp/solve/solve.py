@@ -55,7 +55,7 @@ def solve(
     progress : callable, optional
         Called with each finished start's record and the best certified bounds so far.
     throw : bool
-        Raise :class:`NoGraspError` (which carries the result) when no grasp was found.
+        Raise ``NoGraspError`` (which carries the result) when no grasp was found.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def solve(
 
 
 def solve_again(bench: Workbench, starts: int, seed: int) -> GraspSolution:
-    """Solve the problem of a workbench in this process: what :func:`solve` does, without building programs anew."""
+    """Solve the problem of a workbench in this process: what ``solve`` does, without building programs anew."""
     return _run(Runner(bench.problem, bench.options, starts, bench), seed, None)
 
 

@@ -20,7 +20,7 @@ class TaskSamples:
     unit : (d,) array
         Factors that turn a wrench into solver units.
     shells : {0, 1, 2}
-        How many; see :func:`nlpgrasp.directions.directions`.
+        How many; see ``directions``.
     """
 
     def __init__(self, task: Task, unit: FloatArray, shells: int) -> None:

@@ -116,7 +116,7 @@ class TaskEllipsoid(Task):
         probability: float | None = None,
         center: ArrayLike | None = None,
     ) -> TaskEllipsoid:
-        """Return the ellipsoid of least volume around wrenches; see :func:`nlpgrasp.fit_ellipsoid`.
+        """Return the ellipsoid of least volume around wrenches; see ``fit_ellipsoid``.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class TaskEllipsoid(Task):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TaskEllipsoid:
-        """Return the task that :meth:`to_dict` wrote."""
+        """Return the task that ``to_dict`` wrote."""
         return cls.from_axes(data["axes"], data["center"])
 
     def __repr__(self) -> str:

@@ -80,7 +80,7 @@ class TaskPolytope(Task):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TaskPolytope:
-        """Return the task that :meth:`to_dict` wrote."""
+        """Return the task that ``to_dict`` wrote."""
         return cls(data["wrenches"])
 
     def __repr__(self) -> str:

@@ -105,7 +105,7 @@ class WrenchRecording:
     def fit(
         self, *, outliers: float = 0.0, probability: float | None = None, center: ArrayLike | None = None
     ) -> EllipsoidFit:
-        """Return the ellipsoid fitted to the recording, about the body frame's origin; see :func:`fit_ellipsoid`."""
+        """Return the ellipsoid fitted to the recording, about the body frame's origin; see ``fit_ellipsoid``."""
         found = fit_ellipsoid(self.wrenches, outliers=outliers, probability=probability, center=center)
         return replace(found, task=found.task.given_about(np.zeros(3)))
 

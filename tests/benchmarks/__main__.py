@@ -3,7 +3,7 @@
 import sys
 
 from nlpgrasp.solve.one_thread import one_thread
-from tests.benchmarks import by_hand, ellipsoid, experiments, hands, measures, meshes, power, report, tasks
+from tests.benchmarks import by_hand, ellipsoid, experiments, hands, measures, meshes, power, report, simulation, tasks
 
 ALL = {
     "ellipsoid": ellipsoid,
@@ -15,6 +15,7 @@ ALL = {
     "tasks": tasks,
     "experiments": experiments,
     "report": report,
+    "simulation": simulation,
 }
 
 for name in sys.argv[1:] or ALL:
