@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.spatial import wrench_dimension, wrench_transform
+from nlpgrasp.spatial import coordinate_size, wrench_dimension, wrench_transform
 from nlpgrasp.validation import FloatArray, array, read_only
 
 UNIT_TOLERANCE = 1e-6
@@ -95,8 +95,8 @@ class Grasp:
     @cached_property
     def T_f(self) -> FloatArray:
         """Wrench transformation matrix (2.3-6), (d, k d): where the contacts are."""
-        blocks = [wrench_transform(p - self.torque_origin, F) for p, F in zip(self.points, self.frames, strict=True)]
-        return np.concatenate(blocks, axis=1)
+        size = coordinate_size(self.points, self.torque_origin)
+        return np.concatenate(list(wrench_transform(self.points - self.torque_origin, self.frames, size)), axis=1)
 
     @cached_property
     def B(self) -> FloatArray:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp, contact_models, unit_normals
-from nlpgrasp.spatial import wrench_dimension, wrench_transform
+from nlpgrasp.spatial import coordinate_size, wrench_dimension, wrench_transform
 from nlpgrasp.validation import FloatArray, array, read_only
 
 
@@ -72,7 +72,8 @@ class GraspStack:
     def G(self) -> FloatArray:
         """Grasp maps (2.2-3), (b, d, n)."""
         frames = np.concatenate([self.normals[:, :, None, :], self.tangents], axis=2).transpose(0, 1, 3, 2)
-        full = wrench_transform(self.points - self.torque_origin, frames)
+        size = coordinate_size(self.points, self.torque_origin)[..., None]
+        full = wrench_transform(self.points - self.torque_origin, frames, size)
         maps = [full[:, i] @ model.basis(self.space) for i, model in enumerate(self.contacts)]
         return read_only(np.concatenate(maps, axis=2))
 

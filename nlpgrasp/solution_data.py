@@ -85,7 +85,10 @@ def from_data(data: Mapping[str, Any], name: str) -> GraspSolution:
     if quality is not None:
         direction = quality.get("worst_direction")
         if direction is not None:
-            direction = array(f"{name}: quality.mu.worst_direction", direction, (None,))
+            size = None if grasp is None else grasp.dimension
+            direction = array(f"{name}: quality.mu.worst_direction", direction, (size,))
+            if not np.any(direction):
+                raise InputError(f"{name}: quality.mu.worst_direction", "zero", "a direction")
         bounds = Bounds(quality["lower"], quality["upper"], direction)
         kind = quality["kind"]
         check_interval(quality, f"{name}: quality.mu")

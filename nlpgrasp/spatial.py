@@ -13,6 +13,8 @@ import numpy as np
 from nlpgrasp.errors import InputError
 from nlpgrasp.validation import FloatArray, array
 
+ROUNDING = 8.0 * float(np.finfo(float).eps)  # of an arm, relative to the coordinates it comes from
+
 
 def wrench_dimension(space: int) -> int:
     """Return the dimension of wrench space: 3 for a planar body, 6 for a spatial one."""
@@ -62,7 +64,12 @@ def tangents(normals: FloatArray) -> FloatArray:
     return np.stack([first, np.cross(normals, first)], axis=1)
 
 
-def wrench_transform(point: FloatArray, frame: FloatArray) -> FloatArray:
+def coordinate_size(points: FloatArray, origin: FloatArray) -> FloatArray:
+    """Return the largest coordinate of contacts (..., k, space) and torque origin: arms are rounded relative to it."""
+    return np.asarray(np.maximum(np.max(np.abs(points), axis=(-2, -1)), float(np.max(np.abs(origin)))))
+
+
+def wrench_transform(point: FloatArray, frame: FloatArray, size: FloatArray | float = 0.0) -> FloatArray:
     """Return ``T_fi`` of (2.3-4): contact-frame wrenches to body wrenches, for one contact or for many.
 
     Parameters
@@ -71,6 +78,9 @@ def wrench_transform(point: FloatArray, frame: FloatArray) -> FloatArray:
         Contact position relative to the torque origin, metres; zero for moments about the contact point.
     frame : (..., 2, 2) or (..., 3, 3) array
         Contact frame, its axes as columns: normal first, then the tangents.
+    size : (...) array or float
+        Size of the coordinates that ``point`` is a difference of, metres. Torques of unit forces that are below its
+        rounding are zero: noise in their place would look like a direction in which the contacts can work.
 
     Returns
     -------
@@ -82,11 +92,14 @@ def wrench_transform(point: FloatArray, frame: FloatArray) -> FloatArray:
     result[..., :space, :space] = frame
     if space == 2:
         x, y = point[..., 0, None], point[..., 1, None]
-        result[..., 2, :2] = x * frame[..., 1, :] - y * frame[..., 0, :]
+        torques = result[..., 2:, :2]
+        torques[..., 0, :] = x * frame[..., 1, :] - y * frame[..., 0, :]
         result[..., 2, 2] = 1.0
     else:
-        result[..., 3:, :3] = cross_matrix(point) @ frame
+        torques = result[..., 3:, :3]
+        torques[...] = cross_matrix(point) @ frame
         result[..., 3:, 3:] = frame
+    torques[np.abs(torques) <= ROUNDING * np.asarray(size)[..., None, None]] = 0.0
     return result
 
 

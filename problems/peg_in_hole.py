@@ -18,7 +18,7 @@ def problem() -> ng.GraspProblem:
     The body frame of :class:`nlpgrasp.Cylinder` has its axis along z, so the paper's y is our z, its z our x and
     its x our y.
     """
-    axes = [2.0, 1.5, 5.0, 0.10, 0.12, 0.02]  # f_x, f_y, f_z, tau_x, tau_y, tau_z
+    axes = [2.0, 1.5, 5.0, 0.12, 0.10, 0.02]  # f_x, f_y, f_z, tau_x, tau_y, tau_z
     return ng.GraspProblem(
         body=ng.Cylinder(RADIUS, LENGTH),
         contacts=[ng.SoftContact(0.8, 0.004, faces="side")] * 3,

@@ -44,9 +44,9 @@ def export_command(
     """Write a solution for other tools."""
     if hand is not None and to is not Format.MJCF:
         raise InputError("--hand", str(hand), "mjcf with it: other formats hold no hand's model")
+    solution = GraspSolution.load(file)
     target = file.with_suffix(ENDINGS[to]) if out is None else out
     writable(target, file)
-    solution = GraspSolution.load(file)
     if to is Format.GLB:
         write_bytes(target, glb(solution))
     elif to is Format.CSV:

@@ -35,6 +35,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+INTERRUPTED = 130  # what typer makes of Ctrl-C
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # typer brings a click of its own; this is its UsageError
 
 
@@ -117,6 +118,8 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
+    if code == INTERRUPTED:
+        _end("interrupted", 1)
     sys.exit(code if isinstance(code, int) else 0)
 
 

@@ -25,6 +25,9 @@ GraspFile = Annotated[
 ]
 
 
+BY_NAME = ("l2", "per_finger", "shared", "per_finger_size")  # budgets of any grasp
+
+
 @dataclass(frozen=True)
 class _Given:
     """A grasp to be measured."""
@@ -112,8 +115,12 @@ def _of_table(file: Path, friction: float | None, task_of: Path | None) -> _Give
     if task.dimension != grasp.dimension:
         raise InputError("--task", f"dimension {task.dimension}", f"dimension {grasp.dimension}, as the contacts")
     about = Grasp(grasp.points, grasp.normals, grasp.contacts, other.grasp.torque_origin, grasp.tangents)
-    stated = other.problem["force_budget"]  # one with Jacobians is of that grasp's own contacts
-    return _Given(file.name, about, task, budget_from_dict(stated if isinstance(stated, str) else "l2"))
+    stated = other.problem["force_budget"]
+    if not isinstance(stated, str):
+        raise InputError(
+            "--task", "a file whose force budget is that of its own contacts", "one with another force budget"
+        )
+    return _Given(file.name, about, task, budget_from_dict(stated))
 
 
 def _of_postures(file: Path, script: Path | None) -> Iterator[_Given]:
@@ -122,6 +129,9 @@ def _of_postures(file: Path, script: Path | None) -> Iterator[_Given]:
         raise InputError("--problem", "nothing", "the script of a problem whose hand the isaac_grasp file is for")
     postures = read_isaac_grasps(file)
     problem = load_problem(script)
-    budget = problem.budget if problem.budget.kind != "hand_torques" else force_budget("l2")
+    if problem.budget.kind not in BY_NAME:
+        raise InputError(
+            "--problem", f"force budget {problem.budget.kind}", "a problem with one of " + ", ".join(BY_NAME)
+        )
     for posture in postures:
-        yield _Given(posture.name, grasp_of_posture(problem, posture), problem.task, budget)
+        yield _Given(posture.name, grasp_of_posture(problem, posture), problem.task, problem.budget)

@@ -23,15 +23,17 @@ def report_command(
     ] = False,
 ) -> None:
     """Show solutions on one page that opens from disk, or as pictures."""
-    target = files[0].with_suffix(".html") if out is None else out
-    writable(target, *files)
     often = Counter(file.name for file in files)
     names = [file.name if often[file.name] == 1 else str(file) for file in files]
     solutions = {name: GraspSolution.load(file) for name, file in zip(names, files, strict=True)}
+    target = files[0].with_suffix(".html") if out is None else out
+    writable(target, *files)
     if not png:
         typer.echo(f"written to {write_report(solutions, target)}")
         return
-    for name, solution in solutions.items():
-        stem = target.with_suffix("") if len(solutions) == 1 else target.with_name(f"{target.stem}-{Path(name).stem}")
+    stems = [Path(name).stem for name in solutions]
+    for i, solution in enumerate(solutions.values()):
+        own = stems[i] if stems.count(stems[i]) == 1 else f"{stems[i]}-{i + 1}"
+        stem = target.with_suffix("") if len(stems) == 1 else target.with_name(f"{target.stem}-{own}")
         for path in write_pictures(solution, stem):
             typer.echo(f"written to {path}")

@@ -9,6 +9,7 @@ import typer
 
 from nlpgrasp.cli.options import AsJson, File, writable
 from nlpgrasp.cli.progress import emit
+from nlpgrasp.pyplot import pyplot
 from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.simulation.strip import write_strip
 from nlpgrasp.solution import GraspSolution
@@ -27,17 +28,19 @@ def simulate_command(
     as_json: AsJson = False,
 ) -> None:
     """Press on the object in MuJoCo: hold the task's wrenches, then the hardest until it is lost."""
+    solution = GraspSolution.load(file)
     target = file.with_name(f"{file.stem}-simulation.png") if out is None else out
     writable(target, file)
-    solution = GraspSolution.load(file)
-    found = simulate(solution, share, mass, wrenches, lambda name: typer.echo(f"  {name} ...", err=True))
-    picture = write_strip(found, solution, target)
+    pyplot("a strip of pictures")  # before the work
+    found = simulate(solution, share, mass, wrenches, lambda words: typer.echo(words, err=True))
     if as_json:
         emit(_data(found))
     else:
         typer.echo(str(found))
-        typer.echo(f"  pictures written to {picture}")
         typer.echo(_verdict(found))
+    picture = write_strip(found, solution, target)
+    if not as_json:
+        typer.echo(f"pictures written to {picture}")
     if not found.confirmed:
         raise typer.Exit(1)
 
@@ -45,12 +48,12 @@ def simulate_command(
 def _verdict(found: Simulation) -> str:
     """Return the verdict in a sentence."""
     if found.confirmed:
-        return "confirmed: held as certified, and lost beyond it"
+        return "confirmed: the grasp as solved holds what is certified, and loses what is more"
     if not found.held:
         return "NOT confirmed: lost a wrench that the certificate says can be held"
-    if found.lost_at is None:
-        return "NOT confirmed: held more than the certificate says is possible"
-    return "NOT confirmed: lost before the certified bounds"
+    if found.lost_at is not None and found.lost_at < 1.0:
+        return "NOT confirmed: lost before the certified bounds"
+    return "NOT confirmed: held more than the certificate says is possible"
 
 
 def _data(found: Simulation) -> dict[str, object]:

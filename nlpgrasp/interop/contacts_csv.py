@@ -14,13 +14,16 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.solution import GraspSolution
 
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
-FRICTION, TORSION = "friction", "torsional_friction"
+FRICTION, TORSION, MODEL = "friction", "torsional_friction", "model"
 MOST_ROWS = 1000
 UNIT = 1e-2  # how far a normal may be from unit length: other tools write few digits
 
 
 def contacts_csv(solution: GraspSolution) -> str:
     """Return the contacts of a solution as CSV text: positions, inward normals, contact models, body frame, SI units.
+
+    Line, plane, elliptic and bilateral contacts are named in the column ``model``, and refused where a table is read:
+    its columns do not say all of them.
 
     Raises
     ------
@@ -38,7 +41,8 @@ def contacts_csv(solution: GraspSolution) -> str:
         zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
     ):
         rough = [getattr(model, name, "") for name in (FRICTION, TORSION)]
-        writer.writerow([i, *p.tolist(), *n.tolist(), face, model.kind, *("" if v is None else v for v in rough)])
+        kind = "elliptic" if getattr(model, "model", "") == "elliptic" else model.kind
+        writer.writerow([i, *p.tolist(), *n.tolist(), face, kind, *("" if v is None else v for v in rough)])
     return text.getvalue()
 
 
@@ -49,7 +53,8 @@ def read_contacts_csv(path: str | Path, friction: float | None = None) -> Grasp:
     ----------
     path : str or Path
         With a header that names the columns ``p_x, p_y[, p_z], n_x, n_y[, n_z]`` (metres, inward normals), and
-        optionally ``friction`` and ``torsional_friction``; other columns play no part.
+        optionally ``friction``, ``torsional_friction`` and ``model`` (``point``, ``friction`` or ``soft``, which the
+        coefficients have to agree with); other columns play no part.
     friction : float, optional
         Of contacts whose row has none: frictionless when left out.
 
@@ -60,14 +65,22 @@ def read_contacts_csv(path: str | Path, friction: float | None = None) -> Grasp:
     """
     name = str(path)
     try:
-        rows = list(csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig"))))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(name, type(error).__name__, "a CSV table of contacts") from None
-    columns = [c.strip() for c in (rows[0] if rows else {}) if c]
+        reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
+        rows, header = list(reader), reader.fieldnames or []
+    except OSError as error:
+        raise InputError(name, error.strerror, "a CSV table of contacts that exists") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(name, f"no table ({error})", "a CSV table of contacts") from None
+    columns = [c.strip() for c in header if c]
+    twice = [c for c in columns if columns.count(c) > 1]
+    if twice:
+        raise InputError(f"{name}: header", f"two columns {twice[0]}", "each column once")
     space = 3 if "p_z" in columns else 2
     missing = [c for c in (*POSITION[:space], *NORMAL[:space]) if c not in columns]
     if missing:
         raise InputError(f"{name}: header", f"no column {missing[0]}", ", ".join((*POSITION, *NORMAL)) + ", then rows")
+    if not rows:
+        raise InputError(name, "a header without rows", "a row for each contact")
     if len(rows) > MOST_ROWS:
         raise InputError(name, f"{len(rows)} contacts", f"at most {MOST_ROWS}")
     table = [{(k or "").strip(): v for k, v in row.items()} for row in rows]
@@ -96,9 +109,18 @@ def _model(name: str, index: int, row: dict[str, str | None], friction: float | 
     """Return the contact model of a row: soft with torsion, with friction, or frictionless."""
     given = {c: _number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
     slide = given.get(FRICTION, friction)
+    where = f"{name}: row {index + 2}"
+    if given.get(TORSION) and not slide:
+        raise InputError(f"{where}, {TORSION}", given[TORSION], "torsion of a contact with friction")
     try:
-        if slide is None or slide == 0.0:
-            return PointContact()
-        return SoftContact(slide, given[TORSION]) if given.get(TORSION) else FrictionContact(slide)
+        model: ContactModel = PointContact() if not slide else FrictionContact(slide)
+        if slide and given.get(TORSION):
+            model = SoftContact(slide, given[TORSION])
     except InputError as error:
-        raise InputError(f"{name}: row {index + 2}, {error.field}", error.given, error.allowed) from None
+        raise InputError(f"{where}, {error.field}", error.given, error.allowed) from None
+    stated = (row.get(MODEL) or "").strip()
+    if stated and stated != model.kind:
+        raise InputError(
+            f"{where}, {MODEL}", stated, f"{model.kind!r}, which its columns say; others need a solution file"
+        )
+    return model

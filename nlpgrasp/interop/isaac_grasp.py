@@ -33,6 +33,8 @@ class IsaacGrasp:
         Its orientation, w first, unit.
     joints, open_joints : mapping of str to float
         ``cspace_position`` and ``pregrasp_cspace_position``.
+    gripper_frame : str
+        The link whose pose it is; empty where the file does not say.
     """
 
     name: str
@@ -41,6 +43,7 @@ class IsaacGrasp:
     quaternion: FloatArray
     joints: Mapping[str, float]
     open_joints: Mapping[str, float]
+    gripper_frame: str = ""
 
 
 def isaac_grasp(solutions: Mapping[str, GraspSolution]) -> str:
@@ -109,10 +112,11 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
     grasps = data.get("grasps")
     if not isinstance(grasps, Mapping) or not grasps:
         raise InputError(f"{name}: grasps", grasps, "a mapping of names to grasps, not empty")
-    return tuple(_grasp(f"{name}: grasps.{key}", str(key), value) for key, value in grasps.items())
+    frame = str(data.get("gripper_frame") or "")
+    return tuple(_grasp(f"{name}: grasps.{key}", str(key), value, frame) for key, value in grasps.items())
 
 
-def _grasp(where: str, name: str, data: Any) -> IsaacGrasp:
+def _grasp(where: str, name: str, data: Any, frame: str) -> IsaacGrasp:
     if not isinstance(data, Mapping):
         raise InputError(where, data, "a mapping with position, orientation and cspace_position")
     turned = data.get("orientation")
@@ -130,6 +134,7 @@ def _grasp(where: str, name: str, data: Any) -> IsaacGrasp:
         quaternion / length,
         _joints(f"{where}.cspace_position", data.get("cspace_position")),
         _joints(f"{where}.pregrasp_cspace_position", data.get("pregrasp_cspace_position")),
+        frame,
     )
 
 

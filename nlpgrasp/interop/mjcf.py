@@ -86,7 +86,7 @@ def mjcf(
     x = pressing(held) if forces is None else forces
     unit = scales(held, float(np.linalg.norm(x)), weight.mass) if unit is None else unit
     step = STEP * unit.time
-    root = Element("mujoco", model=solution.name)
+    root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
     if fingertips:
         root.append(Comment(" fingertips touch the object's tangent plane at their contacts, and nothing else "))
     SubElement(root, "compiler", angle="radian", autolimits="true")

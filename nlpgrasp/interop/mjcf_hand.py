@@ -50,7 +50,10 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path) -> str:
     if missing or palm not in {b.name for b in hand.bodies}:
         raise InputError(str(urdf), f"no {'joint ' + missing[0] if missing else 'link ' + palm}", "the solution's hand")
     frame = spec.worldbody.add_frame()
+    neighbours = [(b.name, child.name) for b in hand.bodies if b.name != "world" for child in b.bodies]
     spec.attach(hand, prefix=PREFIX, frame=frame)
+    for first, second in neighbours:  # MuJoCo itself leaves out neighbours, but not those of a fixed palm
+        spec.add_exclude(bodyname1=PREFIX + first, bodyname2=PREFIX + second)
     for joint in posture["joint_positions"]:
         motor = spec.add_actuator(name=f"{PREFIX}{joint}", target=f"{PREFIX}{joint}")
         motor.trntype = mujoco.mjtTrn.mjTRN_JOINT

@@ -16,6 +16,7 @@ from nlpgrasp.report.scene import in_space
 from nlpgrasp.validation import FloatArray
 
 TIP, PATCH = 0.3, 0.6  # radius and half side, of the contacts' spread
+LEAST_INERTIA = 1e-12  # kg m^2, added: MuJoCo takes less for none
 TIP_MASS = 0.2  # of the object's
 FORCE_NAMES = ("normal", "tangent_1", "tangent_2")
 UNTOUCHED = {"contype": "0", "conaffinity": "0"}  # touches only what it is paired with
@@ -49,7 +50,7 @@ def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, m
         SubElement(body, "joint", name="object_x", type="slide", axis="1 0 0")
         SubElement(body, "joint", name="object_y", type="slide", axis="0 1 0")
         SubElement(body, "joint", name="object_turn", type="hinge", axis="0 0 1")
-    moments = numbers(mass.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    moments = numbers((mass.inertia + LEAST_INERTIA * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
     SubElement(body, "inertial", pos=numbers(mass.center), mass=f"{mass.mass:.9g}", fullinertia=moments)
     _add_mesh(asset, "object", drawing.body)
     SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
@@ -78,14 +79,16 @@ def add_fingertip(world: Element, grasp: Grasp, i: int, unit: Scales, stiffness:
     """Add a fingertip: a small ball that moves along the directions its contact can push in."""
     p, n, model = in_space(grasp.points)[i], in_space(grasp.normals)[i], grasp.contacts[i]
     radius = TIP * unit.length
-    tip = SubElement(world, "body", name=f"tip_{i}", pos=numbers(p - radius * n), xyaxes=_axes(grasp, i))
+    place = {"pos": numbers(p - radius * n), "xyaxes": _axes(grasp, i)}
+    tip = SubElement(world, "body", place, name=f"tip_{i}", gravcomp="1")  # the hand carries its own weight
     held = {"stiffness": f"{unit.stiffness if stiffness else 0.0:.9g}", "damping": f"{unit.damping:.9g}"}
     axes = [axis for axis in model.axes(grasp.space) if axis < grasp.space]
     for joint, axis in zip(joint_names(i, model, grasp.space), axes, strict=True):
         SubElement(tip, "joint", {"name": joint, "type": "slide", "axis": numbers(np.eye(3)[axis]), **held})
-    size = {"size": f"{radius:.9g}", "mass": f"{TIP_MASS * unit.mass:.9g}"}
-    look = {"name": f"tip_{i}", "type": "sphere", "rgba": "0.1 0.1 0.1 1"}
-    SubElement(tip, "geom", {**look, **size, **UNTOUCHED})
+    own = numbers([0.4 * TIP_MASS * unit.mass * radius**2 + LEAST_INERTIA] * 3)
+    SubElement(tip, "inertial", pos="0 0 0", mass=f"{TIP_MASS * unit.mass:.9g}", diaginertia=own)
+    look = {"name": f"tip_{i}", "type": "sphere", "rgba": "0.1 0.1 0.1 1", "size": f"{radius:.9g}"}
+    SubElement(tip, "geom", {**look, **UNTOUCHED})
 
 
 def add_contact(contact: Element, i: int, model: ContactModel) -> None:

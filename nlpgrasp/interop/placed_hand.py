@@ -38,6 +38,8 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = N
     hand = problem.hand
     if not isinstance(hand, URDFHand):
         raise InputError("problem.hand", hand, "an ng.URDFHand: the file says where its joints are")
+    if posture.gripper_frame not in ("", hand.robot.root):
+        raise InputError("gripper_frame", posture.gripper_frame, f"{hand.robot.root!r}, the palm of the problem's hand")
     tips, radii = _tips(hand, posture), np.array(hand.tip_radii)
     points, normals, distances = nearest(problem.body, tips)
     touching = np.flatnonzero(np.abs(distances - radii) <= near)

@@ -14,6 +14,8 @@ from nlpgrasp.nlp.functions import ProgramFunctions
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.validation import FloatArray
 
+LOOSE = 1e-7  # solver units, of equations that outnumber the unknowns
+
 
 @dataclass(frozen=True)
 class NlpResult:
@@ -88,6 +90,9 @@ class CompiledProgram:
         """
         lower, upper = self.program.bounds if bounds is None else bounds
         low, high = self.program.limits
+        equal = low == high
+        if np.count_nonzero(equal) > np.count_nonzero(lower < upper):  # IPOPT refuses more equations than unknowns
+            low, high = np.where(equal, low - LOOSE, low), np.where(equal, high + LOOSE, high)
         found = self._solver(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=low, ubg=high)
         stats = self._solver.stats()
         return NlpResult(
@@ -97,7 +102,7 @@ class CompiledProgram:
             objective=-float(found["f"]),
             status=str(stats["return_status"]),
             success=bool(stats["success"]),
-            iterations=int(stats["iter_count"]),
+            iterations=max(0, int(stats["iter_count"])),  # below 0 where it refused to begin
             seconds=float(stats["t_wall_total"]),
             function_seconds=float(sum(v for key, v in stats.items() if key.startswith("t_wall_nlp_"))),
         )

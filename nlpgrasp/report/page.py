@@ -58,7 +58,7 @@ def _solution(name: str, solution: GraspSolution, number: int) -> str:
     labels = [c.label for c in chosen]
     fingers = [force_words(grasp, c.forces) for c in chosen] if grasp is not None else []
     data = {"traces": traces, "arrows": arrows, "labels": labels, "fingers": fingers}
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     parts = [
         f'<section data-grasp aria-labelledby="name{number}">',
         f'<h2 id="name{number}">{escape(name)}: {escape(solution.name)}</h2>',

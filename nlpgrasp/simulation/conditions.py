@@ -10,6 +10,7 @@ from nlpgrasp.solution import GraspSolution
 from nlpgrasp.validation import FloatArray
 
 LESS_FRICTION, OFF = 0.1, 2e-3  # share, and metres
+FARTHEST = 4.0  # times the offset of the file's worst placement that it is continued to
 
 
 def slippery(grasp: Grasp, share: float) -> Grasp:
@@ -22,10 +23,10 @@ def displaced(solution: GraspSolution, offset: float) -> Grasp | None:
     """Return the contacts off by this much (metres), towards the worst placement that the file knows of.
 
     The file has the worst placement found at another offset; positions and normals are continued in proportion.
-    None where the file has none.
+    None where the file has none, or one so near that it says nothing of places farther off.
     """
     grasp, robust = solution.grasp, solution.robust
-    if grasp is None or robust is None or robust.offset <= 0.0:
+    if grasp is None or robust is None or robust.offset < offset / FARTHEST:
         return None
     factor = offset / robust.offset
     points = grasp.points + factor * (robust.points - grasp.points)

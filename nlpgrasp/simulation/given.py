@@ -12,7 +12,7 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.interop.mass import Mass, mass_of
 from nlpgrasp.interop.mjcf import DENSITY, mjcf
 from nlpgrasp.interop.mjcf_scales import scales
-from nlpgrasp.quality import finger_forces
+from nlpgrasp.quality import finger_forces, mu
 from nlpgrasp.report.chosen_wrenches import wrench_words
 from nlpgrasp.report.scene import in_space
 from nlpgrasp.simulation.press import Press
@@ -21,6 +21,9 @@ from nlpgrasp.tasks import task_from_dict
 from nlpgrasp.validation import FloatArray, number
 
 EARTH = 9.81
+LIGHTEST = 1e-6  # kilograms
+RTOL = 0.05  # of the certificate that finds the hardest wrench, where the file does not say it
+WIDEST = 1.5  # upper over lower bound that a simulation can tell anything about
 WEIGHT = 0.25  # of the effort that the wrenches leave: an object whose mass is not given weighs no more
 
 
@@ -59,7 +62,8 @@ class Given:
         force = finger_forces(self.grasp, self.wrenches[:1], force_budget=self.budget).forces
         unit = scales(self.grasp, float(np.linalg.norm(force)), self.mass.mass)
         scene = mjcf(self.solution, grasp=there, mass=self.mass, unit=unit, stiffness=False)
-        return Press(scene, there, self.budget, self.effort, unit, gravity)
+        budget = self.budget.at(there.frames, there.contacts)
+        return Press(scene, there, budget, self.effort, unit, gravity)
 
 
 def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> Given:
@@ -67,21 +71,24 @@ def given(solution: GraspSolution, share: float, mass: float | None, count: int)
     grasp = solution.grasp
     if grasp is None or not solution.success or solution.drawing is None:
         raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
+    if solution.mu.upper > WIDEST * solution.mu.lower:
+        raise InputError("quality.mu", str(solution.mu), f"bounds within a factor of {WIDEST:g}: solve it again")
     budget, task = budget_from_dict(solution.problem["force_budget"]), task_from_dict(solution.problem["task"])
     effort = 1.0 if "joint_torques" in budget.kind else 1.0 / solution.mu.lower
-    ends = list(task.ends()[:count])
-    if solution.mu.worst_direction is not None:
-        ends.insert(0, task.support(solution.mu.worst_direction[None, :])[1][0])
-    wrenches = effort * solution.mu.lower * np.array(ends)
+    hardest = solution.mu.worst_direction
+    if hardest is None:
+        hardest = mu(grasp, task, RTOL, force_budget=budget).worst_direction
+    ends = [] if hardest is None else [task.support(hardest[None, :])[1][0]]
+    wrenches = effort * solution.mu.lower * np.array([*ends, *task.ends()[:count]])
     whole = mass_of(solution.drawing.body, DENSITY)
     carrying = _carrying(grasp, whole)
     found = finger_forces(grasp, carrying, force_budget=budget)
     if mass is not None:
-        kilograms = number("mass", mass, above=0.0)
+        kilograms = number("mass", mass, at_least=LIGHTEST)
     elif found.feasible[0]:
         kilograms = min(whole.mass, WEIGHT * (1.0 - share) * effort / float(found.used[0]) / EARTH)
     else:
-        raise InputError("solution", "a grasp that cannot carry any weight", "one that can")
+        raise InputError("solution", "a grasp that cannot carry the body upwards", "one that resists its weight too")
     labels = tuple(wrench_words(share * w) for w in wrenches)
     weight = kilograms * EARTH * carrying
     return Given(solution, grasp, budget, effort, whole.scaled(kilograms), wrenches, labels, weight)

@@ -17,13 +17,16 @@ QUICK = 0.9  # of what the effort is enough for
 SLOWLY = 0.002  # how much it grows after that, a unit of time: what is too much has to show against the damping
 LOOKS = 2000
 STEPS = 40  # shares for which forces are computed; between them they are interpolated: cones are convex
+BEGUN = 0.1  # of what counts as lost: the body gives way
 FAR = 5.0  # times what counts as lost: how far the pictures go
 
 
 def grow(given: Given) -> tuple[float | None, Trial]:
     """Return at which share of the certified lower bound the hardest wrench was lost, without gravity, and the run.
 
-    The hand answers with all of its effort; what is more than that can produce, it leaves.
+    The hand answers with all of its effort; what is more than that can produce, it leaves. The share is that at which
+    the body began to give way, a tenth of what counts as lost: from there it takes the rest while the wrench grows on.
+    None where it was held to the end.
     """
     press = given.press(given.grasp, 0.0)
     unit, end = press.unit.time, FURTHEST * given.solution.mu.upper / given.solution.mu.lower
@@ -52,7 +55,9 @@ def grow(given: Given) -> tuple[float | None, Trial]:
     moments = press.run(course, seconds, RISE * unit, LOOKS, _far_gone)
     last = moments[-1]
     trial = Trial("growing", given.labels[0], last.slip, last.turn, tuple(moments))
-    return next((share_at(m.time) for m in moments if m.lost), None), trial
+    if not last.lost:
+        return None, trial
+    return next(share_at(m.time) for m in moments if m.slip >= BEGUN * MOST_SLIP or m.turn >= BEGUN * MOST_TURN), trial
 
 
 def _far_gone(moment: Moment) -> bool:

@@ -82,6 +82,7 @@ def gripping(grasp: Grasp, budget: ForceBudget) -> FloatArray:
 
 def _most_grip(grasp: Grasp, x: FloatArray, grip: FloatArray, budget: ForceBudget, most: float) -> float:
     """Return the most of a grip that forces can be given within an effort, by bisection."""
+    budget = budget.at(grasp.frames, grasp.contacts)
     size = float(budget.used(grip[None], grasp.contacts, grasp.space)[0])
     low, high = 0.0, most / size if size > 0.0 else 0.0
     for _ in range(20):

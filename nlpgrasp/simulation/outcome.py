@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from nlpgrasp.simulation.moment import MOST_SLIP, MOST_TURN, Moment
 
-CREEP = 0.05  # of the lower bound: simulated friction creeps where it is at its limit
+EARLY = 0.08  # of the lower bound: simulated friction creeps where it is at its limit
+LATE = 0.05  # of the upper bound: the body has to be seen moving
 
 
 @dataclass(frozen=True)
@@ -90,21 +92,23 @@ class Simulation:
 
     @property
     def confirmed(self) -> bool:
-        """Whether both ends were seen: held at the share, and lost, not before the certified lower bound."""
-        return self.held and self.lost_at is not None and self.lost_at >= 1.0 - CREEP
+        """Whether both ends were seen: held at the share, and lost within or just beside the certified bounds."""
+        return self.held and self.lost_at is not None and 1.0 - EARLY <= self.lost_at <= self.gap * (1.0 + LATE)
 
     def __str__(self) -> str:
         first = f"{self.name}: wrenches up to {self.share:g} of certified mu, effort {self.effort:.4g}"
         lines = [f"{first}, mass {self.mass:.3g} kg"]
-        for condition in self.conditions:
-            trials = self.of(condition)
-            count = sum(t.held for t in trials)
-            worst = max(trials, key=lambda t: max(t.slip / MOST_SLIP, t.turn / MOST_TURN))
-            verdict = "held" if count == len(trials) else "LOST" if not count else "PARTLY LOST"
-            seen = f"at most {1e3 * worst.slip:.2g} mm and {np.degrees(worst.turn):.2g} degrees"
-            if not worst.held:
-                seen = f"lost first: {next(t.label for t in trials if not t.held)}"
-            lines.append(f"  {condition:24} {verdict}, {count} of {len(trials)} wrenches, {seen}")
+        lines += [in_words(condition, self.of(condition)) for condition in self.conditions]
         lost = "never lost" if self.lost_at is None else f"lost at {self.lost_at:.3f}"
         lines.append(f"  hardest wrench, growing  {lost}; certified in [1, {self.gap:.3f}] of the lower bound")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+
+def in_words(condition: str, trials: Sequence[Trial]) -> str:
+    """Return in a line what became of a condition's trials."""
+    count = sum(t.held for t in trials)
+    worst = max(trials, key=lambda t: max(t.slip / MOST_SLIP, t.turn / MOST_TURN))
+    verdict = "held" if count == len(trials) else "LOST" if not count else "PARTLY LOST"
+    seen = f"at most {1e3 * worst.slip:.2g} mm and {np.degrees(worst.turn):.2g} degrees"
+    where = "" if worst.held else f", at {worst.label}"
+    return f"  {condition:24} {verdict}, {count} of {len(trials)} wrenches, {seen}{where}"

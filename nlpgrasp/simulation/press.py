@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.interop.mjcf_scales import DAMPING, Scales
 from nlpgrasp.interop.mujoco_extra import import_mujoco
@@ -49,7 +50,11 @@ class Press:
         self.mujoco = import_mujoco("a simulation")
         self.grasp, self.budget, self.effort, self.unit = grasp, budget, effort, unit
         self.gravity = -gravity * np.eye(3)[2 if grasp.space == 3 else 1]
-        self.model = self.mujoco.MjModel.from_xml_string(scene)
+        self.mujoco.set_mju_user_warning(lambda _: None)  # no log files in the user's folder
+        try:
+            self.model = self.mujoco.MjModel.from_xml_string(scene)
+        except (ValueError, self.mujoco.FatalError) as error:
+            raise InputError("solution", " ".join(str(error).split()), "a grasp that MuJoCo can simulate") from None
         self.model.pair_dim[:] = np.minimum(self.model.pair_dim, 3)
         self.data = self.mujoco.MjData(self.model)
         self.body = self.model.body("object").id
@@ -86,6 +91,8 @@ class Press:
                 moments.append(self._seen(time, used, rest))
                 if lost(moments[-1]):
                     break
+        if any(warning.number for warning in self.data.warning):
+            raise NlpgraspError("simulation: MuJoCo became unstable; try another --mass")
         return moments
 
     def _step(self, wrench: FloatArray, forces: FloatArray) -> float:

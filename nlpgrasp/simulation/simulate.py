@@ -14,7 +14,7 @@ from nlpgrasp.simulation.given import EARTH, Given, given
 from nlpgrasp.simulation.growing import grow
 from nlpgrasp.simulation.loads import Loads, answered
 from nlpgrasp.simulation.moment import Moment
-from nlpgrasp.simulation.outcome import Simulation, Trial
+from nlpgrasp.simulation.outcome import Simulation, Trial, in_words
 from nlpgrasp.solution import GraspSolution
 from nlpgrasp.validation import FloatArray, integer, number
 
@@ -48,7 +48,7 @@ def simulate(
     wrenches : int
         How many ends of the task's semi-axes are tried beside the hardest wrench.
     progress : callable, optional
-        Told the condition before each.
+        Told in words what begins, and how each condition ended.
 
     Raises
     ------
@@ -81,9 +81,11 @@ def simulate(
     tell = progress or (lambda _: None)
     trials: list[Trial] = []
     for name, there, loads, gravity in conditions:
-        tell(name)
-        trials += _trials(start, name, there, loads, gravity)
-    tell("the hardest wrench, growing")
+        tell(f"  {name} ...")
+        done = _trials(start, name, there, loads, gravity)
+        tell(in_words(name, done))
+        trials += done
+    tell("  the hardest wrench, growing ...")
     lost_at, growing = grow(start)
     gap = solution.mu.upper / solution.mu.lower
     return Simulation(solution.name, share, start.effort, start.mass.mass, tuple(trials), gap, lost_at, growing, notes)

@@ -44,7 +44,7 @@ def slsqp(points, rng):
     start = np.append(points.ravel(), 0.0)
     found = minimize(lambda x: -x[12], start, method="SLSQP", constraints=constraints, options={"maxiter": 200})
     p = found.x[:12].reshape(4, 3)
-    return p / np.linalg.norm(p / AXES, axis=1, keepdims=True)
+    return p / np.linalg.norm(p / AXES, axis=1, keepdims=True), found.x[12]
 
 
 def random_program(bench, compiled, points, rng, transcription):
@@ -54,7 +54,8 @@ def random_program(bench, compiled, points, rng, transcription):
     scaled = u * bench.scaling.wrench if transcription == "vertex" else u / bench.scaling.wrench
     scaled = scaled / bench.scaling.task if transcription == "vertex" else scaled * bench.scaling.task
     parameters = scaled.ravel() if transcription == "vertex" else np.concatenate([scaled.ravel(), np.ones(72)])
-    return contacts_of(bench, compiled, FACES, compiled.solve(start, parameters).z)[0]
+    found = compiled.solve(start, parameters)
+    return contacts_of(bench, compiled, FACES, found.z)[0], found.objective / bench.scaling.beta
 
 
 def certified(bench, points):
@@ -73,7 +74,7 @@ def run():
     for index in range(STARTS):
         result = run_start(bench, index, 0, Stop())
         seconds = sum(v for k, v in result.record.seconds.items() if k != "certificate")
-        rows["nlpgrasp"].append((result.record.mu.lower, seconds))
+        rows["nlpgrasp"].append((result.record.mu.lower, seconds, result.record.mu.upper))
         points = draw_start(bench, np.random.default_rng([0, index]))[0].points
         for name, method in {
             "SLSQP": lambda p, r: slsqp(p, r),
@@ -81,13 +82,14 @@ def run():
             "support, random": lambda p, r: random_program(bench, programs["support"], p, r, "support"),
         }.items():
             begun = time.perf_counter()
-            found = method(points, np.random.default_rng(index))
+            found, believed = method(points, np.random.default_rng(index))
             seconds = time.perf_counter() - begun
-            rows[name].append((certified(bench, found).lower, seconds))
+            rows[name].append((certified(bench, found).lower, seconds, believed))
     ours = np.array(rows["nlpgrasp"])
-    print(f"{'':16} certified mu of each start          median   seconds   mu / ours   time / ours")
+    print(f"{'':16} certified mu of each start          median   believed   seconds   mu / ours   time / ours")
     for name, values in rows.items():
-        mu, seconds = np.array(values).T
+        mu, seconds, believed = np.array(values).T
         ratio, slower = np.median(mu) / np.median(ours[:, 0]), np.median(seconds) / np.median(ours[:, 1])
         shown = " ".join(f"{m:.3f}" for m in mu)
-        print(f"{name:16} {shown:35} {np.median(mu):.3f} {np.median(seconds):9.2f} {ratio:11.2f} {slower:13.2f}")
+        medians = f"{np.median(mu):.3f} {np.median(believed):10.3f} {np.median(seconds):9.2f}"
+        print(f"{name:16} {shown:35} {medians} {ratio:11.2f} {slower:13.2f}")

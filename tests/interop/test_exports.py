@@ -52,7 +52,30 @@ def test_a_table_of_another_tool_takes_its_friction_from_the_caller(tmp_path):
     assert not ng.is_stable(read_contacts_csv(path))  # frictionless
 
 
+OTHERS = {
+    "line": ng.LineContact(0.02, 0.5, direction=[0, 1, 0]),
+    "elliptic": ng.SoftContact(0.5, 0.01, model="elliptic"),
+    "bilateral": ng.BilateralContact(ng.PointContact()),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_table_does_not_say_more_than_it_can(name, tmp_path):
+    """A model that the columns cannot state is refused, not replaced by a weaker or a stronger one."""
+    grasp = ng.Grasp([[0.0, 0, 0]], [[1.0, 0, 0]], OTHERS[name])
+    path = tmp_path / "table.csv"
+    path.write_text(contacts_csv(ng.GraspSolution(ng.Status.SOLVED, "x", {}, grasp, ("a",))), newline="")
+    with pytest.raises(InputError, match=f"row 2, model: got {name}, expected .* which its columns say"):
+        read_contacts_csv(path)
+
+
 TABLES = {
+    "twice": ("p_x,p_x,p_y,n_x,n_y\n1,1,2,0,1\n", "two columns p_x"),
+    "no rows": ("p_x,p_y,n_x,n_y\n", "a header without rows"),
+    "torsion alone": (
+        "p_x,p_y,p_z,n_x,n_y,n_z,torsional_friction\n1,2,3,0,1,0,0.1\n",
+        "torsion of a contact with friction",
+    ),
     "no columns": ("x,y\n1,2\n", "header: got no column p_x"),
     "empty": ("", "header: got no column p_x"),
     "no normal": ("p_x,p_y,p_z,n_x,n_y\n1,2,3,0,1\n", "no column n_z"),

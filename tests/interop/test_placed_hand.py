@@ -41,6 +41,12 @@ def held(tmp_path_factory):
     return solution, path
 
 
+def test_another_gripper_frame_is_refused(held):
+    posture = replace(read_isaac_grasps(held[1])[0], gripper_frame="wrist")
+    with pytest.raises(InputError, match="gripper_frame: got wrist, expected 'palm'"):
+        grasp_of_posture(problem(), posture)
+
+
 def test_the_contacts_are_found_again(held):
     solution, path = held
     grasp = grasp_of_posture(problem(), read_isaac_grasps(path)[0])

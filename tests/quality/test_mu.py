@@ -257,3 +257,19 @@ def test_wrong_dimension_and_tolerance_are_refused():
         ng.mu(grasp, BALL, rtol=0.0)
     with pytest.raises(ng.InputError, match="torque_scale"):
         ng.delta(grasp, torque_scale=-1.0)
+
+
+@pytest.mark.parametrize("centre", [np.zeros(3), np.array([10.0, -3.0, 7.0])])
+def test_rounding_noise_is_no_torque(centre):
+    """Smooth fingers press on a sphere through its centre: forces alone are a task they meet, at 1 / sqrt(3)."""
+    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
+    turned = corners @ np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    grasp = ng.Grasp(centre + 0.03 * turned, -turned, ng.PointContact(), torque_origin=centre)
+    bounds = ng.mu(grasp, ng.TaskEllipsoid([1, 1, 1, 0, 0, 0]))
+    assert bounds.lower <= 1 / np.sqrt(3.0) <= bounds.upper
+    assert bounds.gap < 0.011
+    asked = ng.mu(grasp, ng.TaskEllipsoid([1, 1, 1, 1e-6, 0, 0]))  # a torque that is asked for is not there
+    assert asked.upper == 0.0
+    assert np.linalg.norm(asked.worst_direction[:3]) < 1e-6
+    stack = ng.GraspStack([grasp.points] * 2, [grasp.normals] * 2, ng.PointContact(), torque_origin=centre)
+    np.testing.assert_array_equal(stack.G[1], grasp.G)

@@ -208,6 +208,15 @@ def test_workbench_directions_for_a_flat_task():
     np.testing.assert_allclose(np.linalg.norm(w, axis=1), 1.0)
 
 
+def test_a_flat_task_without_torque(capfd):
+    """Smooth fingers on a sphere: no torque is asked for and none can be exerted; more equations than unknowns."""
+    problem = ng.GraspProblem(ng.Sphere(0.03), [ng.PointContact()] * 4, ng.TaskEllipsoid([1, 1, 1, 0, 0, 0]))
+    solution = ng.solve(problem, starts=2, options=ng.SolveOptions(shadow_prices=False, workers=1))
+    assert solution.mu.upper == pytest.approx(1 / np.sqrt(3.0), rel=1e-4)  # the best there is
+    assert all(start.message == "Solve_Succeeded" and start.iterations > 0 for start in solution.starts)
+    assert "overconstrained" not in capfd.readouterr().err
+
+
 THREADS = """
 import nlpgrasp as ng
 task = ng.TaskEllipsoid([2.0, 2.0, 2.0, 0.05, 0.05, 0.05])
