@@ -15,7 +15,7 @@ from nlpgrasp.validation import FloatArray
 
 @dataclass(frozen=True)
 class ContactMoment:
-    """Moment components of a contact that one limit bounds together.
+    """Snapshot components of a contact that one limit bounds together.
 
     Parameters
     ----------

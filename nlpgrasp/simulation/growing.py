@@ -7,8 +7,8 @@ import numpy as np
 from nlpgrasp.quality import finger_forces
 from nlpgrasp.simulation.given import Given
 from nlpgrasp.simulation.loads import answered
-from nlpgrasp.simulation.moment import MOST_SLIP, MOST_TURN, Moment
 from nlpgrasp.simulation.outcome import Trial
+from nlpgrasp.simulation.snapshot import MOST_SLIP, MOST_TURN, Snapshot
 from nlpgrasp.validation import FloatArray
 
 FURTHEST = 1.5  # times the certified upper bound: how far the wrench grows
@@ -52,13 +52,14 @@ def grow(given: Given) -> tuple[float | None, Trial]:
         return share * hardest, min(2.0 * time / (RISE * unit), 1.0) * answer
 
     seconds = (RISE + SOON + (end - quick) / SLOWLY) * unit
-    moments = press.run(course, seconds, RISE * unit, LOOKS, _far_gone)
-    last = moments[-1]
-    trial = Trial("growing", given.labels[0], last.slip, last.turn, tuple(moments))
-    if not last.lost:
+    snapshots = press.run(course, seconds, RISE * unit, LOOKS, _far_gone)
+    trial = Trial("growing", given.labels[0], tuple(snapshots))
+    if not snapshots[-1].lost:
         return None, trial
-    return next(share_at(m.time) for m in moments if m.slip >= BEGUN * MOST_SLIP or m.turn >= BEGUN * MOST_TURN), trial
+    return next(
+        share_at(m.time) for m in snapshots if m.slip >= BEGUN * MOST_SLIP or m.turn >= BEGUN * MOST_TURN
+    ), trial
 
 
-def _far_gone(moment: Moment) -> bool:
-    return moment.slip >= FAR * MOST_SLIP or moment.turn >= FAR * MOST_TURN
+def _far_gone(snapshot: Snapshot) -> bool:
+    return snapshot.slip >= FAR * MOST_SLIP or snapshot.turn >= FAR * MOST_TURN

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.simulation.moment import MOST_SLIP, MOST_TURN, Moment
+from nlpgrasp.simulation.snapshot import MOST_SLIP, MOST_TURN, Snapshot
 
 EARLY = 0.08  # of the lower bound: simulated friction creeps where it is at its limit
 LATE = 0.05  # of the upper bound: the body has to be seen moving
@@ -22,24 +22,28 @@ class Trial:
     condition : str
     label : str
         The wrench, in words.
-    slip : float
-        Largest way of a point of contact from its fingertip, metres.
-    turn : float
-        How far the body has turned, radians.
-    moments : tuple of Moment
+    snapshots : tuple of Snapshot
         The run.
     """
 
     condition: str
     label: str
-    slip: float
-    turn: float
-    moments: tuple[Moment, ...]
+    snapshots: tuple[Snapshot, ...]
+
+    @property
+    def slip(self) -> float:
+        """Largest way of a point of contact from its fingertip, metres."""
+        return max(s.slip for s in self.snapshots)
+
+    @property
+    def turn(self) -> float:
+        """How far the body turned, radians."""
+        return max(s.turn for s in self.snapshots)
 
     @property
     def held(self) -> bool:
         """Whether slip and turn stayed small."""
-        return not any(m.lost for m in self.moments)
+        return not any(s.lost for s in self.snapshots)
 
 
 @dataclass(frozen=True)

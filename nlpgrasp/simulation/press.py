@@ -13,7 +13,7 @@ from nlpgrasp.interop.mjcf_scales import DAMPING, Scales
 from nlpgrasp.interop.mujoco_extra import import_mujoco
 from nlpgrasp.report.scene import in_space
 from nlpgrasp.simulation.contact_moments import components
-from nlpgrasp.simulation.moment import Moment
+from nlpgrasp.simulation.snapshot import Snapshot
 from nlpgrasp.validation import FloatArray
 
 GIVE = 0.02  # radians of turn that a contact's moment answers with all its friction
@@ -71,9 +71,9 @@ class Press:
         self.normal, self.rubbing = np.zeros(len(grasp)), np.zeros(len(grasp))  # contact forces of the last step
 
     def run(
-        self, course: Course, seconds: float, rise: float, looks: int, lost: Callable[[Moment], bool]
-    ) -> list[Moment]:
-        """Return ``looks`` moments of a run from rest, evenly in time; it ends where the grasp is lost.
+        self, course: Course, seconds: float, rise: float, looks: int, lost: Callable[[Snapshot], bool]
+    ) -> list[Snapshot]:
+        """Return ``looks`` snapshots of a run from rest, evenly in time; it ends where the grasp is lost.
 
         Gravity rises from zero over the first ``rise`` seconds, as the course's forces should.
         """
@@ -82,18 +82,18 @@ class Press:
         self.normal[:], self.rubbing[:] = 0.0, 0.0
         steps = max(looks, round(seconds / self.model.opt.timestep))
         rest = np.array(self.data.xpos[self.tips])
-        moments: list[Moment] = []
+        snapshots: list[Snapshot] = []
         for step in range(1, steps + 1):
             time = step * seconds / steps
             self.model.opt.gravity[:] = min(time / rise, 1.0) * self.gravity
             used = self._step(*course(time))
             if step % (steps // looks) == 0 or step == steps:
-                moments.append(self._seen(time, used, rest))
-                if lost(moments[-1]):
+                snapshots.append(self._seen(time, used, rest))
+                if lost(snapshots[-1]):
                     break
         if any(warning.number for warning in self.data.warning):
             raise NlpgraspError("simulation: MuJoCo became unstable; try another --mass")
-        return moments
+        return snapshots
 
     def _step(self, wrench: FloatArray, forces: FloatArray) -> float:
         """Take one step with the fingers pressing while the opposite of ``wrench`` pulls; return the effort used."""
@@ -130,13 +130,13 @@ class Press:
                 self.mujoco.mj_contactForce(self.model, self.data, c, force)
                 self.normal[i], self.rubbing[i] = force[0], (force[1] ** 2 + force[2] ** 2) ** 0.5
 
-    def _seen(self, time: float, used: float, rest: FloatArray) -> Moment:
+    def _seen(self, time: float, used: float, rest: FloatArray) -> Snapshot:
         attitude = np.array(self.data.xmat[self.body]).reshape(3, 3)
         position = np.array(self.data.xpos[self.body])
         tips = np.array(self.data.xpos[self.tips]) - rest
         way = self.points @ attitude.T + position - self.points - tips
         slip = float(np.max(np.linalg.norm(way, axis=1)))
-        return Moment(time, slip, float(np.linalg.norm(self._rotation())), used, attitude, position, tips)
+        return Snapshot(time, slip, float(np.linalg.norm(self._rotation())), used, attitude, position, tips)
 
     def _rotation(self) -> FloatArray:
         """Return the body's rotation vector."""

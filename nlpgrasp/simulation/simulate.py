@@ -13,8 +13,8 @@ from nlpgrasp.simulation.conditions import LESS_FRICTION, OFF, as_felt, displace
 from nlpgrasp.simulation.given import EARTH, Given, given
 from nlpgrasp.simulation.growing import grow
 from nlpgrasp.simulation.loads import Loads, answered
-from nlpgrasp.simulation.moment import Moment
 from nlpgrasp.simulation.outcome import Simulation, Trial, in_words
+from nlpgrasp.simulation.snapshot import Snapshot
 from nlpgrasp.solution import GraspSolution
 from nlpgrasp.validation import FloatArray, integer, number
 
@@ -106,11 +106,10 @@ def _trials(start: Given, condition: str, there: Grasp, loads: Loads, gravity: f
             on = min(max(time / unit - RISE - PAUSE, 0.0) / GROW, 1.0)
             return up * ((1.0 - on) * rest_pull + on * pull), up * ((1.0 - on) * rest_forces + on * x)
 
-        moments = press.run(course, (RISE + PAUSE + GROW + HOLD) * unit, RISE * unit, LOOKS, _lost)
-        last = moments[-1]
-        trials.append(Trial(condition, label, last.slip, last.turn, tuple(moments)))
+        snapshots = press.run(course, (RISE + PAUSE + GROW + HOLD) * unit, RISE * unit, LOOKS, _lost)
+        trials.append(Trial(condition, label, tuple(snapshots)))
     return trials
 
 
-def _lost(moment: Moment) -> bool:
-    return moment.lost
+def _lost(snapshot: Snapshot) -> bool:
+    return snapshot.lost

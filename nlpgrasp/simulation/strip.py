@@ -14,8 +14,8 @@ from nlpgrasp.interop.mjcf_scales import scales
 from nlpgrasp.pyplot import pyplot
 from nlpgrasp.report.pictures import equal, shaded
 from nlpgrasp.report.scene import body_size, in_space
-from nlpgrasp.simulation.moment import Moment
 from nlpgrasp.simulation.outcome import Simulation
+from nlpgrasp.simulation.snapshot import Snapshot
 from nlpgrasp.solution import GraspSolution
 
 FRAMES = 4  # of each run
@@ -45,34 +45,34 @@ def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Pat
         fontsize=9,
     )
     for row, trial in enumerate((held, growing)):
-        moments = trial.moments
-        for column, index in enumerate(np.linspace(0, len(moments) - 1, FRAMES).round().astype(int)):
+        snapshots = trial.snapshots
+        for column, index in enumerate(np.linspace(0, len(snapshots) - 1, FRAMES).round().astype(int)):
             ax = figure.add_subplot(2, FRAMES, row * FRAMES + column + 1, projection="3d")
-            moment = moments[index]
-            _draw(ax, solution, moment, factor)
-            turn = np.degrees(moment.turn)
-            ax.set_title(f"{moment.time:.2g} s: {1e3 * moment.slip:.2g} mm, {turn:.2g} deg", fontsize=8)
+            snapshot = snapshots[index]
+            _draw(ax, solution, snapshot, factor)
+            turn = np.degrees(snapshot.turn)
+            ax.set_title(f"{snapshot.time:.2g} s: {1e3 * snapshot.slip:.2g} mm, {turn:.2g} deg", fontsize=8)
     image = BytesIO()
     figure.savefig(image, dpi=110)
     plt.close(figure)
     return write_bytes(Path(path), image.getvalue())
 
 
-def _draw(ax: Any, solution: GraspSolution, moment: Moment, factor: float) -> None:
+def _draw(ax: Any, solution: GraspSolution, snapshot: Snapshot, factor: float) -> None:
     """Draw body, contacts and fingertips at one time."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     grasp, drawing = solution.grasp, solution.drawing
     if grasp is None or drawing is None:
         return
-    turn = np.eye(3) + factor * (moment.rotation - np.eye(3))
-    corners = (drawing.body.vertices @ turn.T + factor * moment.position)[drawing.body.faces]
+    turn = np.eye(3) + factor * (snapshot.rotation - np.eye(3))
+    corners = (drawing.body.vertices @ turn.T + factor * snapshot.position)[drawing.body.faces]
     ax.add_collection3d(Poly3DCollection(corners, facecolors=shaded(corners, "#8fa3b5"), alpha=0.35))
     points = in_space(grasp.points)
-    marks = points @ turn.T + factor * moment.position
+    marks = points @ turn.T + factor * snapshot.position
     radius = TIP * scales(grasp, 1.0, 1.0).length
-    tips = points - radius * in_space(grasp.normals) + factor * moment.tips
-    ends = points + factor * moment.tips
+    tips = points - radius * in_space(grasp.normals) + factor * snapshot.tips
+    ends = points + factor * snapshot.tips
     ax.scatter(*marks.T, color="#c2410c", s=12)
     ax.scatter(*tips.T, color="black", s=60)
     for tip, end in zip(tips, ends, strict=True):

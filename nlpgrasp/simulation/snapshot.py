@@ -12,7 +12,7 @@ MOST_SLIP, MOST_TURN = 2e-3, float(np.radians(3.0))  # metres and radians: more 
 
 
 @dataclass(frozen=True)
-class Moment:
+class Snapshot:
     """One time of a run.
 
     Parameters
