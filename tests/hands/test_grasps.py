@@ -148,7 +148,8 @@ def test_parallel_jaw_is_no_wider_than_it_opens():
     assert solution.grasp.normals[0] @ line > np.cos(0.05) - 1e-6
 
 
-@pytest.mark.parametrize("name", ["ycb_012_strawberry", pytest.param("angle_block", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ycb_012_strawberry", "angle_block"])
 def test_hand_on_a_mesh_touches_the_mesh_itself(name, shared_meshes):
     """Recomputed from the JSON data: contacts on tip and mesh within 0.1 mm, links in the mesh by at most 0.5 mm."""
     body = ng.Mesh.load(shared_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")

@@ -25,7 +25,7 @@ def box():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="a <box> & more",
     )
-    return ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
+    return ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False, exchange=False))
 
 
 @pytest.fixture(scope="module")

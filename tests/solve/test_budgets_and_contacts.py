@@ -30,7 +30,10 @@ def solved_and_verified(problem, path, starts=3):
     return solution
 
 
-@pytest.mark.parametrize("budget", BUDGETS)
+LONG = ("joint_torques", "shared")
+
+
+@pytest.mark.parametrize("budget", [pytest.param(b, marks=[pytest.mark.slow] if b in LONG else []) for b in BUDGETS])
 def test_planar_problems_with_every_budget(budget, tmp_path):
     task = ng.TaskEllipsoid([1.0, 1.0, 0.5])
     problem = ng.GraspProblem(ELLIPSE, [ng.FrictionContact(0.5)] * 3, task, force_budget=BUDGETS[budget])
@@ -54,6 +57,7 @@ def test_planar_problems_with_every_budget(budget, tmp_path):
     assert solution.mu.lower > max(rivals)
 
 
+@pytest.mark.slow
 def test_a_hundred_times_the_torque_is_a_hundred_times_the_measure():
     """The scale of the limits is the scale of the answer, not of the program."""
     values = []
@@ -65,6 +69,7 @@ def test_a_hundred_times_the_torque_is_a_hundred_times_the_measure():
     assert values[0] == pytest.approx(values[1], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_shared_budget_in_space(tmp_path):
     """Ferrari and Canny's epsilon itself as the objective; twice what a random start has."""
     ball = ng.TaskEllipsoid([1.0] * 6)

@@ -17,6 +17,7 @@ def cup():
     return ng.follow_task(filled, LEVELS, starts=3, options=ONE)
 
 
+@pytest.mark.slow
 def test_the_fingers_follow_the_rising_water(cup):
     """Section 3.6: as the cup fills the fingers move up, with the centre of mass."""
     heights = cup.paths[:, :, 2].mean(axis=1)
@@ -26,12 +27,14 @@ def test_the_fingers_follow_the_rising_water(cup):
     assert np.all(np.diff(heights) > -2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [2, 4])
 def test_no_worse_than_a_cold_solve(cup, index):
     cold = ng.solve(filled(LEVELS[index]), 3, options=ONE)
     assert cup.steps[index].solution.mu.lower >= 0.99 * cold.mu.lower
 
 
+@pytest.mark.slow
 def test_every_step_is_a_solution_that_verifies(cup, tmp_path):
     path = cup.steps[3].solution.save(tmp_path / "step.json")
     assert ng.verify(path).passed
@@ -40,6 +43,7 @@ def test_every_step_is_a_solution_that_verifies(cup, tmp_path):
         assert step.solution.mu.gap <= 0.0101
 
 
+@pytest.mark.slow
 def test_what_staying_would_give(cup):
     """An upper bound of the contacts of the step before under this step's task, certified anew."""
     before, step = cup.steps[3].solution.grasp, cup.steps[4]
