@@ -9,6 +9,7 @@ import typer
 
 from nlpgrasp.cli.options import AsJson, File, writable
 from nlpgrasp.cli.progress import emit
+from nlpgrasp.interop.mujoco_extra import import_mujoco
 from nlpgrasp.pyplot import pyplot
 from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.simulation.strip import write_strip
@@ -31,6 +32,7 @@ def simulate_command(
     solution = GraspSolution.load(file)
     target = file.with_name(f"{file.stem}-simulation.png") if out is None else out
     writable(target, file)
+    import_mujoco("a simulation")
     pyplot("a strip of pictures")  # before the work
     found = simulate(solution, share, mass, wrenches, lambda words: typer.echo(words, err=True))
     if as_json:
