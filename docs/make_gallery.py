@@ -12,11 +12,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from io import BytesIO
 from pathlib import Path
 
 import nlpgrasp as ng
-from nlpgrasp.pyplot import pyplot
+from nlpgrasp.pyplot import pyplot, write_figure
 from nlpgrasp.report.pictures import draw_grasp
 
 DOCS = Path(__file__).resolve().parent
@@ -43,12 +42,8 @@ def entry(script: Path, folder: Path) -> str:
     """Return a script's part of the page, and write its picture."""
     solution, seconds = solved(script, folder)
     plt = pyplot("the gallery")
-    figure = draw_grasp(plt, solution)
-    image = BytesIO()
-    figure.savefig(image, dpi=75)
-    plt.close(figure)
     picture = DOCS / "pictures" / "gallery" / f"{script.stem}.png"
-    picture.write_bytes(image.getvalue())
+    write_figure(plt, draw_grasp(plt, solution), picture, dpi=75)
     text = (ast.get_docstring(ast.parse(script.read_text(encoding="utf-8"))) or "").strip().splitlines()
     label = "mu-tilde" if solution.kind == "mu_tilde" else "mu"
     contacts = len(solution.grasp) if solution.grasp is not None else 0

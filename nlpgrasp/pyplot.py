@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+from io import BytesIO
+from pathlib import Path
 from typing import Any
 
+from nlpgrasp.atomic import write_bytes
 from nlpgrasp.errors import InputError, MissingExtraError
 
 
@@ -26,3 +29,17 @@ def pyplot(what: str) -> Any:
     except ValueError as error:
         raise InputError("MPLBACKEND", os.environ.get("MPLBACKEND"), f"a backend of matplotlib ({error})") from None
     return plt
+
+
+def write_figure(plt: Any, figure: Any, path: str | Path, dpi: int = 130) -> Path:
+    """Write a figure as PNG, whole or not at all, and close it; return the path.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    image = BytesIO()
+    figure.savefig(image, dpi=dpi)
+    plt.close(figure)
+    return write_bytes(path, image.getvalue())

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nlpgrasp.atomic import write_bytes
 from nlpgrasp.experiments.result import ExperimentResult
 from nlpgrasp.experiments.variation_result import VariationResult
-from nlpgrasp.pyplot import pyplot
+from nlpgrasp.pyplot import pyplot, write_figure
 
 MOST_SHOWN = 30  # variations in a picture: the best
 MOST_COLOURS = 10  # of them with a colour and a name where lines are drawn
@@ -118,13 +116,9 @@ def wilson(good: int, total: int) -> tuple[float, float]:
 
 
 def _written(plt: Any, path: Path, draw: Any, variations: Sequence[VariationResult]) -> Path:
-    image = BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph", UserWarning)  # names in scripts that the font lacks: drawn as boxes
-        figure = draw(plt, variations)
-        figure.savefig(image, dpi=130)
-    plt.close(figure)
-    return write_bytes(path, image.getvalue())
+        return write_figure(plt, draw(plt, variations), path)
 
 
 def _label(variations: Sequence[VariationResult]) -> str:

@@ -95,16 +95,14 @@ def mjcf(
     asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
     SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * body_size(solution)]), dir="0 0 -1")
     add_object(asset, world, held, solution.drawing, weight, unit if fingertips else None)
-    if not fingertips:
-        indent(root)
-        return tostring(root, encoding="unicode") + "\n"
-    add_links(asset, world, solution.drawing)
-    contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
-    for i, model in enumerate(held.contacts):
-        add_fingertip(world, held, i, unit, stiffness)
-        add_contact(contact, i, model)
-        for joint in joint_names(i, model, held.space):
-            SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
-    SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=numbers(x[force_indices(held)]))
+    if fingertips:
+        add_links(asset, world, solution.drawing)
+        contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
+        for i, model in enumerate(held.contacts):
+            add_fingertip(world, held, i, unit, stiffness)
+            add_contact(contact, i, model)
+            for joint in joint_names(i, model, held.space):
+                SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
+        SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=numbers(x[force_indices(held)]))
     indent(root)
     return tostring(root, encoding="unicode") + "\n"

@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from nlpgrasp.budgets.base import ranges
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.drawing import Drawing, Triangles
 from nlpgrasp.grasp import Grasp
@@ -24,9 +25,8 @@ UNTOUCHED = {"contype": "0", "conaffinity": "0"}  # touches only what it is pair
 
 def pressing(grasp: Grasp) -> FloatArray:
     """Return finger forces (n,) that all press with one newton along the normal."""
-    ends = np.cumsum([0] + [c.components(grasp.space) for c in grasp.contacts])
-    x = np.zeros(ends[-1])
-    x[ends[:-1]] = 1.0
+    x = np.zeros(grasp.G.shape[1])
+    x[[part.start for part in ranges(grasp.contacts, grasp.space)]] = 1.0
     return x
 
 

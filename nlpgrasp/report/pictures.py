@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nlpgrasp.atomic import write_bytes
-from nlpgrasp.pyplot import pyplot
+from nlpgrasp.pyplot import pyplot, write_figure
 from nlpgrasp.report.chosen_wrenches import chosen_wrenches
 from nlpgrasp.report.scene import FORCE, body_size, in_space
 from nlpgrasp.report.wrench_space import shadows
@@ -38,11 +36,7 @@ def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
         drawn["convergence"] = draw_convergence
     paths = []
     for name, draw in drawn.items():
-        image = BytesIO()
-        figure = draw(plt, solution)
-        figure.savefig(image, dpi=130)
-        plt.close(figure)
-        paths.append(write_bytes(Path(f"{stem}-{name}.png"), image.getvalue()))
+        paths.append(write_figure(plt, draw(plt, solution), f"{stem}-{name}.png"))
     return paths
 
 

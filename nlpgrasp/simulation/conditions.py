@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from nlpgrasp.budgets.base import ranges
 from nlpgrasp.contacts import less_friction
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.solution import GraspSolution
@@ -41,12 +42,10 @@ def displaced(solution: GraspSolution, offset: float) -> Grasp | None:
 def as_felt(known: Grasp, there: Grasp, forces: FloatArray) -> FloatArray:
     """Return finger forces (m, n) in the frames of the contacts as they are: the hand turns none of them."""
     result = forces.copy()
-    start = 0
-    for i, model in enumerate(known.contacts):
+    for i, (model, part) in enumerate(zip(known.contacts, ranges(known.contacts, known.space), strict=True)):
         axes = np.array(model.axes(known.space))
-        which = start + np.flatnonzero(axes < known.space)
+        which = part.start + np.flatnonzero(axes < known.space)
         turned = there.frames[i].T @ known.frames[i]
         local = axes[axes < known.space]
         result[:, which] = forces[:, which] @ turned[np.ix_(local, local)].T
-        start += len(axes)
     return result

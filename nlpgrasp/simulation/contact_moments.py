@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.budgets.base import ranges
 from nlpgrasp.contacts import ContactModel, SoftContact
 from nlpgrasp.contacts.range_cone import RangeContact
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp import Grasp
+from nlpgrasp.interop.mjcf_parts import force_indices
 from nlpgrasp.validation import FloatArray
 
 
@@ -50,19 +52,15 @@ class ContactMoment:
 
 def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
     """Return which of all components are forces, and the moments."""
-    forces: list[int] = []
+    forces = force_indices(grasp)
     moments: list[ContactMoment] = []
-    start = 0
-    for i, model in enumerate(grasp.contacts):
+    for i, (model, part) in enumerate(zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True)):
         axes = model.axes(grasp.space)
-        many = sum(axis < grasp.space for axis in axes)
-        forces += range(start, start + many)
         for where, share in _blocks(model, grasp.space):
-            parts = [j for j in range(where.start, where.stop) if j >= many]
+            parts = [j for j in range(where.start, where.stop) if axes[j] >= grasp.space]
             if parts:
                 about = np.array([_direction(grasp, i, axes[j]) for j in parts])
-                moments.append(ContactMoment(i, model, share, tuple(start + j for j in parts), about))
-        start += len(axes)
+                moments.append(ContactMoment(i, model, share, tuple(part.start + j for j in parts), about))
     return forces, moments
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.interop.mass import Mass, mass_of
 from nlpgrasp.interop.mjcf import DENSITY, mjcf
 from nlpgrasp.interop.mjcf_scales import scales
-from nlpgrasp.quality import finger_forces, mu
+from nlpgrasp.quality import FingerForces, finger_forces, mu
 from nlpgrasp.report.chosen_wrenches import wrench_words
 from nlpgrasp.report.scene import in_space
 from nlpgrasp.simulation.press import Press
@@ -57,10 +58,14 @@ class Given:
     labels: tuple[str, ...]
     weight: FloatArray
 
+    @cached_property
+    def least(self) -> FingerForces:
+        """The least finger forces for the hardest wrench."""
+        return finger_forces(self.grasp, self.wrenches[:1], force_budget=self.budget)
+
     def press(self, there: Grasp, gravity: float) -> Press:
         """Return the grasp in MuJoCo, with the contacts as they really are."""
-        force = finger_forces(self.grasp, self.wrenches[:1], force_budget=self.budget).forces
-        unit = scales(self.grasp, float(np.linalg.norm(force)), self.mass.mass)
+        unit = scales(self.grasp, float(np.linalg.norm(self.least.forces)), self.mass.mass)
         scene = mjcf(self.solution, grasp=there, mass=self.mass, unit=unit, stiffness=False)
         budget = self.budget.at(there.frames, there.contacts)
         return Press(scene, there, budget, self.effort, unit, gravity)

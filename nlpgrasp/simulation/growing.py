@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.quality import finger_forces
 from nlpgrasp.simulation.given import Given
 from nlpgrasp.simulation.loads import answered
 from nlpgrasp.simulation.outcome import Trial
-from nlpgrasp.simulation.snapshot import MOST_SLIP, MOST_TURN, Snapshot
 from nlpgrasp.validation import FloatArray
 
 FURTHEST = 1.5  # times the certified upper bound: how far the wrench grows
@@ -31,8 +29,7 @@ def grow(given: Given) -> tuple[float | None, Trial]:
     press = given.press(given.grasp, 0.0)
     unit, end = press.unit.time, FURTHEST * given.solution.mu.upper / given.solution.mu.lower
     hardest = given.wrenches[0]
-    least = finger_forces(given.grasp, hardest, force_budget=given.budget)
-    limit = given.effort / float(least.used[0])
+    limit = given.effort / float(given.least.used[0])
     shares = np.append(np.linspace(0.0, min(end, (1.0 - 1e-9) * limit), STEPS), max(end, limit))
     labels = ("",) * len(shares)
     forces = answered(given.grasp, labels, shares[:, None] * hardest, given.budget, given.effort).forces
@@ -52,14 +49,8 @@ def grow(given: Given) -> tuple[float | None, Trial]:
         return share * hardest, min(2.0 * time / (RISE * unit), 1.0) * answer
 
     seconds = (RISE + SOON + (end - quick) / SLOWLY) * unit
-    snapshots = press.run(course, seconds, RISE * unit, LOOKS, _far_gone)
+    snapshots = press.run(course, seconds, RISE * unit, LOOKS, lambda snapshot: snapshot.beyond(FAR))
     trial = Trial("growing", given.labels[0], tuple(snapshots))
     if not snapshots[-1].lost:
         return None, trial
-    return next(
-        share_at(m.time) for m in snapshots if m.slip >= BEGUN * MOST_SLIP or m.turn >= BEGUN * MOST_TURN
-    ), trial
-
-
-def _far_gone(snapshot: Snapshot) -> bool:
-    return snapshot.slip >= FAR * MOST_SLIP or snapshot.turn >= FAR * MOST_TURN
+    return next(share_at(s.time) for s in snapshots if s.beyond(BEGUN)), trial

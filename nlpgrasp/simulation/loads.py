@@ -36,11 +36,6 @@ class Loads:
     forces: FloatArray
     margins: FloatArray
 
-    @property
-    def rest(self) -> tuple[FloatArray, FloatArray]:
-        """The mean of all wrenches and forces: cones are convex, so it is held as well."""
-        return self.wrenches.mean(axis=0), self.forces.mean(axis=0)
-
 
 def answered(grasp: Grasp, labels: tuple[str, ...], wrenches: FloatArray, budget: ForceBudget, effort: float) -> Loads:
     """Return the wrenches with forces that hold them safely within an effort.

@@ -42,4 +42,8 @@ class Snapshot:
     @property
     def lost(self) -> bool:
         """Whether the body has slipped or turned too far."""
-        return self.slip >= MOST_SLIP or self.turn >= MOST_TURN
+        return self.beyond(1.0)
+
+    def beyond(self, share: float) -> bool:
+        """Whether slip or turn has reached this share of what counts as lost."""
+        return self.slip >= share * MOST_SLIP or self.turn >= share * MOST_TURN

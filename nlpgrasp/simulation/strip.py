@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nlpgrasp.atomic import write_bytes
 from nlpgrasp.interop.mjcf_parts import TIP
 from nlpgrasp.interop.mjcf_scales import scales
-from nlpgrasp.pyplot import pyplot
+from nlpgrasp.pyplot import pyplot, write_figure
 from nlpgrasp.report.pictures import equal, shaded
 from nlpgrasp.report.scene import body_size, in_space
 from nlpgrasp.simulation.outcome import Simulation
@@ -52,10 +50,7 @@ def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Pat
             _draw(ax, solution, snapshot, factor)
             turn = np.degrees(snapshot.turn)
             ax.set_title(f"{snapshot.time:.2g} s: {1e3 * snapshot.slip:.2g} mm, {turn:.2g} deg", fontsize=8)
-    image = BytesIO()
-    figure.savefig(image, dpi=110)
-    plt.close(figure)
-    return write_bytes(Path(path), image.getvalue())
+    return write_figure(plt, figure, path, dpi=110)
 
 
 def _draw(ax: Any, solution: GraspSolution, snapshot: Snapshot, factor: float) -> None:
