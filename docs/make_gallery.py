@@ -15,8 +15,8 @@ import time
 from pathlib import Path
 
 import nlpgrasp as ng
-from nlpgrasp.pyplot import pyplot, write_figure
-from nlpgrasp.report.pictures import draw_grasp
+from nlpgrasp.common.pyplot import pyplot, write_figure
+from nlpgrasp.report.solution.pictures import draw_grasp
 
 DOCS = Path(__file__).resolve().parent
 PROBLEMS = DOCS.parent / "problems"

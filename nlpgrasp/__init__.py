@@ -14,6 +14,7 @@ from nlpgrasp.bodies import (
     Torus,
 )
 from nlpgrasp.budgets import HandTorques, JointTorqueLimits, SharedJointTorqueLimits, hand_torque_limits
+from nlpgrasp.common.spatial import move_torque_origin, rotate_body_frame
 from nlpgrasp.constraints import (
     Approach,
     BoxRegion,
@@ -44,12 +45,10 @@ from nlpgrasp.experiments import (
     compare,
     run_experiment,
 )
-from nlpgrasp.findings import Robustness, ShadowPrice, WhyNot
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
-from nlpgrasp.pictures import draw_fit
-from nlpgrasp.problem import GraspProblem
+from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import (
     Bounds,
     FingerForces,
@@ -72,28 +71,28 @@ from nlpgrasp.quality import (
     screen,
     smallest_singular_value,
 )
+from nlpgrasp.report.fit import draw_fit
 from nlpgrasp.simulation import Simulation, simulate
-from nlpgrasp.solution import GraspSolution, Status
-from nlpgrasp.solve import (
+from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.solution import GraspSolution, Status
+from nlpgrasp.solve import SolveOptions, solve
+from nlpgrasp.studies import (
     ContactCurve,
     DynamicGrasp,
     DynamicStep,
     FineManipulation,
-    SolveOptions,
     fine_manipulation,
     follow_task,
     how_many_contacts,
-    solve,
 )
-from nlpgrasp.spatial import move_torque_origin, rotate_body_frame
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSet, TaskSum
 from nlpgrasp.tasks.collision import CollisionEvent, collision_task
-from nlpgrasp.tasks.fit import EllipsoidFit, fit_ellipsoid
+from nlpgrasp.tasks.learnt.fit import EllipsoidFit, fit_ellipsoid
+from nlpgrasp.tasks.learnt.recording import WrenchRecording
 from nlpgrasp.tasks.motion import MassProperties, motion_task, motion_wrenches
-from nlpgrasp.tasks.recording import WrenchRecording
 from nlpgrasp.tasks.tools import cut, disturbance, gravity, insert, lift, pour, press, turn, write
-from nlpgrasp.verify import verify
-from nlpgrasp.verify_measures import Verification
+from nlpgrasp.verify.measures import Verification
+from nlpgrasp.verify.verify import verify
 from nlpgrasp.version import __version__
 
 __all__ = [

@@ -1,6 +1,10 @@
-"""Imports point down only, and siblings do not import each other (docs/architecture.md)."""
+"""Imports point down only, no two files import each other in a circle, and rooms stay small (docs/architecture.md)."""
 
 import ast
+import subprocess
+import sys
+from collections import Counter
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -8,75 +12,105 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "nlpgrasp"
 LAYERS = [
     ["version", "errors"],
-    ["validation", "atomic"],
-    ["spatial", "directions", "rows", "schema", "conic_solver", "pyplot"],
+    ["common"],
     ["bodies", "contacts", "tasks", "hands", "constraints"],
-    ["budgets", "grasp", "grasp_stack"],
+    ["budgets", "grasp"],
     ["quality"],
-    ["problem_rows", "quality_data"],
-    ["problem_check"],
-    ["problem"],
-    ["findings", "drawing"],
-    ["robust_data", "why_not_data"],
-    ["solution", "solution_data", "solution_file"],
-    ["nlp", "verify_measures"],
-    ["verify"],
+    ["problem", "solution"],
+    ["nlp", "verify", "mjcf"],
     ["solve"],
-    ["experiments", "pictures"],
-    ["report"],
-    ["interop"],
-    ["simulation"],
+    ["studies"],
+    ["experiments", "interop", "simulation", "report"],
     ["cli"],
     ["__init__", "__main__"],
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
-# a dataclass with save() and load() beside the module that does them; types only where annotations are circular
-ALLOWED = {
-    ("grasp_stack", "grasp"),
-    ("solution", "solution_file"),
-    ("solution_file", "solution"),
-    ("solution_file", "solution_data"),
-    ("solution_data", "solution"),
-    ("problem_check", "problem"),
-}
+ALLOWED = {("report", "experiments")}  # a report of an experiment reads its results
+FILES = sorted(PACKAGE.rglob("*.py"))
+NAMES = [str(p.relative_to(PACKAGE)) for p in FILES]
+MOST_FILES, MOST_LINES = 12, 250
 
 
 def part_of(path):
+    """The room at the top of the package that a file is in."""
     relative = path.relative_to(PACKAGE)
     return relative.parts[0] if len(relative.parts) > 1 else relative.stem
 
 
+def module_file(name):
+    """The file of a module, None where the name is no module of the package."""
+    base = PACKAGE.parent.joinpath(*name.split("."))
+    return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f.is_file()), None)
+
+
+@lru_cache
 def imports(path):
+    """The package's files that a file imports, anywhere in it; also for type checkers alone."""
+    found = set()
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("nlpgrasp"):
-            yield node.module.split(".")[1] if "." in node.module else "__init__"
-        elif isinstance(node, ast.Import):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "nlpgrasp":
             for alias in node.names:
-                if alias.name.startswith("nlpgrasp"):
-                    yield alias.name.split(".")[1] if "." in alias.name else "__init__"
+                found.add(module_file(f"{node.module}.{alias.name}") or module_file(node.module))
+        elif isinstance(node, ast.Import):
+            found |= {module_file(a.name) for a in node.names if a.name.split(".")[0] == "nlpgrasp"}
+    return frozenset(found - {None})
 
 
-FILES = sorted(PACKAGE.rglob("*.py"))
-
-
-@pytest.mark.parametrize("path", FILES, ids=[str(p.relative_to(PACKAGE)) for p in FILES])
+@pytest.mark.parametrize("path", FILES, ids=NAMES)
 def test_imports_point_down(path):
     here = part_of(path)
     assert here in LEVEL, f"{here} is in no layer: add it to LAYERS and docs/architecture.md"
-    for other in imports(path):
-        if other == here or (here, other) in ALLOWED:
-            continue
-        assert LEVEL[other] < LEVEL[here], f"{path.name} ({here}) imports {other}"
+    for other in map(part_of, imports(path)):
+        if other != here and (here, other) not in ALLOWED:
+            assert LEVEL[other] < LEVEL[here], f"{path.name} ({here}) imports {other}"
 
 
-@pytest.mark.parametrize("part", ["quality", "verify"])
-def test_certificates_share_nothing_with_the_program(part):
+def test_no_circles():
+    done, on_the_way = set(), []
+
+    def visit(path):
+        assert path not in on_the_way, " -> ".join(
+            str(p.relative_to(PACKAGE)) for p in [*on_the_way[on_the_way.index(path) :], path]
+        )
+        if path not in done:
+            on_the_way.append(path)
+            for other in sorted(imports(path)):
+                visit(other)
+            on_the_way.pop()
+            done.add(path)
+
     for path in FILES:
-        if part_of(path) == part:
-            assert not {"nlp", "solve"} & set(imports(path))
-            assert "casadi" not in path.read_text()
+        visit(path)
 
 
-@pytest.mark.parametrize("path", FILES, ids=[str(p.relative_to(PACKAGE)) for p in FILES])
+def test_few_layers():
+    assert len(LAYERS) <= 13
+
+
+@pytest.mark.parametrize("room", ["quality", "verify"])
+def test_certificates_share_nothing_with_the_program(room):
+    """What is behind every import made at run time, the package's own front door apart."""
+    code = (
+        "import sys, types\n"
+        f"front = types.ModuleType('nlpgrasp'); front.__path__ = [{str(PACKAGE)!r}]; sys.modules['nlpgrasp'] = front\n"
+        "import importlib, pkgutil\n"
+        f"room = importlib.import_module('nlpgrasp.{room}')\n"
+        f"[importlib.import_module(m.name) for m in pkgutil.walk_packages(room.__path__, 'nlpgrasp.{room}.')]\n"
+        "wrong = [m for m in sys.modules if m.split('.')[0] in ('casadi', 'adam')]\n"
+        "wrong += [m for m in sys.modules if m.split('.')[:2] in (['nlpgrasp', 'nlp'], ['nlpgrasp', 'solve'])]\n"
+        "print(*wrong)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize("path", FILES, ids=NAMES)
 def test_files_are_short(path):
-    assert len(path.read_text().splitlines()) <= 250
+    assert len(path.read_text().splitlines()) <= MOST_LINES
+
+
+def test_rooms_are_small():
+    rooms = Counter(p.parent for p in FILES if p.name != "__init__.py")
+    assert {str(r.relative_to(PACKAGE)): n for r, n in rooms.items() if n > MOST_FILES} == {}
+    assert {p.name for p in PACKAGE.glob("*.py")} == {"__init__.py", "__main__.py", "version.py", "errors.py"}

@@ -5,7 +5,7 @@ from nlpgrasp.bodies.box import Box
 from nlpgrasp.bodies.cylinder import Cylinder
 from nlpgrasp.bodies.ellipsoid import Ellipsoid
 from nlpgrasp.bodies.implicit import Implicit, PlanarImplicit
-from nlpgrasp.bodies.mesh import Mesh
+from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.bodies.polygon import Polygon
 from nlpgrasp.bodies.prism import Prism
 from nlpgrasp.bodies.sphere import Sphere

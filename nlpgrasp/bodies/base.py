@@ -11,8 +11,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import FloatArray
 
 Expression = Any  # casadi.SX or casadi.MX
 TINY = 1e-24  # under a root, for its derivative at zero

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import Body, Expression, Face, intersection
-from nlpgrasp.validation import FloatArray, array, number
+from nlpgrasp.common.validation import FloatArray, array, number
 
 
 @dataclass(frozen=True)

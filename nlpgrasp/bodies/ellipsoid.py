@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import TINY, Body, Expression, Face
-from nlpgrasp.validation import FloatArray, array, number
+from nlpgrasp.common.validation import FloatArray, array, number
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import Body, Expression, Face, grid_centroid
+from nlpgrasp.common.validation import FloatArray, array, read_only
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import FloatArray, array, read_only
 
 
 class Implicit(Body):

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import Body, Expression, Face, intersection
 from nlpgrasp.bodies.polygon import edge_face, polygon_centroid, polygon_distance, simple_polygon
+from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import FloatArray, number
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies.base import TINY, Body, Expression, Face
-from nlpgrasp.validation import FloatArray, number
+from nlpgrasp.common.validation import FloatArray, number
 
 
 @dataclass(frozen=True)

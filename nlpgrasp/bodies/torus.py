@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies.base import TINY, Body, Expression, Face
+from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import FloatArray, number
 
 
 @dataclass(frozen=True)

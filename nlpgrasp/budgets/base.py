@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import BilateralContact, ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
-from nlpgrasp.validation import FloatArray
 
 Row = tuple[str, Any, float, float]  # name, expression, lower, upper
 

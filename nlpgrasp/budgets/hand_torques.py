@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
 from nlpgrasp.budgets.unplaced import UnplacedBudget
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, URDFHand
-from nlpgrasp.validation import FloatArray, array, number
 
 MOST_FORCE = 100.0  # newtons: what a contact bears where joints need no torque for it
 

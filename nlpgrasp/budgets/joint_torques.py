@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from nlpgrasp.budgets.base import ForceBudget, Row
-from nlpgrasp.budgets.torques_at_contacts import TorquesAtContacts, check_jacobian, torque_rows
+from nlpgrasp.budgets.sets.torques_at_contacts import TorquesAtContacts, check_jacobian, torque_rows
 from nlpgrasp.budgets.unplaced import UnplacedBudget
+from nlpgrasp.common.spatial import wrench_dimension
+from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.spatial import wrench_dimension
-from nlpgrasp.validation import FloatArray, array, number, read_only
 
 
 class JointTorqueLimits(UnplacedBudget):

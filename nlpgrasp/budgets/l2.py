@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nlpgrasp.budgets.base import ForceBudget, Row, project
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.validation import FloatArray
 
 
 class L2Budget(ForceBudget):

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.budgets.base import Row, ranges
-from nlpgrasp.budgets.torques_at_contacts import TorquesAtContacts, check_jacobian, torque_rows
+from nlpgrasp.budgets.sets.torques_at_contacts import TorquesAtContacts, check_jacobian, torque_rows
 from nlpgrasp.budgets.unplaced import UnplacedBudget
+from nlpgrasp.common.spatial import wrench_dimension
+from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.spatial import wrench_dimension
-from nlpgrasp.validation import FloatArray, array, number, read_only
 
 
 class SharedJointTorqueLimits(UnplacedBudget):

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, NoReturn
 
 from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import FloatArray
 
 
 class UnplacedBudget(ForceBudget):

@@ -18,9 +18,9 @@ from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.cli.script import load_experiment
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.experiments import ExperimentResult, run_experiment
-from nlpgrasp.experiments.page import write_page
-from nlpgrasp.experiments.plots import write_plots
-from nlpgrasp.experiments.table import write_csv, write_parquet
+from nlpgrasp.experiments.found.table import write_csv, write_parquet
+from nlpgrasp.report.experiment.page import write_page
+from nlpgrasp.report.experiment.plots import write_plots
 
 TABLE, PARQUET, PAGE = "table.csv", "table.parquet", "report.html"
 

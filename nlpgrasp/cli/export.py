@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from nlpgrasp.atomic import write_bytes, write_text
 from nlpgrasp.cli.options import File, writable
+from nlpgrasp.common.files import write_bytes, write_text
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import contacts_csv, glb, isaac_grasp, mjcf, mjcf_with_hand
-from nlpgrasp.solution import GraspSolution
+from nlpgrasp.solution.solution import GraspSolution
 
 
 class Format(str, Enum):  # noqa: UP042  (typer shows the values)

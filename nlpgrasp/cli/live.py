@@ -13,7 +13,7 @@ from rich.table import Table
 
 from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.experiments import Experiment
-from nlpgrasp.experiments.record import NOTHING, SolveRecord
+from nlpgrasp.experiments.found.record import NOTHING, SolveRecord
 from nlpgrasp.quality import Bounds
 
 MOST_ROWS = 15  # variations shown at a time

@@ -21,10 +21,10 @@ from nlpgrasp.cli.quality import quality_command
 from nlpgrasp.cli.report import report_command
 from nlpgrasp.cli.script import load_problem
 from nlpgrasp.cli.simulate import simulate_command
+from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.solve import SolveOptions, solve
-from nlpgrasp.validation import integer
-from nlpgrasp.verify import verify
+from nlpgrasp.verify.verify import verify
 from nlpgrasp.version import __version__
 
 app = typer.Typer(

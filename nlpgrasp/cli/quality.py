@@ -14,10 +14,10 @@ from nlpgrasp.cli.options import AsJson, Rtol
 from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.cli.script import load_problem
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp
+from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.interop import grasp_of_posture, read_contacts_csv, read_isaac_grasps
 from nlpgrasp.quality import delta, mu, nu
-from nlpgrasp.solution import GraspSolution
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task, task_from_dict
 
 GraspFile = Annotated[

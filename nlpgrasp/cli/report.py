@@ -10,7 +10,7 @@ import typer
 
 from nlpgrasp.cli.options import writable
 from nlpgrasp.report import write_pictures, write_report
-from nlpgrasp.solution import GraspSolution
+from nlpgrasp.solution.solution import GraspSolution
 
 Files = Annotated[list[Path], typer.Argument(metavar="F.json...", help="Solution files; several are compared.")]
 

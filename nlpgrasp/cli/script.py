@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments import Experiment
-from nlpgrasp.problem import GraspProblem
+from nlpgrasp.problem.problem import GraspProblem
 
 RUN_NAME = "nlpgrasp_script"  # not "__main__": what a script does when run by itself is not wanted here
 T = TypeVar("T")

@@ -9,11 +9,11 @@ import typer
 
 from nlpgrasp.cli.options import AsJson, File, writable
 from nlpgrasp.cli.progress import emit
-from nlpgrasp.interop.mujoco_extra import import_mujoco
-from nlpgrasp.pyplot import pyplot
+from nlpgrasp.common.mujoco import import_mujoco
+from nlpgrasp.common.pyplot import pyplot
 from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.simulation.strip import write_strip
-from nlpgrasp.solution import GraspSolution
+from nlpgrasp.solution.solution import GraspSolution
 
 
 def simulate_command(

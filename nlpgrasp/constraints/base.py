@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
-from nlpgrasp.rows import Clearance, Placement, Row
+from nlpgrasp.common.rows import Clearance, Placement, Row
 
 
 class PlacementConstraint(ABC):

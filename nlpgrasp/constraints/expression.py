@@ -9,10 +9,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
-from nlpgrasp.rows import Placement, Row
-from nlpgrasp.validation import FloatArray
 
 
 @dataclass(frozen=True)

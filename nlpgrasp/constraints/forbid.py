@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.validation import names
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.regions import ExpressionRegion, Region
 from nlpgrasp.errors import InputError
-from nlpgrasp.rows import Placement, Row
-from nlpgrasp.validation import names
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.rows import Clearance, Placement, Row, Solid
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
-from nlpgrasp.rows import Clearance, Placement, Row, Solid
-from nlpgrasp.validation import FloatArray, array, number
 
 
 @dataclass(frozen=True)

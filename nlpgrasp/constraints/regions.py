@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.validation import array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import array, number
 
 Expression = Any
 

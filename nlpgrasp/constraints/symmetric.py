@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.validation import array, number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.workspace import check_fingers, finger_numbers
 from nlpgrasp.errors import InputError
-from nlpgrasp.rows import Placement, Row
-from nlpgrasp.validation import array, number
 
 
 @dataclass(frozen=True)

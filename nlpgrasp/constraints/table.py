@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.validation import number
 from nlpgrasp.constraints.base import PlacementConstraint
-from nlpgrasp.rows import Placement, Row
-from nlpgrasp.validation import number
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.regions import BoxRegion, ExpressionRegion, Region
 from nlpgrasp.errors import InputError
-from nlpgrasp.rows import Placement, Row
 
 
 @dataclass(frozen=True)

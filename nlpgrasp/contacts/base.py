@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.spatial import tangents as any_tangents
-from nlpgrasp.validation import FloatArray, names
+from nlpgrasp.common.spatial import tangents as any_tangents
+from nlpgrasp.common.validation import FloatArray, names
 
 
 @dataclass(frozen=True)

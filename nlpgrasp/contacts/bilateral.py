@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import ContactModel, upper_triangle
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import FloatArray
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.spatial import tangents as any_tangents
+from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.spatial import tangents as any_tangents
-from nlpgrasp.validation import FloatArray, array
 
 PARALLEL = 1e-6  # sine of the angle to the normal below which a direction says nothing
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from nlpgrasp.contacts.range_cone import Blocks, RangeContact
-from nlpgrasp.validation import number
+from nlpgrasp.common.validation import number
+from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
 
 
 @dataclass(frozen=True)

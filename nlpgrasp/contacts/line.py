@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
 from nlpgrasp.contacts.pad import friction_fields, pressing_variables
-from nlpgrasp.contacts.range_cone import Blocks, RangeContact
-from nlpgrasp.validation import FloatArray, number
 
 
 @dataclass(frozen=True)

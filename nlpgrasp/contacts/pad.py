@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import FloatArray, number
 
 
 def friction_fields(name: str, friction: Any, torsion: Any, mean_arm: float) -> tuple[float | None, float | None]:

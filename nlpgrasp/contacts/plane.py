@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.spatial import tangents as any_tangents
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
 from nlpgrasp.contacts.pad import friction_fields, pressing_variables
-from nlpgrasp.contacts.range_cone import Blocks, RangeContact
 from nlpgrasp.errors import InputError
-from nlpgrasp.spatial import tangents as any_tangents
-from nlpgrasp.validation import FloatArray, array, number
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.contacts.range_cone import Blocks, RangeContact
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
 
 
 @dataclass(frozen=True)

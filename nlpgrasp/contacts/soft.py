@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.contacts import elliptic_cone
+from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts.base import upper_triangle
-from nlpgrasp.contacts.range_cone import Blocks, RangeContact
+from nlpgrasp.contacts.cones import elliptic_cone
+from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import FloatArray, number
 
 MODELS = ("box", "elliptic")
 

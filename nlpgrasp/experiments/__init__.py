@@ -1,11 +1,11 @@
 """Experiments: one base problem, many variations, over cores or a cluster."""
 
-from nlpgrasp.experiments.combinations import combinations
-from nlpgrasp.experiments.compare import Comparison, compare
-from nlpgrasp.experiments.experiment import Experiment
-from nlpgrasp.experiments.result import ExperimentResult
-from nlpgrasp.experiments.run import run_experiment
-from nlpgrasp.experiments.variation_result import VariationResult
+from nlpgrasp.experiments.ask.combinations import combinations
+from nlpgrasp.experiments.ask.experiment import Experiment
+from nlpgrasp.experiments.found.compare import Comparison, compare
+from nlpgrasp.experiments.found.result import ExperimentResult
+from nlpgrasp.experiments.found.variation_result import VariationResult
+from nlpgrasp.experiments.run.run import run_experiment
 
 __all__ = [
     "Comparison",

@@ -4,7 +4,7 @@ from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.fingertips import Fingertips
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
 from nlpgrasp.hands.tips import CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
-from nlpgrasp.hands.urdf_hand import URDFHand
+from nlpgrasp.hands.urdf.urdf_hand import URDFHand
 
 __all__ = [
     "CylinderTip",

@@ -11,8 +11,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.rows import LinkSphere, PalmPose, Placement, Row
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.common.rows import LinkSphere, PalmPose, Placement, Row
+from nlpgrasp.common.validation import FloatArray
 
 Expression = Any  # casadi.SX
 Values = dict[str, FloatArray]

@@ -10,10 +10,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Expression, Hand, HandVariable
-from nlpgrasp.rows import Placement, Row
-from nlpgrasp.validation import FloatArray, integer, number
 
 
 @dataclass(frozen=True)

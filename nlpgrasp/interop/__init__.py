@@ -3,9 +3,9 @@
 from nlpgrasp.interop.contacts_csv import contacts_csv, read_contacts_csv
 from nlpgrasp.interop.glb import glb
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, isaac_grasp, read_isaac_grasps
-from nlpgrasp.interop.mjcf import mjcf
-from nlpgrasp.interop.mjcf_hand import mjcf_with_hand
 from nlpgrasp.interop.placed_hand import grasp_of_posture
+from nlpgrasp.mjcf.hand import mjcf_with_hand
+from nlpgrasp.mjcf.scene import mjcf
 
 __all__ = [
     "IsaacGrasp",

@@ -10,8 +10,8 @@ import numpy as np
 
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.solution import GraspSolution
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.solution.solution import GraspSolution
 
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
 FRICTION, TORSION, MODEL = "friction", "torsional_friction", "model"

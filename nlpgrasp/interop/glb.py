@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.report.scene import CONE, NORMAL, body_size, in_space
-from nlpgrasp.solution import GraspSolution
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.report.solution.scene import CONE, NORMAL, body_size, in_space
+from nlpgrasp.solution.solution import GraspSolution
 
 BODY, LINK, POINT, ARROW, CONES = (
     [143, 163, 181, 255],

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import yaml
 
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.solution import GraspSolution
-from nlpgrasp.validation import FloatArray, array, number
+from nlpgrasp.solution.solution import GraspSolution
 
 FORMAT, VERSION = "isaac_grasp", 1.0
 LARGEST = 16 * 1024 * 1024

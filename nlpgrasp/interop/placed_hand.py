@@ -8,12 +8,12 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp
+from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp
-from nlpgrasp.problem import GraspProblem
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.problem.problem import GraspProblem
 
 SLIDES, SHARE = 60, 0.5
 NEAR = 2e-3  # metres: how far a fingertip may be from the body and still count as touching

@@ -10,9 +10,9 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp.functions import ProgramFunctions
 from nlpgrasp.nlp.program import Program
-from nlpgrasp.validation import FloatArray
 
 LOOSE = 1e-7  # solver units, of equations that outnumber the unknowns
 

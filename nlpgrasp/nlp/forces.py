@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.budgets import L2Budget
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.nlp.placement import ContactSymbols, Scaling
 from nlpgrasp.nlp.program import Program
-from nlpgrasp.problem import GraspProblem
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.problem.problem import GraspProblem
 
 LARGEST, LARGEST_OTHERWISE = 1.1, 50.0  # solver units: the L2 ball's own bound, and a wide one
 

@@ -9,10 +9,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp.program import HAND, Program
-from nlpgrasp.problem import GraspProblem
-from nlpgrasp.problem_rows import placement_rows
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.problem.rows import placement_rows
 
 BOX_MARGIN = 0.03  # of the body's size: positions may leave the box a little on the way
 

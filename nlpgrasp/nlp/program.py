@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray
 
 HAND = "hand "  # what the names of the hand's variables begin with
 

@@ -11,7 +11,7 @@ import numpy as np
 from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
 from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
-from nlpgrasp.problem import GraspProblem
+from nlpgrasp.problem.problem import GraspProblem
 
 SMOOTHING = 1e-12  # under the root of |z_t|^2, for its derivative at zero
 

@@ -9,7 +9,7 @@ import casadi as ca
 from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
 from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
-from nlpgrasp.problem import GraspProblem
+from nlpgrasp.problem.problem import GraspProblem
 
 
 def vertex_program(problem: GraspProblem, faces: Sequence[str], count: int) -> Program:

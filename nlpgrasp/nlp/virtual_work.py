@@ -14,11 +14,11 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.nlp.placement import Scaling
 from nlpgrasp.nlp.program import Program
-from nlpgrasp.problem import GraspProblem
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.problem.problem import GraspProblem
 
 
 class VirtualWork:

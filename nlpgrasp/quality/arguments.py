@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.tasks import Task
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,16 @@ from typing import overload
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.common.validation import integer, number
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import require_grasp, task_for
-from nlpgrasp.quality.bilateral import bilateral_ellipsoid
 from nlpgrasp.quality.bounds import Bounds, StackBounds
-from nlpgrasp.quality.containment import conditioned
-from nlpgrasp.quality.sandwich import sandwich
-from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.quality.certificate.containment import conditioned
+from nlpgrasp.quality.certificate.sandwich import sandwich
+from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from nlpgrasp.quality.forces.bilateral import bilateral_ellipsoid
 from nlpgrasp.tasks import Task, TaskEllipsoid
-from nlpgrasp.validation import integer, number
 
 
 @overload

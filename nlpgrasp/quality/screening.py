@@ -7,12 +7,12 @@ from scipy.linalg import eigh
 
 from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.budgets.base import project, ranges
-from nlpgrasp.directions import directions
+from nlpgrasp.common.directions import directions
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import task_for
 from nlpgrasp.tasks import Task
-from nlpgrasp.validation import FloatArray
 
 CHUNK = 256  # grasps at once: what the processor's cache holds
 DESCENTS, STEPS = 4, 16

@@ -8,14 +8,14 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.certificate.rank import equilibrated, numerical_rank
 from nlpgrasp.quality.measures import ball, mu
-from nlpgrasp.quality.rank import equilibrated, numerical_rank
-from nlpgrasp.validation import FloatArray, array
 
 COARSE = 0.5  # relative width of the certified radius
 

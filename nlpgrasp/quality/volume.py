@@ -19,17 +19,17 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import NlpgraspError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.grasp_stack import GraspStack
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.minimise import random_directions
-from nlpgrasp.quality.radial import estimate
-from nlpgrasp.quality.rank import wrench_rank
-from nlpgrasp.quality.units import over_length
-from nlpgrasp.quality.wrench_set import WrenchSet
-from nlpgrasp.validation import FloatArray, integer, number
+from nlpgrasp.quality.certificate.minimise import random_directions
+from nlpgrasp.quality.certificate.radial import estimate
+from nlpgrasp.quality.certificate.rank import wrench_rank
+from nlpgrasp.quality.certificate.units import over_length
+from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
 ROUNDING = 1e-9
 POINTS = {3: 2000, 6: 300}  # most vertices of P, by dimension

@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray
 
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 320, 240, 58, 38, 8
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from nlpgrasp.budgets.base import ranges
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import less_friction
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.solution import GraspSolution
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.solution.solution import GraspSolution
 
 LESS_FRICTION, OFF = 0.1, 2e-3  # share, and metres
 FARTHEST = 4.0  # times the offset of the file's worst placement that it is continued to

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.budgets.base import ranges
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, SoftContact
-from nlpgrasp.contacts.range_cone import RangeContact
+from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.interop.mjcf_parts import force_indices
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.mjcf.parts import force_indices
 
 
 @dataclass(frozen=True)

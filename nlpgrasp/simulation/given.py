@@ -8,18 +8,18 @@ from functools import cached_property
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
+from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.interop.mass import Mass, mass_of
-from nlpgrasp.interop.mjcf import DENSITY, mjcf
-from nlpgrasp.interop.mjcf_scales import scales
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.mjcf.scales import scales
+from nlpgrasp.mjcf.scene import DENSITY, mjcf
 from nlpgrasp.quality import FingerForces, finger_forces, mu
-from nlpgrasp.report.chosen_wrenches import wrench_words
-from nlpgrasp.report.scene import in_space
+from nlpgrasp.report.solution.chosen_wrenches import wrench_words
+from nlpgrasp.report.solution.scene import in_space
 from nlpgrasp.simulation.press import Press
-from nlpgrasp.solution import GraspSolution
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import task_from_dict
-from nlpgrasp.validation import FloatArray, number
+from nlpgrasp.tasks.mass import Mass, mass_of
 
 EARTH = 9.81
 LIGHTEST = 1e-6  # kilograms

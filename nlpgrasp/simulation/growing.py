@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.simulation.given import Given
 from nlpgrasp.simulation.loads import answered
 from nlpgrasp.simulation.outcome import Trial
-from nlpgrasp.validation import FloatArray
 
 FURTHEST = 1.5  # times the certified upper bound: how far the wrench grows
 RISE, SOON = 8.0, 20.0  # units of time in which the fingers grip, and in which the wrench grows to QUICK

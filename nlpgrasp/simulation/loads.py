@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.grasp import Grasp
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import finger_forces
 from nlpgrasp.simulation.conditions import slippery
-from nlpgrasp.validation import FloatArray
 
 MARGINS = np.arange(0.0, 0.41, 0.05)  # shares of friction that forces are chosen to do without
 FOR_FRICTION, FOR_GRIP = 0.90, 0.95  # of the effort: the rest is for holding the fingertips in place

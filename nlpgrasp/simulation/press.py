@@ -7,14 +7,14 @@ from collections.abc import Callable
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.mujoco import import_mujoco
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, NlpgraspError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.interop.mjcf_scales import DAMPING, Scales
-from nlpgrasp.interop.mujoco_extra import import_mujoco
-from nlpgrasp.report.scene import in_space
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.mjcf.scales import DAMPING, Scales
+from nlpgrasp.report.solution.scene import in_space
 from nlpgrasp.simulation.contact_moments import components
 from nlpgrasp.simulation.snapshot import Snapshot
-from nlpgrasp.validation import FloatArray
 
 GIVE = 0.02  # radians of turn that a contact's moment answers with all its friction
 Course = Callable[[float], tuple[FloatArray, FloatArray]]  # time to wrench (d,) and finger forces (n,)

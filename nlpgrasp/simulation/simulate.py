@@ -6,17 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 
+from nlpgrasp.common.mujoco import import_mujoco
+from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.interop.mujoco_extra import import_mujoco
+from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.simulation.conditions import LESS_FRICTION, OFF, as_felt, displaced, slippery
 from nlpgrasp.simulation.given import EARTH, Given, given
 from nlpgrasp.simulation.growing import grow
 from nlpgrasp.simulation.loads import Loads, answered
 from nlpgrasp.simulation.outcome import Simulation, Trial, in_words
 from nlpgrasp.simulation.snapshot import Snapshot
-from nlpgrasp.solution import GraspSolution
-from nlpgrasp.validation import FloatArray, integer, number
+from nlpgrasp.solution.solution import GraspSolution
 
 RISE, PAUSE, GROW, HOLD = 4.0, 4.0, 12.0, 10.0  # of a run, units of time
 LOOKS = 30

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray
 
 MOST_SLIP, MOST_TURN = 2e-3, float(np.radians(3.0))  # metres and radians: more is lost
 

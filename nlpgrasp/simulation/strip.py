@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.interop.mjcf_parts import TIP
-from nlpgrasp.interop.mjcf_scales import scales
-from nlpgrasp.pyplot import pyplot, write_figure
-from nlpgrasp.report.pictures import equal, shaded
-from nlpgrasp.report.scene import body_size, in_space
+from nlpgrasp.common.pyplot import pyplot, write_figure
+from nlpgrasp.mjcf.parts import TIP
+from nlpgrasp.mjcf.scales import scales
+from nlpgrasp.report.solution.pictures import equal, shaded
+from nlpgrasp.report.solution.scene import body_size, in_space
 from nlpgrasp.simulation.outcome import Simulation
 from nlpgrasp.simulation.snapshot import Snapshot
-from nlpgrasp.solution import GraspSolution
+from nlpgrasp.solution.solution import GraspSolution
 
 FRAMES = 4  # of each run
 MAGNIFIED = 0.2  # of the body's size: the slip at the end is shown at least this large

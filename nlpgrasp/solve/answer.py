@@ -13,16 +13,16 @@ import scipy
 import trimesh
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.problem import GraspProblem
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, finger_forces, mu, nu
-from nlpgrasp.solution import GraspSolution, Status
-from nlpgrasp.solve.aftermath import Aftermath
+from nlpgrasp.solution.solution import GraspSolution, Status
+from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start_result import StartResult
+from nlpgrasp.solve.start.result import StartResult
 from nlpgrasp.tasks import Task
-from nlpgrasp.validation import FloatArray
 from nlpgrasp.version import __version__
 
 CLOSE = 0.03  # relative: lower bounds of starts this close are a tie

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from nlpgrasp.common.validation import integer, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.validation import integer, number
 
 TRANSCRIPTIONS = ("vertex", "support")
 

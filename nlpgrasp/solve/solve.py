@@ -10,20 +10,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError, NoGraspError
-from nlpgrasp.problem import GraspProblem
+from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution import GraspSolution, StartRecord, Status
-from nlpgrasp.solve.aftermath import Aftermath
+from nlpgrasp.solution.solution import GraspSolution, StartRecord, Status
+from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import answer, best_of, solver_record
-from nlpgrasp.solve.interrupt import Interrupt
-from nlpgrasp.solve.one_thread import one_thread
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.parallel import NOT_BEGUN, Runner
-from nlpgrasp.solve.start_result import StartResult
-from nlpgrasp.solve.stop import Stop
-from nlpgrasp.solve.workbench import Workbench
-from nlpgrasp.validation import integer
+from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.interrupt import Interrupt
+from nlpgrasp.solve.workers.one_thread import one_thread
+from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
+from nlpgrasp.solve.workers.stop import Stop
 
 Progress = Callable[[StartRecord, Bounds], None]
 

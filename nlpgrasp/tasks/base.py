@@ -9,9 +9,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.spatial import move_torque_origin, space_dimension
+from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
-from nlpgrasp.spatial import move_torque_origin, space_dimension
-from nlpgrasp.validation import FloatArray, array, number, read_only
 
 
 class Task(ABC):

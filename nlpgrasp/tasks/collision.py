@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.validation import SMALLEST, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
-from nlpgrasp.tasks.fit import fit_ellipsoid
-from nlpgrasp.validation import SMALLEST, array, number, read_only
+from nlpgrasp.tasks.learnt.fit import fit_ellipsoid
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
-from nlpgrasp.validation import FloatArray
 
 Support = Callable[[FloatArray], tuple[FloatArray, FloatArray] | FloatArray]
 DIFFERENCE = 1e-6

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.validation import SMALLEST, FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
-from nlpgrasp.validation import SMALLEST, FloatArray, array, number, read_only
 
 
 class TaskEllipsoid(Task):
@@ -128,7 +128,7 @@ class TaskEllipsoid(Task):
         center : (d,) array, optional
             Where the centre has to be; free when left out.
         """
-        from nlpgrasp.tasks.fit import fit_ellipsoid  # makes ellipsoids itself
+        from nlpgrasp.tasks.learnt.fit import fit_ellipsoid  # makes ellipsoids itself
 
         return fit_ellipsoid(wrenches, outliers=outliers, probability=probability, center=center).task
 

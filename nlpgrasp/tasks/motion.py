@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.polytope import TaskPolytope
-from nlpgrasp.validation import FloatArray, array, number, read_only
 
 GRAVITY = (0.0, 0.0, -9.81)  # m / s^2, world frame
 FEWEST_POSES = 4

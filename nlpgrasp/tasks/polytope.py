@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from nlpgrasp.common.validation import SMALLEST, FloatArray, array, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
-from nlpgrasp.validation import SMALLEST, FloatArray, array, read_only
 
 MOST_ENDS = 24  # wrenches that stand for the whole
 ROUNDING = 1e-9  # relative: a wrench this close to another's opposite is its opposite

@@ -8,11 +8,11 @@ from typing import Any, Self
 
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.polytope import TaskPolytope
-from nlpgrasp.validation import FloatArray, read_only
 
 MOST_VERTICES = 400  # of the sum of two polytopes that is written as one
 

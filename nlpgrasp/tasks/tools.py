@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.polytope import TaskPolytope
-from nlpgrasp.validation import FloatArray, array, number
 
 WEIGHT = 9.81  # newtons a kilogram
 TILTS = 13  # orientations between upright and tilted that a pour passes

@@ -2,7 +2,7 @@
 
 import sys
 
-from nlpgrasp.solve.one_thread import one_thread
+from nlpgrasp.solve.workers.one_thread import one_thread
 from tests.benchmarks import by_hand, ellipsoid, experiments, hands, measures, meshes, power, report, simulation, tasks
 
 ALL = {

@@ -12,12 +12,12 @@ from scipy.optimize import minimize
 import nlpgrasp as ng
 from nlpgrasp.nlp import CompiledProgram, support_program, vertex_program
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.quality.minimise import random_directions
-from nlpgrasp.solve.candidates import draw_start
-from nlpgrasp.solve.exchange import contacts_of, fill_start
-from nlpgrasp.solve.start import run_start
-from nlpgrasp.solve.stop import Stop
-from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.quality.certificate.minimise import random_directions
+from nlpgrasp.solve.ascent.nonlinear import contacts_of, fill_start
+from nlpgrasp.solve.start.run import run_start
+from nlpgrasp.solve.start.screen import draw_start
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.stop import Stop
 
 AXES = np.array([2.0, 1.0, 1.0])
 TASK = ng.TaskEllipsoid([1.0] * 6)

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.triangles import triangles
+from nlpgrasp.bodies.mesh.triangles import triangles
 from tests.samples import BODIES
 
 VOLUMES = {

@@ -13,14 +13,14 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.cli.experiment import write_outputs
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.experiment import SolveId
-from nlpgrasp.experiments.folder import Folder
-from nlpgrasp.experiments.plots import wilson
-from nlpgrasp.experiments.ranking import ranks, ties
-from nlpgrasp.experiments.record import active_constraints
-from nlpgrasp.experiments.table import COLUMNS
+from nlpgrasp.experiments.ask.experiment import SolveId
+from nlpgrasp.experiments.found.ranking import ranks, ties
+from nlpgrasp.experiments.found.record import active_constraints
+from nlpgrasp.experiments.found.table import COLUMNS
+from nlpgrasp.experiments.run.folder import Folder
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution import ConstraintReport
+from nlpgrasp.report.experiment.plots import wilson
+from nlpgrasp.solution.solution import ConstraintReport
 from tests.experiments.small import experiment
 
 

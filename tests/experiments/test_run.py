@@ -294,7 +294,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
 
 
 def test_a_full_disk_ends_the_run_and_is_listed(tmp_path, monkeypatch):
-    import nlpgrasp.atomic
+    import nlpgrasp.common.files
 
     written = []
     replace = os.replace
@@ -306,7 +306,7 @@ def test_a_full_disk_ends_the_run_and_is_listed(tmp_path, monkeypatch):
                 raise OSError(28, "No space left on device")
         replace(source, target)
 
-    monkeypatch.setattr(nlpgrasp.atomic.os, "replace", full)
+    monkeypatch.setattr(nlpgrasp.common.files.os, "replace", full)
     result = ng.run_experiment(experiment(seeds=range(4)), tmp_path / "out", workers=1)
     assert sum(s.done for s in result.solves) == 2
     assert "No space left on device" in result.notes[0]

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.grasp import Grasp
+from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.solve.exchange import fill_start, hand_values, points_of
-from nlpgrasp.solve.exchange_state import ExchangeState
-from nlpgrasp.solve.torque_cuts import torque_cuts
-from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.solve.ascent.nonlinear import fill_start, hand_values, points_of
+from nlpgrasp.solve.ascent.state import ExchangeState
+from nlpgrasp.solve.ascent.torque_cuts import torque_cuts
+from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])

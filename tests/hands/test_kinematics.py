@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.link_spheres import fit_spheres
-from nlpgrasp.hands.shapes import Shape
+from nlpgrasp.hands.spheres.link_spheres import fit_spheres
+from nlpgrasp.hands.spheres.shapes import Shape
 from tests.hands.urdf import FOUR, GRIPPER, THREE, THREE_TIPS, Mujoco, four_finger_hand, gripper, three_finger_hand
 
 HANDS = {"four": (four_finger_hand, FOUR), "three": (three_finger_hand, THREE), "gripper": (gripper, GRIPPER)}
@@ -147,7 +147,7 @@ def test_missing_extra_names_the_command(monkeypatch):
 def test_quaternion_is_the_rotation_it_says(rng):
     from scipy.spatial.transform import Rotation
 
-    from nlpgrasp.hands.kinematics import rotation_of
+    from nlpgrasp.hands.urdf.kinematics import rotation_of
 
     rotation = Rotation.random(rng=rng)
     found = ca.DM(rotation_of(ca.DM(rotation.as_quat(scalar_first=True))))

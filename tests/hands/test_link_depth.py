@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.solve.link_depth import link_depth
+from nlpgrasp.solve.surface.link_depth import link_depth
 from tests.hands.urdf import FOUR, four_finger_hand
 
 RADIUS = 0.03

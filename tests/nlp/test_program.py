@@ -98,11 +98,11 @@ def test_elliptic_torsion_has_no_closed_form():
 
 def test_vertex_program_bounds_the_measure_from_below():
     """With inradius r of the directions, a centred task has mu >= r beta at any feasible point."""
-    from nlpgrasp.directions import inradius
-    from nlpgrasp.solve.candidates import Candidate
-    from nlpgrasp.solve.first import first_parameters, solve_first
+    from nlpgrasp.common.directions import inradius
     from nlpgrasp.solve.options import SolveOptions
-    from nlpgrasp.solve.workbench import Workbench
+    from nlpgrasp.solve.start.first_program import first_parameters, solve_first
+    from nlpgrasp.solve.start.screen import Candidate
+    from nlpgrasp.solve.workbench.workbench import Workbench
 
     bench = Workbench(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.validation import array
+from nlpgrasp.common.validation import array
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
 GRASP = ng.Grasp(CORNERS, -CORNERS, ng.FrictionContact(0.5))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 
 import nlpgrasp as ng
-from nlpgrasp.spatial import move_torque_origin, rotate_body_frame
+from nlpgrasp.common.spatial import move_torque_origin, rotate_body_frame
 from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation, square_pair
 
 BALL = ng.TaskEllipsoid([1.0] * 6)

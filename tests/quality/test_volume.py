@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import nlpgrasp as ng
+from nlpgrasp.common.spatial import move_torque_origin
 from nlpgrasp.quality import WrenchSet
 from nlpgrasp.quality.volume import _volume
-from nlpgrasp.spatial import move_torque_origin
 from tests.samples import CONTACTS, closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation
 
 

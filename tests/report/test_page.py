@@ -149,8 +149,8 @@ def test_the_numbers_are_those_of_the_file(planar, page):
 
 
 def test_arrows_end_at_the_contacts_and_balance_the_wrench(spatial):
-    from nlpgrasp.report.chosen_wrenches import chosen_wrenches
-    from nlpgrasp.report.scene import scene
+    from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches
+    from nlpgrasp.report.solution.scene import scene
 
     chosen = chosen_wrenches(spatial)
     traces, arrows = scene(spatial, chosen)
@@ -170,7 +170,7 @@ def test_arrows_end_at_the_contacts_and_balance_the_wrench(spatial):
 def test_shadows_are_convex_and_hold_the_task(spatial, planar):
     from scipy.spatial import ConvexHull
 
-    from nlpgrasp.report.wrench_space import shadows
+    from nlpgrasp.report.solution.wrench_space import shadows
 
     for solution in (spatial, planar):
         for shadow in shadows(solution):

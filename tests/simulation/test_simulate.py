@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.triangles import triangles
+from nlpgrasp.bodies.mesh.triangles import triangles
 from nlpgrasp.cli.script import load_problem
-from nlpgrasp.drawing import Drawing, Triangles
+from nlpgrasp.common.drawing import Drawing, Triangles
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.quality import Bounds
 from nlpgrasp.simulation import simulate

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solution_data import to_data
+from nlpgrasp.solution.data import to_data
 
 ONE = ng.SolveOptions(shadow_prices=False, workers=1)
 ELLIPSE = ng.PlanarImplicit(lambda p: (p[0] / 2.0) ** 2 + p[1] ** 2 - 1.0, [[-2.1, -1.1], [2.1, 1.1]])

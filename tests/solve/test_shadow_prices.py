@@ -3,11 +3,11 @@
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solve.limits import limits_of
-from nlpgrasp.solve.shadow import polished, shadow_prices
-from nlpgrasp.solve.start import run_start
-from nlpgrasp.solve.stop import Stop
-from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.solve.after.limits import limits_of
+from nlpgrasp.solve.after.prices import polished, shadow_prices
+from nlpgrasp.solve.start.run import run_start
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.stop import Stop
 from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1)

@@ -10,8 +10,8 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import nlpgrasp as ng
-from nlpgrasp.solve.one_thread import one_thread
-from nlpgrasp.solve.workbench import Workbench
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.one_thread import one_thread
 
 BALL = ng.TaskEllipsoid([1.0] * 6)
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.rows import Row
-from nlpgrasp.validation import FloatArray, array
+from nlpgrasp.common.rows import Row
+from nlpgrasp.common.validation import FloatArray, array
 
 Expression = Any  # casadi.SX
 SLACK = 2e-4  # metres that spheres of a touching link stay behind its patch: the contact itself keeps them off

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.rows import Row
+from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips.base import SLACK, Tip, Touch, frame_of
-from nlpgrasp.rows import Row
-from nlpgrasp.validation import FloatArray, array
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.rows import Row
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.hands.tips.base import TILT, Expression, Tip, Touch, equal
-from nlpgrasp.rows import Row
-from nlpgrasp.validation import FloatArray, array, number
 
 
 @dataclass(frozen=True)

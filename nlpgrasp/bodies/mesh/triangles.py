@@ -1,0 +1,56 @@
+"""A body's surface as a few thousand triangles, for pictures: close to the surface, but not evidence of anything."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.bodies.base import Body
+from nlpgrasp.bodies.mesh.mesh import Mesh
+from nlpgrasp.common.validation import FloatArray
+
+IntArray = NDArray[np.int64]
+CELLS = 48  # along the longest side
+MARGIN = 0.04  # of the size, around the body
+THICKNESS = 0.04  # of the size: half of it, of the plate that a planar body is drawn as
+
+
+def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
+    """Return vertices (n, 3), metres, and triangles (m, 3), at most ``most``; a planar body becomes a thin plate.
+
+    A mesh is simplified; any other body, and a mesh that cannot be, is meshed by marching cubes of its distance first.
+    """
+    if isinstance(body, Mesh):
+        vertices, faces = simplified(np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces), most)
+        if len(faces) <= most:
+            return vertices, faces
+    return simplified(*_marched(body), most)
+
+
+def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
+    """Return at most ``most`` triangles, or all of them where the surface cannot be simplified."""
+    if len(faces) > most:
+        simple = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(faces.astype(np.int32)), most)
+        if len(simple[1]):
+            return np.asarray(simple[0]), np.asarray(simple[1], dtype=np.int64)
+    return vertices, faces.astype(np.int64)
+
+
+def _marched(body: Body) -> tuple[FloatArray, IntArray]:
+    """Return the surface by marching cubes."""
+    lower, upper = (np.asarray(b, dtype=float) for b in body.bounds)
+    half = THICKNESS * body.size
+    if body.space == 2:
+        lower, upper = np.append(lower, -half), np.append(upper, half)
+    lower, upper = lower - MARGIN * body.size, upper + MARGIN * body.size
+    step = float(np.max(upper - lower)) / CELLS
+    counts = np.maximum(np.ceil((upper - lower) / step).astype(int), 6) + 1
+    axes = [np.linspace(a, b, n) for a, b, n in zip(lower, upper, counts, strict=True)]
+    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")  # x runs fastest, as igl wants it
+    grid = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    values = body.signed_distance(grid[:, : body.space])
+    if body.space == 2:
+        values = np.maximum(values, np.abs(grid[:, 2]) - half)
+    vertices, faces, _ = igl.marching_cubes(values, grid, *(int(n) for n in counts), 0.0)
+    return np.asarray(vertices), np.asarray(faces)

@@ -1,0 +1,1 @@
+"""Budgets bound to a grasp: sets of finger forces in the contacts' frames."""

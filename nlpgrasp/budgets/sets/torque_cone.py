@@ -1,0 +1,81 @@
+"""Forces of contacts within their cones and joint-torque limits, by a conic program a direction.
+
+For contacts that share a joint, have five or six components or two round cones, there are too many kinds of extreme
+points to list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from nlpgrasp.budgets.base import project, ranges
+from nlpgrasp.budgets.sets.torque_polytope import check_bounded
+from nlpgrasp.common.conic import cone_of, quiet_settings
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
+
+TOLERANCE = 1e-10
+INSIDE = 1.0 - 1e-9  # keeps the attaining force within the limits to the solver's tolerance
+
+
+class TorqueCone:
+    """The forces ``{x in K : |T x| <= 1}`` of one contact or of several.
+
+    Parameters
+    ----------
+    contacts : sequence of ContactModel
+    torques : (m, n) array
+        T: joint torques over their limits per force component.
+    space : int
+    name : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        When some force of the cones needs no torque at all: the set is unbounded.
+    """
+
+    def __init__(self, contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
+        check_bounded(contacts, torques, space, name)
+        self._contacts, self._torques, self._space = contacts, torques, space
+        n = torques.shape[1]
+        cones = []
+        for contact, where in zip(contacts, ranges(contacts, space), strict=True):
+            for M in contact.cones(space):
+                cones.append(np.zeros((len(M), n)))
+                cones[-1][:, where] = M
+        self._cones = [clarabel.NonnegativeConeT(2 * len(torques)), *[cone_of(M) for M in cones]]
+        self._A = sparse.csc_matrix(np.concatenate([torques, -torques, *[-M for M in cones]]))
+        self._b = np.zeros(self._A.shape[0])
+        self._b[: 2 * len(torques)] = 1.0
+        self._none = sparse.csc_matrix((n, n))
+        self._options = quiet_settings(TOLERANCE)
+
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest work and a force that does it: (m, n) to (m,) and (m, n)."""
+        force = self.priced(z)[0]
+        return np.maximum(0.0, np.sum(z * force, axis=1)) / INSIDE, force
+
+    def priced(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return forces of largest work along z (b, n), and what one more of each limit is worth, (b, m).
+
+        Positive where the torque is at its upper limit, negative at the lower one.
+        """
+        force, prices = np.zeros_like(z), np.zeros((len(z), len(self._torques)))
+        m = len(self._torques)
+        for i, row in enumerate(z):
+            size = float(np.linalg.norm(row))
+            if size == 0.0:
+                continue
+            solver = clarabel.DefaultSolver(self._none, -row / size, self._A, self._b, self._cones, self._options)
+            found = solver.solve()
+            x = project(np.array(found.x)[None, :], self._contacts, self._space)[0]
+            force[i] = x * INSIDE / max(1.0, float(np.max(np.abs(self._torques @ x), initial=0.0)))
+            dual = np.array(found.z)
+            prices[i] = size * (dual[:m] - dual[m : 2 * m])
+        return force, prices

@@ -1,0 +1,173 @@
+"""One contact's forces within its cone and joint-torque limits: ``{x in K_i : |T x| <= 1}``, exactly.
+
+The largest work along z is found at an extreme point of the set. These lie where r linear conditions hold with
+equality and, for r below the number of components, the quadratic cone as well: points for r = n and n - 1, which do not
+depend on z, and for smaller r one conic section each, on which a linear function has two stationary points in closed
+form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import nnls
+
+from nlpgrasp.budgets.base import ranges
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+
+INSIDE = 1e-9  # relative violation that rounding explains
+RAYS, WIDER = 600, 1.05  # rays of the cone, moved outwards, for the check that the set is bounded
+Section = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # origin, axes, curvature's inverse, pull, level
+Sections = tuple[FloatArray, ...]  # several of one dimension, stacked
+
+
+class TorquePolytope:
+    """The forces of one contact.
+
+    Parameters
+    ----------
+    contact : ContactModel
+        With at most one cone that is not polyhedral.
+    torques : (m, n) array
+        T: joint torques over their limits per force component.
+    space : int
+
+    Raises
+    ------
+    InputError
+        When some force of the cone needs no torque at all (the set is unbounded), or there is more than one
+        quadratic cone.
+    """
+
+    def __init__(self, contact: ContactModel, torques: FloatArray, space: int, name: str) -> None:
+        n = contact.components(space)
+        # components in units of what one unit of normal force allows: cones of very different widths are round
+        self._units = np.array(
+            [1.0] + [float(contact.extreme(e[None, :])[1][0, j + 1]) for j, e in enumerate(np.eye(n)[1:])]
+        )
+        torques = torques * self._units
+        cones = [M * self._units for M in contact.cones(space)]
+        round_cones = [M for M in cones if len(M) > 1]
+        if len(round_cones) > 1:
+            raise InputError(name, f"a {contact.kind} contact with {len(round_cones)} round cones", "at most one")
+        check_bounded([contact], torques / self._units, space, name)
+        flat = [-M for M in cones if len(M) == 1]
+        self._linear = np.concatenate([torques, -torques, *flat])
+        self._limits = np.concatenate([np.ones(2 * len(torques)), np.zeros(len(flat))])
+        self._scale = np.maximum(np.linalg.norm(self._linear, axis=1), 1e-300)
+        self._cone = round_cones[0] if round_cones else None
+        points = [np.zeros(n)]
+        sections: list[Section] = []
+        for count in range(1, n + 1):
+            for rows in combinations(range(len(self._linear)), count):
+                self._collect(list(rows), n, points, sections)
+        found = np.array(points)
+        self._points = found[self._inside(found)]
+        sizes = sorted({across.shape[1] for _, across, *_ in sections})
+        same = [[one for one in sections if one[1].shape[1] == size] for size in sizes]
+        self._sections: list[Sections] = [tuple(map(np.array, zip(*some, strict=True))) for some in same]
+
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest work and a force that does it: (m, n) to (m,) and (m, n)."""
+        z = z * self._units
+        work = z @ self._points.T
+        best = np.argmax(work, axis=1)
+        value, force = work[np.arange(len(z)), best], self._points[best]
+        for some in self._sections:
+            reach, x = self._stationary(some, z, value)
+            better = reach > value
+            value, force = np.where(better, reach, value), np.where(better[:, None], x, force)
+        return value, force * self._units
+
+    def _stationary(self, sections: Sections, z: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest work above that known, (m,), at the sections' stationary points, and the forces."""
+        origin, across, inverse, pull, level = sections
+        g = np.einsum("mn,snd->msd", z, across)
+        towards = np.einsum("msd,sde->mse", g, inverse)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            factor = np.sqrt(level / np.sum(g * towards, axis=2))[:, :, None]
+        w = np.concatenate([factor * towards, -factor * towards], axis=1) - np.tile(pull, (2, 1))
+        x = np.tile(origin, (2, 1)) + np.einsum("msd,snd->msn", w, np.tile(across, (2, 1, 1)))
+        work = np.einsum("mn,msn->ms", z, x)
+        hopeful = np.nonzero((work > known[:, None]) & np.all(np.isfinite(x), axis=2))
+        inside = np.full(work.shape, -np.inf)
+        inside[hopeful] = np.where(self._inside(x[hopeful]), work[hopeful], -np.inf)
+        best, every = np.argmax(inside, axis=1), np.arange(len(z))
+        return inside[every, best], x[every, best]
+
+    def _collect(self, rows: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
+        """Add the extreme points, or the conic section, where these linear conditions hold with equality."""
+        A, b = self._linear[rows] / self._scale[rows, None], self._limits[rows] / self._scale[rows]
+        if not np.any(b):
+            return  # a face of the cone: its only extreme point is 0
+        u, s, vt = np.linalg.svd(A)
+        if s[-1] <= 1e-9:
+            return  # dependent conditions: another set of rows says the same
+        origin = vt[: len(rows)].T @ ((u.T @ b) / s)
+        if len(rows) == n:
+            points.append(origin)
+            return
+        if self._cone is None:
+            return
+        across = vt[len(rows) :].T
+        sign = np.diag([1.0] + [-1.0] * (len(self._cone) - 1))
+        Q = self._cone.T @ sign @ self._cone
+        curve, slope, rest = across.T @ Q @ across, across.T @ Q @ origin, float(origin @ Q @ origin)
+        if len(rows) == n - 1:
+            points.extend(origin + w * across[:, 0] for w in _roots(float(curve[0, 0]), float(slope[0]), rest))
+            return
+        values, vectors = np.linalg.eigh(curve)
+        size = max(float(np.max(np.abs(values))), 1e-300)
+        least = int(np.argmin(np.abs(values)))
+        if abs(values[least]) <= 1e-9 * size:
+            if np.linalg.norm(Q @ across @ vectors[:, least]) <= 1e-7 * size:
+                return  # ruled: its extreme points have more active conditions
+            curve = curve + 1e-9 * size * np.eye(len(curve))  # a parabola, as a very long ellipse
+        inverse = np.linalg.inv(curve)
+        pull = inverse @ slope
+        sections.append((origin, across, inverse, pull, float(slope @ pull) - rest))
+
+    def _inside(self, x: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """Return which forces (m, n) keep all conditions, to rounding."""
+        size = np.linalg.norm(x, axis=1) + 1e-300
+        excess = np.max((x @ self._linear.T - self._limits) / (self._limits + self._scale * size[:, None]), axis=1)
+        good = excess <= INSIDE
+        if self._cone is not None:
+            y = x @ self._cone.T
+            good &= np.linalg.norm(y[:, 1:], axis=1) <= y[:, 0] + 1e-7 * np.linalg.norm(y, axis=1)
+        return np.asarray(good)
+
+
+def _roots(a: float, b: float, c: float) -> list[float]:
+    """Return the real roots of ``a w^2 + 2 b w + c``."""
+    if abs(a) <= 1e-14 * max(abs(b), abs(c), 1e-300):
+        return [] if b == 0.0 else [-0.5 * c / b]
+    inner = b * b - a * c
+    return [] if inner < 0.0 else [(-b + inner**0.5) / a, (-b - inner**0.5) / a]
+
+
+def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
+    """Refuse joints that leave some force of the cones without any torque."""
+    rng = np.random.default_rng(0)
+    every = []
+    for contact, where in zip(contacts, ranges(contacts, space), strict=True):
+        n = contact.components(space)
+        tried = np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3])
+        rays = contact.extreme(tried)[1]
+        rays = rays[rays[:, 0] > 0.0]
+        rays[:, 1:] *= WIDER
+        every.append(torques[:, where] @ rays.T)
+    produced = np.concatenate(every, axis=1)
+    scale = max(float(np.max(np.abs(produced), initial=0.0)), 1e-300)
+    system = np.concatenate([produced / scale, np.ones((1, produced.shape[1]))])
+    residual = nnls(system, np.append(np.zeros(len(torques)), 1.0))[1]
+    if residual <= 1e-6:
+        raise InputError(
+            name,
+            "joints that leave a force of the contact without any torque",
+            "Jacobians under which every force of the cone loads some joint",
+        )

@@ -1,0 +1,142 @@
+"""Joint-torque limits in the contacts' frames: ``{x in K : |T x| <= 1}`` with one row of T a limit.
+
+Contacts that no limit ties together are independent of each other: the set is a product, and its support a sum
+over such groups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from nlpgrasp.budgets.base import ForceBudget, Row, ranges
+from nlpgrasp.budgets.sets.torque_cone import TorqueCone
+from nlpgrasp.budgets.sets.torque_polytope import TorquePolytope
+from nlpgrasp.common.spatial import wrench_transform
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+
+MOST_LISTED = 4  # components of a contact whose extreme points are listed
+
+
+class TorquesAtContacts(ForceBudget):
+    """Joint-torque limits of contacts with known frames.
+
+    Parameters
+    ----------
+    given : ForceBudget
+        The limits as stated, for JSON.
+    torques : (m, n) array
+        T: torques over their limits per force component.
+    contacts : sequence of ContactModel
+    space : int
+    name : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        When some forces need no torque at all: the set is unbounded.
+    """
+
+    limited: ClassVar[str] = "joint-torque limits"
+
+    def __init__(
+        self, given: ForceBudget, torques: FloatArray, contacts: Sequence[ContactModel], space: int, name: str
+    ) -> None:
+        self.given, self.torques = given, torques
+        self._contacts, self._space, self._name = tuple(contacts), space, name
+        self._groups = [self._group(own) for own in _independent(torques, ranges(contacts, space))]
+        self.costly = any(isinstance(one, TorqueCone) for _, one in self._groups)
+
+    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
+        """Return the sum of the independent contacts' largest works within their limits."""
+        total, forces = np.zeros(len(z)), np.zeros_like(z)
+        for where, one in self._groups:
+            value, forces[:, where] = one.support(z[:, where])
+            total += value
+        return total, forces
+
+    def prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return forces of largest work along z (m, n), and what one more of each limit is worth, (m, rows of T).
+
+        Positive where the torque is at its upper limit, negative at the lower one.
+        """
+        forces, prices = np.zeros_like(z), np.zeros((len(z), len(self.torques)))
+        for where, rows, cone in self._cones:
+            forces[:, where], prices[:, rows] = cone.priced(z[:, where])
+        return forces, prices
+
+    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+        """Return the largest torque over its limit."""
+        return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
+
+    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
+        """Return ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` for every limit."""
+        signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
+        return [np.append(row, 1.0)[None, :] for row in signed]
+
+    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+        """Return the rows of the limits as stated."""
+        return self.given.rows(contacts, forces, normals)
+
+    def to_dict(self) -> str | dict[str, Any]:
+        """Return the limits as stated."""
+        return self.given.to_dict()
+
+    def _group(self, own: list[int]) -> tuple[FloatArray, TorquePolytope | TorqueCone]:
+        """Return components and set of contacts that limits tie together."""
+        where, rows = self._part(own)
+        models = [self._contacts[i] for i in own]
+        T = self.torques[np.ix_(rows, where)]
+        name = f"{self._name}, contact{'s' * (len(own) > 1)} {', '.join(map(str, own))}"
+        single = len(own) == 1 and T.shape[1] <= MOST_LISTED
+        if single and sum(len(M) > 1 for M in models[0].cones(self._space)) <= 1:
+            return where, TorquePolytope(models[0], T, self._space, name)
+        return where, TorqueCone(models, T, self._space, name)
+
+    def _part(self, own: list[int]) -> tuple[Any, Any]:
+        """Return the components of contacts and the rows of T that see them."""
+        parts = ranges(self._contacts, self._space)
+        where = np.concatenate([np.arange(parts[i].start, parts[i].stop) for i in own])
+        return where, np.flatnonzero(np.any(self.torques[:, where] != 0.0, axis=1))
+
+    @cached_property
+    def _cones(self) -> list[tuple[Any, Any, TorqueCone]]:
+        result = []
+        for own in _independent(self.torques, ranges(self._contacts, self._space)):
+            where, rows = self._part(own)
+            models = [self._contacts[i] for i in own]
+            result.append((where, rows, TorqueCone(models, self.torques[np.ix_(rows, where)], self._space, self._name)))
+        return result
+
+
+def torque_rows(
+    jacobians: Sequence[FloatArray],
+    limits: Sequence[FloatArray],
+    frames: FloatArray,
+    contacts: Sequence[ContactModel],
+) -> list[FloatArray]:
+    """Return each contact's torques over their limits per force component, (m_i, n_i), from its Jacobian."""
+    space = frames.shape[1]
+    maps = [wrench_transform(np.zeros(space), f) @ c.basis(space) for f, c in zip(frames, contacts, strict=True)]
+    return [(J.T / tau[:, None]) @ B[: len(J)] for J, tau, B in zip(jacobians, limits, maps, strict=True)]
+
+
+def check_jacobian(name: str, J: FloatArray, space: int, d: int) -> None:
+    """Refuse a Jacobian whose rows are neither velocities nor velocities and angular velocities."""
+    if len(J) not in (space, d):
+        raise InputError(name, f"{len(J)} rows", f"{space} or {d} rows")
+
+
+def _independent(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
+    """Return the contacts in groups that no limit ties to another."""
+    seen = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
+    count, labels = connected_components(sparse.csr_matrix(seen @ seen.T), directed=False)
+    return [np.flatnonzero(labels == g).tolist() for g in range(count)]

@@ -1,0 +1,85 @@
+"""What a grasp looks like: triangles of the body and the hand's links, for pictures and scenes, and their JSON data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import InputError
+
+DIGITS = 5  # of the largest coordinate
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """A surface of triangles.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array
+        Metres, body frame.
+    faces : (m, 3) array of int
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the triangles as JSON data, rounded: they are for looking at."""
+        largest = float(np.max(np.abs(self.vertices), initial=1e-12))
+        decimals = DIGITS - 1 - int(np.floor(np.log10(largest)))
+        return {"vertices": np.round(self.vertices, decimals).tolist(), "faces": self.faces.tolist()}
+
+    @classmethod
+    def from_dict(cls, data: Any, name: str) -> Triangles:
+        """Return the triangles of JSON data; those that are none are refused."""
+        if not isinstance(data, Mapping):
+            raise InputError(name, data, "vertices and faces")
+        vertices = array(f"{name}.vertices", data.get("vertices", ()), (None, 3))
+        faces = array(f"{name}.faces", data.get("faces", ()), (None, 3))
+        if len(faces) and not (np.all(faces == np.round(faces)) and 0 <= faces.min() <= faces.max() < len(vertices)):
+            raise InputError(f"{name}.faces", "numbers that name no vertex", f"whole numbers below {len(vertices)}")
+        return cls(vertices, faces.astype(np.int64))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """The body, and the hand in the posture found.
+
+    Parameters
+    ----------
+    body : Triangles
+        Close to the body's surface; a planar body is a thin plate.
+    links : tuple of (str, Triangles)
+        The collision shapes of the hand's links, by name.
+    """
+
+    body: Triangles
+    links: tuple[tuple[str, Triangles], ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the drawing as JSON data."""
+        links = [{"link": name, **shape.to_dict()} for name, shape in self.links]
+        return {"body": self.body.to_dict(), "links": links}
+
+    @classmethod
+    def from_dict(cls, data: Any, name: str) -> Drawing | None:
+        """Return the drawing of JSON data, None for none."""
+        if data is None:
+            return None
+        if not isinstance(data, Mapping) or not isinstance(data.get("links", []), list):
+            raise InputError(name, data, "body and links")
+        body = Triangles.from_dict(data.get("body"), f"{name}.body")
+        links = [
+            (
+                str(link.get("link")) if isinstance(link, Mapping) else "",
+                Triangles.from_dict(link, f"{name}.links[{i}]"),
+            )
+            for i, link in enumerate(data.get("links", []))
+        ]
+        return cls(body, tuple(links))

@@ -1,0 +1,158 @@
+"""Wrenches, frames and their transforms.
+
+A wrench is ``(f, m)``: force first, then torque about the torque origin ``o``, with
+``m = (p - o) x f``. The paper writes ``f x (p - o)``; every quality measure is unchanged by that
+sign. A planar wrench is ``(f_x, f_y, m_z)``. See Section 2 of Li and Sastry, "Task oriented optimal
+grasping by multifingered robot hands", 1988 (doi:10.1109/56.769).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import InputError
+
+ROUNDING = 8.0 * float(np.finfo(float).eps)  # of an arm, relative to the coordinates it comes from
+
+
+def wrench_dimension(space: int) -> int:
+    """Return the dimension of wrench space: 3 for a planar body, 6 for a spatial one."""
+    return 3 if space == 2 else 6
+
+
+def space_dimension(wrench_size: int) -> int:
+    """Return 2 for planar wrenches ``(f_x, f_y, m_z)`` and 3 for spatial ones."""
+    return 2 if wrench_size == 3 else 3
+
+
+def cross_matrix(v: FloatArray) -> FloatArray:
+    """Return ``S(v)`` of (2.3-2), so that ``S(v) f = v x f``.
+
+    Parameters
+    ----------
+    v : (..., 3) array
+
+    Returns
+    -------
+    (..., 3, 3) array
+    """
+    zero = np.zeros(v.shape[:-1])
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    rows = [np.stack(r, axis=-1) for r in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return np.stack(rows, axis=-2)
+
+
+def tangents(normals: FloatArray) -> FloatArray:
+    """Return unit tangents completing each normal to a right-handed frame.
+
+    Parameters
+    ----------
+    normals : (k, 2) or (k, 3) array
+        Unit vectors.
+
+    Returns
+    -------
+    (k, 1, 2) or (k, 2, 3) array
+        Tangent vectors as rows. Any rotation of them about the normal describes the same contact.
+    """
+    if normals.shape[-1] == 2:
+        return np.stack([-normals[:, 1], normals[:, 0]], axis=-1)[:, None, :]
+    helper = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
+    first = np.cross(helper, normals)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(normals, first)], axis=1)
+
+
+def coordinate_size(points: FloatArray, origin: FloatArray) -> FloatArray:
+    """Return the largest coordinate of contacts (..., k, space) and torque origin: arms are rounded relative to it."""
+    return np.asarray(np.maximum(np.max(np.abs(points), axis=(-2, -1)), float(np.max(np.abs(origin)))))
+
+
+def wrench_transform(point: FloatArray, frame: FloatArray, size: FloatArray | float = 0.0) -> FloatArray:
+    """Return ``T_fi`` of (2.3-4): contact-frame wrenches to body wrenches, for one contact or for many.
+
+    Parameters
+    ----------
+    point : (..., 2) or (..., 3) array
+        Contact position relative to the torque origin, metres; zero for moments about the contact point.
+    frame : (..., 2, 2) or (..., 3, 3) array
+        Contact frame, its axes as columns: normal first, then the tangents.
+    size : (...) array or float
+        Size of the coordinates that ``point`` is a difference of, metres. Torques of unit forces that are below its
+        rounding are zero: noise in their place would look like a direction in which the contacts can work.
+
+    Returns
+    -------
+    (..., 3, 3) or (..., 6, 6) array
+    """
+    space = point.shape[-1]
+    d = wrench_dimension(space)
+    result = np.zeros((*point.shape[:-1], d, d))
+    result[..., :space, :space] = frame
+    if space == 2:
+        x, y = point[..., 0, None], point[..., 1, None]
+        torques = result[..., 2:, :2]
+        torques[..., 0, :] = x * frame[..., 1, :] - y * frame[..., 0, :]
+        result[..., 2, 2] = 1.0
+    else:
+        torques = result[..., 3:, :3]
+        torques[...] = cross_matrix(point) @ frame
+        result[..., 3:, 3:] = frame
+    torques[np.abs(torques) <= ROUNDING * np.asarray(size)[..., None, None]] = 0.0
+    return result
+
+
+def rotate_body_frame(rotation: FloatArray) -> FloatArray:
+    """Return the wrench map of a change of body frame, (2.5-6): ``blockdiag(A, A)``.
+
+    Parameters
+    ----------
+    rotation : (2, 2) or (3, 3) array
+        Rotation matrix A; a point ``x`` becomes ``A x``.
+
+    Returns
+    -------
+    (3, 3) or (6, 6) array
+
+    Raises
+    ------
+    InputError
+        When the matrix is not a rotation.
+    """
+    A = array("rotation", rotation, (None, None))
+    size = len(A)
+    if A.shape not in ((2, 2), (3, 3)):
+        raise InputError("rotation", f"shape {A.shape}", "shape (2, 2) or (3, 3)")
+    if not np.allclose(A @ A.T, np.eye(size), atol=1e-9) or np.linalg.det(A) < 0:
+        raise InputError("rotation", rotation, "a rotation matrix (orthonormal, determinant +1)")
+    d = wrench_dimension(size)
+    result = np.zeros((d, d))
+    result[:size, :size] = A
+    result[size:, size:] = A if size == 3 else 1.0
+    return result
+
+
+def move_torque_origin(shift: FloatArray) -> FloatArray:
+    """Return the wrench map of a change of torque origin, (2.5-8).
+
+    Parameters
+    ----------
+    shift : (2,) or (3,) array
+        New origin minus old origin, metres.
+
+    Returns
+    -------
+    (3, 3) or (6, 6) array
+        ``m_new = m_old - shift x f``.
+    """
+    b = array("shift", shift, (None,))
+    size = len(b)
+    if size not in (2, 3):
+        raise InputError("shift", f"shape {b.shape}", "shape (2,) or (3,)")
+    result = np.eye(wrench_dimension(size))
+    if size == 2:
+        result[2, :2] = [b[1], -b[0]]
+    else:
+        result[3:, :3] = -cross_matrix(b)
+    return result

@@ -1,0 +1,1 @@
+"""Force domains in closed form: projections and supports."""

@@ -1,0 +1,104 @@
+"""The cone ``|(f_t / mu, tau / mu_t)| <= f_n`` of a soft finger whose friction and torsion share one ellipse."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+
+AWAY = 1e-9  # the multiplier 1 is a removable singularity of the derivative: step aside by this much
+
+
+def project(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
+    """Return the Euclidean projection of ``(f_n, f_t1, f_t2, tau)`` (..., 4)."""
+    r, s = _sizes(z)
+    pressing = _pressing(z[..., 0], r, s, mu, mu_t)
+    tangential, torsion = _rest(z[..., 0], r, s, pressing, mu, mu_t)
+    scale = tangential / np.where(r > 0.0, r, 1.0)
+    result = np.empty_like(z)
+    result[..., 0] = pressing
+    result[..., 1:3] = z[..., 1:3] * scale[..., None]
+    result[..., 3] = np.copysign(torsion, z[..., 3])
+    return result
+
+
+def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
+    """Return the Jacobian of the projection (..., 4, 4).
+
+    On the boundary ``x = (I + t D)^-1 z`` with ``D = diag(-1, 1/mu^2, 1/mu^2, 1/mu_t^2)`` and ``<x, D x> = 0``;
+    differentiating both gives ``M - M D x (M D x)^T / <D x, M D x>`` with ``M = (I + t D)^-1``.
+    """
+    r, s = _sizes(z)
+    inside = (r / mu) ** 2 + (s / mu_t) ** 2 <= np.maximum(z[..., 0], 0.0) ** 2
+    x = project(z, mu, mu_t)
+    D = np.array([-1.0, 1.0 / mu**2, 1.0 / mu**2, 1.0 / mu_t**2])
+    safe = np.where(x[..., 0] > 0.0, x[..., 0], 1.0)
+    t = np.maximum(1.0 - z[..., 0] / safe, 0.0)
+    t = np.where(np.abs(t - 1.0) < AWAY, 1.0 + AWAY, t)
+    M = 1.0 / (1.0 + t[..., None] * D)
+    bent = M * D * x
+    bottom = np.sum(D * x * bent, axis=-1)
+    boundary = (
+        np.eye(4) * M[..., None]
+        - bent[..., :, None] * bent[..., None, :] / np.where(bottom != 0.0, bottom, 1.0)[..., None, None]
+    )
+    result = np.where(inside[..., None, None], np.eye(4), boundary)
+    return np.asarray(np.where((x[..., 0] > 0.0)[..., None, None], result, 0.0))
+
+
+def extreme(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray, FloatArray]:
+    """Return ``max(0, z_n + |(mu z_t, mu_t z_tau)|)`` and the force of unit normal force that attains it."""
+    r, s = _sizes(z)
+    size = np.hypot(mu * r, mu_t * s)
+    value = z[..., 0] + size
+    safe = np.where(size > 0.0, size, 1.0)
+    force = np.empty_like(z)
+    force[..., 0] = 1.0
+    force[..., 1:3] = z[..., 1:3] * (mu**2 / safe)[..., None]
+    force[..., 3] = z[..., 3] * (mu_t**2 / safe)
+    pays = value > 0.0
+    return np.where(pays, value, 0.0), force * pays[..., None]
+
+
+def _sizes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.sqrt(z[..., 1] ** 2 + z[..., 2] ** 2), np.abs(z[..., 3])
+
+
+def _pressing(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> FloatArray:
+    """Return the normal force of the projection onto ``{(r/mu)^2 + (s/mu_t)^2 <= n^2, n >= 0}``.
+
+    Over the cone's boundary points ``n (1, mu cos a, mu_t sin a)`` the best n for a given a is
+    ``(z + mu r cos a + mu_t s sin a) / (1 + mu^2 cos^2 a + mu_t^2 sin^2 a)``. With the multiplier t of the
+    cone constraint, n solves ``n^2 = (r mu / (mu^2 + t))^2 + (s mu_t / (mu_t^2 + t))^2``, ``n (1 - t) = z``;
+    the difference of both sides is monotone in t on each side of 1 and is found by bisection.
+    """
+    inside = (r / mu) ** 2 + (s / mu_t) ** 2 <= np.maximum(z, 0.0) ** 2
+    polar = np.sqrt((mu * r) ** 2 + (mu_t * s) ** 2) <= -z
+    positive = z > 0.0
+    # t in [0, 1) for z > 0 and in (1, inf) for z < 0; u = t or u = 1/t keeps both in [0, 1]
+    low, high = np.zeros_like(z), np.ones_like(z)
+    for _ in range(80):
+        u = 0.5 * (low + high)
+        t = np.where(positive, u, 1.0 / np.maximum(u, 1e-300))
+        radius = np.sqrt((r * mu / (mu**2 + t)) ** 2 + (s * mu_t / (mu_t**2 + t)) ** 2)
+        # n from both equations: z/(1 - t) against radius
+        too_far = np.abs(1.0 - t) * radius < np.abs(z)
+        high = np.where(too_far, u, high)
+        low = np.where(too_far, low, u)
+    u = 0.5 * (low + high)
+    t = np.where(positive, u, 1.0 / np.maximum(u, 1e-300))
+    radius = np.sqrt((r * mu / (mu**2 + t)) ** 2 + (s * mu_t / (mu_t**2 + t)) ** 2)
+    return np.where(inside, z, np.where(polar, 0.0, radius))
+
+
+def _rest(
+    z: FloatArray, r: FloatArray, s: FloatArray, pressing: FloatArray, mu: float, mu_t: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the tangential and torsion sizes of the projection from its normal force."""
+    safe = np.where(pressing > 0.0, pressing, 1.0)
+    t = np.where(pressing > 0.0, 1.0 - z / safe, np.inf)
+    t = np.maximum(t, 0.0)
+    tangential, torsion = r * mu**2 / (mu**2 + t), s * mu_t**2 / (mu_t**2 + t)
+    over = np.sqrt((tangential / mu) ** 2 + (torsion / mu_t) ** 2)
+    scale = np.where(over > pressing, pressing / np.where(over > 0.0, over, 1.0), 1.0)  # last-digit safety
+    return tangential * scale, torsion * scale

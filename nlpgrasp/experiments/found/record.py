@@ -1,0 +1,161 @@
+"""What one solve of an experiment found, without the grasp itself: a few hundred of them fit in memory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.found.wording import one_line
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.findings import ShadowPrice
+from nlpgrasp.solution.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status
+
+NOTHING = Bounds(0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SolveRecord:
+    """One solve.
+
+    Parameters
+    ----------
+    variation : str
+    seed : int
+    status : Status or None
+        None where there is no solution: the solve failed or was not done.
+    mu : Bounds
+        Certified, of the grasp found; ``[0, 0]`` where none was found.
+    kind : str
+        ``"mu"`` or ``"mu_tilde"``.
+    seconds : float
+        Wall time.
+    iterations : int
+        Of IPOPT.
+    starts : tuple of StartRecord
+    active : tuple of str
+        Constraints at their limits, with their fingers.
+    prices : tuple of ShadowPrice
+    contacts : int
+    measured : str
+        Digest of task and force budget: values of mu can be compared where it is the same.
+    failure : str
+        Why there is no solution, in one line.
+    asked : str
+        Digest of the problem.
+    earlier : bool
+        Whether an earlier run solved it.
+    """
+
+    variation: str
+    seed: int
+    status: Status | None = None
+    mu: Bounds = NOTHING
+    kind: str = "mu"
+    seconds: float = 0.0
+    iterations: int = 0
+    starts: tuple[StartRecord, ...] = ()
+    active: tuple[str, ...] = ()
+    prices: tuple[ShadowPrice, ...] = ()
+    contacts: int = 0
+    measured: str = ""
+    failure: str = ""
+    asked: str = ""
+    earlier: bool = False
+
+    @classmethod
+    def of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
+        """Return the record of a solution.
+
+        Raises
+        ------
+        InputError
+            When the solution's record of the solver is not what a solve writes.
+        """
+        try:
+            return cls._of(variation, seed, solution)
+        except (AttributeError, TypeError, ValueError, OverflowError, KeyError) as error:
+            raise InputError("solver", one_line(error), "what a solve writes") from None
+
+    @classmethod
+    def _of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
+        return cls(
+            variation,
+            seed,
+            solution.status,
+            solution.mu if solution.success else NOTHING,
+            solution.kind,
+            float(solution.solver.get("seconds", {}).get("total", 0.0)),
+            min(int(solution.solver.get("iterations", 0)), 10**15),
+            solution.starts,
+            active_constraints(solution.constraints),
+            solution.prices,
+            len(solution.problem.get("contacts", ())),
+            _measured(solution),
+            asked=asked_of(solution.problem),
+        )
+
+    @property
+    def done(self) -> bool:
+        """Whether there is a solution, with a grasp or without."""
+        return self.status is not None
+
+    @property
+    def success(self) -> bool:
+        """Whether a grasp with a certified quality above zero was found."""
+        return self.mu.lower > 0.0
+
+    @property
+    def succeeded(self) -> int:
+        """How many starts found a certified grasp."""
+        return sum(s.status is Status.SOLVED for s in self.starts)
+
+    @property
+    def rising(self) -> tuple[tuple[float, float], ...]:
+        """Seconds of the starts so far, and the best certified lower bound by then."""
+        points, elapsed, best = [], 0.0, 0.0
+        for start in self.starts:
+            elapsed += sum(start.seconds.values())
+            best = max(best, start.mu.lower if start.status is Status.SOLVED else 0.0)
+            points.append((elapsed, best))
+        return tuple(points)
+
+    @property
+    def best_start(self) -> StartRecord | None:
+        """The start whose grasp the solution holds."""
+        solved = [s for s in self.starts if s.status is Status.SOLVED and s.mu != UNKNOWN]
+        return max(solved, key=lambda s: s.mu.upper, default=None)
+
+
+def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
+    """Return the constraints at their limits, each once, with the fingers: ``"table, fingers 1, 2"``."""
+    fingers: dict[str, list[str]] = {}
+    for report in reports:
+        if report.active:
+            name, _, which = report.name.partition(", finger")
+            fingers.setdefault(name, []).append(which.removeprefix("s").strip())
+    return tuple(_with_fingers(name, [w for w in which if w]) for name, which in fingers.items())
+
+
+def _with_fingers(name: str, which: list[str]) -> str:
+    if not which:
+        return name
+    several = len(which) > 1 or not which[0].isdigit()
+    return f"{name}, finger{'s' if several else ''} {', '.join(which)}"
+
+
+def asked_of(problem: Mapping[str, Any]) -> str:
+    """Return a digest of a problem's JSON data; budgets are left out: of a hand they are stated in its posture."""
+    parts = {k: problem.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _measured(solution: GraspSolution) -> str:
+    """Return a digest of what mu is measured by: task and kind of budget."""
+    budget = solution.problem["force_budget"]
+    kind = budget if isinstance(budget, str) else budget.get("type")
+    text = json.dumps([solution.problem["task"], kind], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

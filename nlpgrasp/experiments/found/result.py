@@ -1,0 +1,206 @@
+"""What an experiment found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.ask.experiment import SolveId
+from nlpgrasp.experiments.found import table
+from nlpgrasp.experiments.found.ranking import ranks, ties
+from nlpgrasp.experiments.found.record import SolveRecord, asked_of
+from nlpgrasp.experiments.found.text import columns
+from nlpgrasp.experiments.found.variation_result import NOT_DONE, VariationResult
+from nlpgrasp.experiments.found.wording import plain
+from nlpgrasp.experiments.run.folder import Folder
+from nlpgrasp.solution.solution import GraspSolution
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+EXPLAINED = (
+    "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find better."
+)
+NOT_COMPARABLE = "They differ in task or force budget: their values of mu measure different things."
+
+
+@dataclass(frozen=True)
+class ExperimentResult:
+    """What an experiment found, variation by variation.
+
+    Parameters
+    ----------
+    name : str
+    folder : Path
+        Where the solutions are.
+    variations : tuple of VariationResult
+        In the experiment's order.
+    notes : tuple of str
+        What else there is to say: files that could not be read or written.
+    """
+
+    name: str
+    folder: Path
+    variations: tuple[VariationResult, ...]
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def load(cls, folder: str | Path) -> ExperimentResult:
+        """Read the result of an output folder, finished or not.
+
+        Raises
+        ------
+        InputError
+            When it is not the folder of an experiment.
+        """
+        place = Folder(folder)
+        plan = place.plan()
+        solves = [SolveId(name, seed) for name in plan["variations"] for seed in plan["seeds"]]
+        records, notes = read_records(place, solves, plan)
+        return cls.of(str(plan.get("name", "")), place, solves, records, notes)
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        place: Folder,
+        solves: Sequence[SolveId],
+        records: dict[SolveId, SolveRecord],
+        notes: Sequence[str],
+    ) -> ExperimentResult:
+        """Return the result of the solves that have a record; the others are said to be not done."""
+        by_variation: dict[str, list[SolveRecord]] = {}
+        for solve in solves:
+            record = records.get(solve) or SolveRecord(solve.variation, solve.seed, failure=NOT_DONE)
+            by_variation.setdefault(solve.variation, []).append(record)
+        variations = tuple(VariationResult(n, tuple(r)) for n, r in by_variation.items())
+        return cls(name, place.path, variations, tuple(notes))
+
+    def __getitem__(self, name: str) -> VariationResult:
+        """Return a variation by name."""
+        for variation in self.variations:
+            if variation.name == name:
+                return variation
+        raise KeyError(name)
+
+    @property
+    def solves(self) -> tuple[SolveRecord, ...]:
+        """All solves."""
+        return tuple(s for v in self.variations for s in v.solves)
+
+    @property
+    def failures(self) -> tuple[SolveRecord, ...]:
+        """The solves without a solution: failed or not done."""
+        return tuple(s for s in self.solves if not s.done)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every solve has a solution."""
+        return not self.failures
+
+    @property
+    def success(self) -> bool:
+        """Whether any solve found a grasp."""
+        return any(s.success for s in self.solves)
+
+    @property
+    def comparable(self) -> bool:
+        """Whether all solves measure mu by the same task and kind of force budget."""
+        return len({s.measured for s in self.solves if s.done}) <= 1
+
+    def ranks(self) -> list[int]:
+        """Return for each variation 1 plus the number of those that are certainly better."""
+        return ranks([v.mu for v in self.variations])
+
+    def ties(self) -> list[tuple[str, ...]]:
+        """Return for each variation which others are as good, as far as the certified bounds tell."""
+        found = ties([v.mu for v in self.variations])
+        return [tuple(self.variations[j].name for j in js if self.variations[j].mu.upper > 0.0) for js in found]
+
+    def solution(self, variation: str, seed: int | None = None) -> GraspSolution:
+        """Return a solution from its file: of a seed, or of the best one.
+
+        It may hold no grasp: then it says why.
+
+        Raises
+        ------
+        InputError
+            When there is no such file.
+        KeyError
+            On an unknown variation.
+        """
+        known = self[variation]
+        best = known.best or known.solves[0]
+        return GraspSolution.load(Folder(self.folder).file(SolveId(variation, best.seed if seed is None else seed)))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the table: one mapping a solve, see ``table``."""
+        return table.rows(self)
+
+    def frame(self) -> pd.DataFrame:
+        """Return the table as a pandas frame (extra ``tables``).
+
+        Raises
+        ------
+        MissingExtraError
+            When pandas is not installed.
+        """
+        return table.frame(self)
+
+    def __str__(self) -> str:
+        heads = ["rank", "variation", "mu certified in", "seeds", "seconds", "starts", "ties with", "active"]
+        body = []
+        for v, rank, tied in zip(self.variations, self.ranks(), self.ties(), strict=True):
+            good, total = v.starts
+            active = "; ".join(v.best.active) if v.best is not None else ""
+            seconds = f"{v.seconds:.1f}" if v.done else ""
+            place, seeds = f"{rank}" if v.done else "", f"{v.agreeing}/{len(v.solves)}"
+            body.append([place, v.name, v.found, seeds, seconds, f"{good}/{total}", "; ".join(tied), active])
+        lines = [f"{self.name}: {sum(v.done for v in self.variations)} of {len(self.solves)} solves done"]
+        lines += [*columns(heads, body), EXPLAINED]
+        if not self.comparable:
+            lines.append(NOT_COMPARABLE)
+        for v in self.variations:
+            if v.best is not None and v.best.prices:
+                lines.append(f"{v.name}: {'; '.join(str(p) for p in v.best.prices[:3])}")
+        lines += [f"{s.variation}, seed {s.seed}: {s.failure}" for s in self.failures if s.failure != NOT_DONE]
+        missing = sum(s.failure == NOT_DONE for s in self.failures)
+        lines += [f"{missing} solves not done"] if missing else []
+        return "\n".join([*lines, *self.notes])
+
+
+def _record(place: Folder, solve: SolveId) -> SolveRecord | None:
+    """Return the record of a solve from its file, None without one."""
+    solution = place.load(solve)
+    if solution is None:
+        return None
+    return replace(SolveRecord.of(solve.variation, solve.seed, solution), earlier=True)
+
+
+def read_records(
+    place: Folder, solves: Sequence[SolveId], plan: Mapping[str, Any]
+) -> tuple[dict[SolveId, SolveRecord], list[str]]:
+    """Return the records of the solves that have a file, and a note for each file that cannot be used.
+
+    All solves of a variation have to be of the plan's problem, or where a function makes it, of the same one.
+    """
+    variations = plan["variations"].items()
+    asked = {name: asked_of(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
+    records: dict[SolveId, SolveRecord] = {}
+    notes = []
+    for solve in solves:
+        try:
+            record = _record(place, solve)
+            if record is not None and record.asked != asked.setdefault(solve.variation, record.asked):
+                raise InputError(str(place.file(solve)), "another problem", "the problem of its variation")
+        except InputError as error:
+            notes.append(f"{solve}: not used, {plain(str(error))}")
+            record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")
+        if record is not None:
+            records[solve] = record
+        elif (why := place.failure(solve)) is not None:
+            records[solve] = SolveRecord(solve.variation, solve.seed, failure=why)
+    return records, notes

@@ -1,0 +1,70 @@
+"""What the solves of one variation found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from statistics import median
+
+from nlpgrasp.experiments.found.record import NOTHING, SolveRecord
+from nlpgrasp.quality import Bounds
+
+NOT_DONE = "not done"
+
+
+@dataclass(frozen=True)
+class VariationResult:
+    """All solves of one variation.
+
+    Parameters
+    ----------
+    name : str
+    solves : tuple of SolveRecord
+        One a seed.
+    """
+
+    name: str
+    solves: tuple[SolveRecord, ...]
+
+    @property
+    def best(self) -> SolveRecord | None:
+        """The solve with the best certified bounds."""
+        return max((s for s in self.solves if s.success), key=lambda s: (s.mu.upper, s.mu.lower), default=None)
+
+    @cached_property
+    def mu(self) -> Bounds:
+        """Bounds on the quality of the best grasp that any of the solves found; ``[0, 0]`` without one."""
+        found = [s.mu for s in self.solves if s.success]
+        return Bounds(max(b.lower for b in found), max(b.upper for b in found)) if found else NOTHING
+
+    @property
+    def done(self) -> int:
+        """How many solves have a solution."""
+        return sum(s.done for s in self.solves)
+
+    @property
+    def starts(self) -> tuple[int, int]:
+        """How many starts found a certified grasp, and how many there were."""
+        return sum(s.succeeded for s in self.solves), sum(len(s.starts) for s in self.solves)
+
+    @property
+    def found(self) -> str:
+        """What was found, in words: the certified interval, or why there is none."""
+        if self.best is not None:
+            return str(self.mu)
+        return "no grasp" if self.done else "not done" if self.failures[0].failure == NOT_DONE else "failed"
+
+    @property
+    def agreeing(self) -> int:
+        """How many solves found a grasp as good as the best, as far as the certified bounds tell."""
+        return sum(s.success and s.mu.upper >= self.mu.lower for s in self.solves)
+
+    @property
+    def seconds(self) -> float:
+        """Median wall time of a solve."""
+        return median([s.seconds for s in self.solves if s.done] or [0.0])
+
+    @property
+    def failures(self) -> tuple[SolveRecord, ...]:
+        """The solves without a solution."""
+        return tuple(s for s in self.solves if not s.done)

@@ -1,0 +1,94 @@
+"""Solves over a Dask cluster (extra ``cluster``)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from typing import Any
+
+from nlpgrasp.errors import InputError, MissingExtraError, NlpgraspError
+from nlpgrasp.experiments.ask.experiment import SolveId
+from nlpgrasp.experiments.found.wording import one_line
+from nlpgrasp.experiments.run.work import Job, Outcome, work
+
+ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")
+REACHED = 10  # seconds to reach a scheduler
+AHEAD = 2  # solves a worker has waiting, so that it never waits for one
+LEAST_WINDOW = 4
+
+
+def connect(address: str) -> Any:
+    """Return a client of a Dask scheduler.
+
+    Raises
+    ------
+    MissingExtraError
+        Without the extra ``cluster``.
+    InputError
+        When no scheduler answers at the address.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise MissingExtraError("a Dask scheduler", "cluster") from None
+    allowed = "the address of a running Dask scheduler, such as tcp://host:8786"
+    if not isinstance(address, str) or not ADDRESS.fullmatch(address):
+        raise InputError("scheduler", address, allowed)
+    try:
+        return Client(address, timeout=REACHED, set_as_default=False)
+    except Exception as error:  # each kind of address fails in its own way
+        raise InputError("scheduler", f"{address} ({type(error).__name__}: nobody answers)", allowed) from None
+
+
+def run_cluster(
+    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], client: Any
+) -> Iterator[tuple[SolveId, Outcome]]:
+    """Yield each solve with its outcome as it is done, in any order.
+
+    A few solves a worker are submitted at a time. Those of a worker that ends are done again by others; one that ends
+    several workers has failed (Dask's ``allowed-failures``).
+    """
+    from distributed import as_completed
+
+    waiting = iter(solves)
+    under_way: dict[Any, SolveId] = {}
+    done = as_completed(loop=client.loop)
+
+    def submit() -> None:
+        while len(under_way) < _window(client):
+            solve = next(waiting, None)
+            if solve is None:
+                return
+            job = pack(solve)
+            future = client.submit(work, job, pure=False, key=f"nlpgrasp-{job.token}-{solve.seed}")
+            under_way[future] = solve
+            done.add(future)
+
+    try:
+        submit()
+        for future in done:
+            solve = under_way.pop(future)
+            yield solve, _outcome(future)
+            submit()
+    except (OSError, RuntimeError, KeyError, CancelledError) as error:  # as distributed says that nobody is there
+        raise ClusterLostError(f"the cluster was lost ({type(error).__name__})") from None
+
+
+def _window(client: Any) -> int:
+    """Return how many solves may be with the cluster: it may grow and shrink."""
+    return max(LEAST_WINDOW, AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]))
+
+
+class ClusterLostError(NlpgraspError):
+    """The scheduler went away while solves were under way."""
+
+
+def _outcome(future: Any) -> Outcome:
+    if future.status == "finished":
+        result: Outcome = future.result()
+        return result
+    error = future.exception() if future.status == "error" else None
+    if error is None:
+        raise ClusterLostError("the cluster lost a solve")
+    return Outcome(failure=one_line(error))

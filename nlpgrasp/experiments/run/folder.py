@@ -1,0 +1,183 @@
+"""The output folder of an experiment: one file a solve, written whole or not at all.
+
+``experiment.json`` is the plan, ``solves/`` holds a solution file for each finished solve, and for each that failed a
+small file that says why. Nothing here is executed when it is read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from nlpgrasp.common.files import write_text
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.ask.experiment import SolveId
+from nlpgrasp.experiments.found.wording import plain
+from nlpgrasp.experiments.run.plan import check_same, read_plan
+from nlpgrasp.solution.solution import GraspSolution
+
+try:
+    import fcntl
+except ImportError:  # not on Windows: two runs in one folder are then not kept apart
+    fcntl = None  # type: ignore[assignment]
+
+PLAN, SOLVES, LOCK = "experiment.json", "solves", ".lock"
+HASH = 16  # hexadecimal digits, in the names of files
+HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")
+FAILURE_SCHEMA = "nlpgrasp-failure/1"
+
+
+class Folder:
+    """The output folder, held by this process while it is open.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        if not isinstance(path, str | Path) or not str(path).strip() or "\0" in str(path):
+            raise InputError("out", path, "the path of a folder")
+        self.path = Path(path).absolute()
+        self._lock: Any = None
+
+    def open(self, plan: dict[str, Any], resume: bool) -> None:
+        """Take the folder for an experiment, making it where there is none.
+
+        Raises
+        ------
+        InputError
+            When it is no folder, cannot be written, holds another experiment or other files, is in use, or holds
+            this experiment and ``resume`` is false.
+        """
+        try:
+            self._open(plan, resume)
+        except OSError as error:
+            self.close()
+            raise InputError(f"out ({self.path})", error.strerror, "a folder that can be written") from None
+
+    def _open(self, plan: dict[str, Any], resume: bool) -> None:
+        path = self.path
+        if path.is_symlink() and not path.exists():
+            raise InputError(f"out ({path})", "a link to nothing", "a folder")
+        if path.exists() and not path.is_dir():
+            raise InputError(f"out ({path})", "a file", "a folder")
+        if not path.parent.is_dir():
+            raise InputError(f"out ({path})", f"no folder {path.parent}", "a folder in one that exists")
+        if (path / PLAN).is_file():
+            check_same(self.plan(), plan, str(path))
+            if not resume:
+                raise InputError(f"out ({path})", "results of this experiment", "--resume to go on, or another folder")
+        elif path.is_dir() and not all(self._own(p) for p in path.iterdir()):
+            raise InputError(f"out ({path})", "files that are no experiment's", "a new or empty folder")
+        path.mkdir(exist_ok=True)
+        self._hold()
+        write_text(path / PLAN, json.dumps(plan, indent=1) + "\n")
+        (path / SOLVES).mkdir(exist_ok=True)
+
+    @staticmethod
+    def _own(path: Path) -> bool:
+        """Return whether a run that ended before its plan was written may have left this."""
+        empty = path.name == SOLVES and path.is_dir() and not any(path.iterdir())
+        return empty or path.name == LOCK or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
+
+    def close(self) -> None:
+        """Let the folder go."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _hold(self) -> None:
+        """Keep other runs off; the system lets go when this process ends, however it ends."""
+        self._lock = (self.path / LOCK).open("w")
+        if fcntl is not None:
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                self.close()
+                raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own") from None
+
+    def plan(self) -> dict[str, Any]:
+        """Return the plan.
+
+        Raises
+        ------
+        InputError
+            When there is none.
+        """
+        file = self.path / PLAN
+        try:
+            text = file.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            raise InputError(str(self.path), f"no readable {PLAN}", "the folder of an experiment") from None
+        return read_plan(text, str(file))
+
+    def file(self, solve: SolveId) -> Path:
+        """Return where the solution of a solve is, or will be."""
+        return self.path / SOLVES / f"{_file_name(solve.variation)}--seed{solve.seed}.json"
+
+    def failure_file(self, solve: SolveId) -> Path:
+        """Return where it says why a solve failed."""
+        return self.file(solve).with_suffix(".failed.json")
+
+    def keep(self, solve: SolveId, text: str) -> None:
+        """Write the solution of a finished solve.
+
+        Raises
+        ------
+        InputError
+            When it cannot be written, for example because the disk is full.
+        """
+        write_text(self.file(solve), text)
+        with suppress(OSError):
+            self.failure_file(solve).unlink()
+
+    def keep_failure(self, solve: SolveId, message: str) -> None:
+        """Write why a solve failed."""
+        data = {"schema": FAILURE_SCHEMA, "variation": solve.variation, "seed": solve.seed, "message": message}
+        write_text(self.failure_file(solve), json.dumps(data, indent=1) + "\n")
+
+    def load(self, solve: SolveId) -> GraspSolution | None:
+        """Return the solution of a solve, or None where there is none.
+
+        Raises
+        ------
+        InputError
+            When the file is no solution, or not one of this solve.
+        """
+        file = self.file(solve)
+        if not file.exists():
+            return None
+        solution = GraspSolution.load(file)
+        if solution.solver.get("seed") != solve.seed:
+            raise InputError(f"{file}: solver.seed", solution.solver.get("seed"), str(solve.seed))
+        return solution
+
+    def failure(self, solve: SolveId) -> str | None:
+        """Return why a solve failed, or None where nothing says so."""
+        try:
+            data = json.loads(self.failure_file(solve).read_text(encoding="utf-8"))
+            return plain(str(data["message"])) or "failed"
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            return f"its failure file cannot be read: {type(error).__name__}"
+
+    def sweep(self) -> None:
+        """Remove what a run that was ended left half written."""
+        for stale in [*self.path.glob(".nlpgrasp-*.tmp"), *(self.path / SOLVES).glob(".nlpgrasp-*.tmp")]:
+            with suppress(OSError):
+                os.unlink(stale)
+
+
+def _file_name(name: str) -> str:
+    """Return a file name for a variation: readable, and another for another name on any file system."""
+    readable = re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.")[:60]
+    if readable == name and not HASHED.search(name):
+        return readable
+    return f"{readable}-{hashlib.sha256(name.encode()).hexdigest()[:HASH]}"

@@ -1,0 +1,87 @@
+"""What an output folder belongs to: the experiment as JSON data, compared before anything runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.ask.experiment import Experiment, check_names, check_seeds
+from nlpgrasp.experiments.found.wording import one_line, plain
+from nlpgrasp.solution.file import DEEPEST, depth
+from nlpgrasp.version import __version__
+
+PLAN_SCHEMA = "nlpgrasp-experiment/1"
+
+
+def plan_of(experiment: Experiment) -> dict[str, Any]:
+    """Return the experiment as JSON data: all that decides its results, and the version that ran it."""
+    variations = {
+        name: {"deferred": True} if experiment.deferred(name) else experiment.case(name).to_dict()
+        for name in experiment.names
+    }
+    plan = {
+        "schema": PLAN_SCHEMA,
+        "created_by": {"nlpgrasp": __version__},
+        "name": experiment.name,
+        "seeds": list(experiment.seeds),
+        "variations": variations,
+    }
+    return dict(json.loads(json.dumps(plan)))  # as it will be read
+
+
+def read_plan(text: str, where: str) -> dict[str, Any]:
+    """Return the plan of a JSON text.
+
+    Raises
+    ------
+    InputError
+        When it is none.
+    """
+    allowed = f"the plan of an experiment ({PLAN_SCHEMA})"
+    if depth(text) > DEEPEST:
+        raise InputError(where, f"nesting deeper than {DEEPEST}", allowed)
+    try:
+        plan = json.loads(text)
+        if plan["schema"] != PLAN_SCHEMA or not isinstance(plan["variations"], dict):
+            raise ValueError("another schema")
+        check_names(list(plan["variations"]))
+        check_seeds(plan["seeds"])
+        if not all(isinstance(v, dict) and isinstance(v.get("problem", {}), dict) for v in plan["variations"].values()):
+            raise ValueError("variations that are none")
+        plan["name"] = plain(str(plan.get("name", "")))
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise InputError(where, f"no plan ({one_line(error)})", allowed) from None
+    return dict(plan)
+
+
+def check_same(old: Mapping[str, Any], new: Mapping[str, Any], where: str) -> None:
+    """Refuse to go on with another experiment; variations and seeds may have been added.
+
+    Raises
+    ------
+    InputError
+        Naming what differs.
+    """
+    theirs, ours = old["variations"], new["variations"]
+    gone = [name for name in theirs if name not in ours]
+    changed = [name for name in theirs if name in ours and theirs[name] != ours[name]]
+    seeds = [seed for seed in old["seeds"] if seed not in new["seeds"]]
+    difference = None
+    if old.get("name") != new["name"]:
+        difference = f"the experiment {old.get('name')!r}"
+    elif gone:
+        difference = f"an experiment with a variation {gone[0]!r}"
+    elif changed:
+        parts = [k for k in ours[changed[0]] if theirs[changed[0]].get(k) != ours[changed[0]][k]]
+        parts += [p for p in ours[changed[0]].get("problem", {}) if _differs(theirs[changed[0]], ours[changed[0]], p)]
+        difference = f"an experiment whose variation {changed[0]!r} is another ({', '.join(parts)})"
+    elif seeds:
+        difference = f"an experiment with seed {seeds[0]}"
+    if difference is not None:
+        raise InputError(f"out ({where})", difference, "the folder of this experiment, or a new one")
+
+
+def _differs(one: Mapping[str, Any], other: Mapping[str, Any], part: str) -> bool:
+    return bool(one.get("problem", {}).get(part) != other["problem"][part])

@@ -1,0 +1,170 @@
+"""Run an experiment."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from nlpgrasp.common.validation import integer
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.ask.experiment import Experiment, SolveId
+from nlpgrasp.experiments.found.record import SolveRecord
+from nlpgrasp.experiments.found.result import ExperimentResult, read_records
+from nlpgrasp.experiments.found.wording import one_line
+from nlpgrasp.experiments.run.cluster import ClusterLostError, connect, run_cluster
+from nlpgrasp.experiments.run.folder import Folder
+from nlpgrasp.experiments.run.local import run_local
+from nlpgrasp.experiments.run.plan import plan_of
+from nlpgrasp.experiments.run.work import Outcome, Packer
+from nlpgrasp.solution.data import from_data
+from nlpgrasp.solve.workers.pool import cores
+
+Progress = Callable[[SolveRecord], None]
+
+
+def run_experiment(
+    experiment: Experiment,
+    out: str | Path,
+    *,
+    resume: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> ExperimentResult:
+    """Solve every variation with every seed; each finished solve is a file in ``out`` at once.
+
+    The same experiment gives the same grasps with any number of workers, on this machine or on a cluster.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    out : str or Path
+        Folder for the results: new or empty, or with ``resume`` the one of an earlier run of this experiment.
+    resume : bool
+        Do only what is missing: solves that are not done, that failed, or whose file cannot be read. Variations and
+        seeds may have been added since. A variation that is a function is compared by what it made then and makes now,
+        solve by solve.
+    workers : int, optional
+        Processes on this machine; one a core when left out.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers solve instead (extra ``cluster``).
+    progress : callable, optional
+        Called with the record of each solve: first those that earlier runs did, then each as it is done.
+
+    Returns
+    -------
+    ExperimentResult
+        Also after Ctrl-C and with failures: it lists them. What cannot be written ends the run and is listed.
+
+    Raises
+    ------
+    InputError
+        Before anything runs: an output folder that is in use, of another experiment or not to be written, a
+        scheduler that does not answer, variations that cannot be sent to workers.
+    MissingExtraError
+        For a scheduler without the extra ``cluster``.
+    """
+    if not isinstance(experiment, Experiment):
+        raise InputError("experiment", experiment, "an ng.Experiment")
+    if not isinstance(resume, bool):
+        raise InputError("resume", resume, "True or False")
+    if progress is not None and not callable(progress):
+        raise InputError("progress", progress, "a function of a SolveRecord")
+    if workers is not None:
+        if scheduler is not None:
+            raise InputError("workers", workers, "no number of workers with a scheduler: the cluster has its own")
+        workers = integer("workers", workers, at_least=1, at_most=1024)
+    place = Folder(out)
+    pack = Packer(experiment)
+    for name in experiment.names:
+        pack(SolveId(name, 0))  # refused now rather than hours later
+    client = None if scheduler is None else connect(scheduler)
+    try:
+        place.open(plan_of(experiment), resume)
+        run = _Run(experiment, place, progress)
+        solves = run.missing()
+        run.collect(
+            run_local(solves, pack, workers or cores()) if client is None else run_cluster(solves, pack, client)
+        )
+        return run.result()
+    finally:
+        place.close()
+        if client is not None:
+            client.close()
+
+
+@dataclass
+class _Run:
+    """What is known so far."""
+
+    experiment: Experiment
+    place: Folder
+    progress: Progress | None
+    records: dict[SolveId, SolveRecord] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def missing(self) -> list[SolveId]:
+        """Read what earlier runs have done; return the solves that are left."""
+        self.place.sweep()
+        known, self.notes = read_records(self.place, self.experiment.solves, self.place.plan())
+        done = {solve: record for solve, record in known.items() if record.done}
+        for solve, record in done.items():
+            self._record(solve, record)
+        return [solve for solve in self.experiment.solves if solve not in done]
+
+    def collect(self, outcomes: Iterator[tuple[SolveId, Outcome]]) -> None:
+        """Keep each outcome as it comes, until all are there, the user interrupts, or one cannot be written."""
+        with closing(outcomes):  # type: ignore[type-var]  # a generator
+            try:
+                for solve, outcome in outcomes:
+                    self._keep(solve, outcome)
+            except KeyboardInterrupt:
+                self.notes.append("Interrupted: go on with --resume.")
+            except (_NotWrittenError, ClusterLostError) as error:
+                self.notes.append(f"Stopped: {error}. What was written before is kept; go on with --resume.")
+
+    def result(self) -> ExperimentResult:
+        """Return the result so far."""
+        name = str(self.experiment.name)
+        return ExperimentResult.of(name, self.place, self.experiment.solves, self.records, self.notes)
+
+    def _keep(self, solve: SolveId, outcome: Outcome) -> None:
+        if outcome.interrupted:
+            return
+        record = self._read(solve, outcome)
+        try:
+            if record.done:
+                self.place.keep(solve, outcome.text)
+            else:
+                self.place.keep_failure(solve, record.failure)
+        except InputError as error:
+            self._record(solve, SolveRecord(solve.variation, solve.seed, failure=f"not written: {error}"))
+            raise _NotWrittenError(str(error)) from None
+        self._record(solve, record)
+
+    def _read(self, solve: SolveId, outcome: Outcome) -> SolveRecord:
+        """Return the record of an outcome; one of another problem than its variation's other solves is a failure."""
+        failure = outcome.failure
+        if outcome.text:
+            try:
+                solution = from_data(json.loads(outcome.text), str(solve))
+                record = SolveRecord.of(solve.variation, solve.seed, solution)
+            except InputError as error:
+                return SolveRecord(solve.variation, solve.seed, failure=one_line(error))
+            others = {r.asked for s, r in self.records.items() if s.variation == solve.variation and r.done}
+            if others <= {record.asked}:
+                return record
+            failure = "its function makes another problem than in an earlier run: use a new folder"
+        return SolveRecord(solve.variation, solve.seed, failure=failure)
+
+    def _record(self, solve: SolveId, record: SolveRecord) -> None:
+        self.records[solve] = record
+        if self.progress is not None:
+            self.progress(record)
+
+
+class _NotWrittenError(Exception):
+    """A result could not be written."""

@@ -1,0 +1,167 @@
+"""A fixed placement of contacts: contact frames, ``T_f``, ``B`` and the grasp map ``G = T_f B``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.spatial import coordinate_size, wrench_dimension, wrench_transform
+from nlpgrasp.common.validation import FloatArray, array, read_only
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+
+UNIT_TOLERANCE = 1e-6
+ROUNDING = 1e-15
+
+
+class Grasp:
+    """k contacts on a body (Definition 2-4).
+
+    Parameters
+    ----------
+    points : (k, 2) or (k, 3) array
+        Contact positions, metres, body frame.
+    normals : same shape
+        Unit normals pointing *into* the body; unit to 1e-6, then normalised exactly.
+    contacts : ContactModel or sequence of k of them
+        One model for all contacts, or one each.
+    torque_origin : (2,) or (3,) array, optional
+        Point about which moments are taken; the frame's origin when left out.
+    tangents : (k, 1, 2) or (k, 2, 3) array, optional
+        Unit tangents as rows; chosen when left out. Measures depend on them only where a line or rectangle of
+        contact has no direction of its own.
+
+    Raises
+    ------
+    InputError
+        On shapes that do not match, NaN, normals that are not unit (says by how much), or a line or rectangle of
+        contact without a direction.
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        contacts: ContactModel | Sequence[ContactModel],
+        torque_origin: ArrayLike | None = None,
+        tangents: ArrayLike | None = None,
+    ) -> None:
+        p = array("Grasp.points", points, (None, None))
+        k, space = p.shape
+        if space not in (2, 3) or k < 1:
+            raise InputError("Grasp.points", f"shape {p.shape}", "shape (k, 2) or (k, 3) with at least one contact")
+        n = array("Grasp.normals", normals, (k, space))
+        n = unit_normals("Grasp.normals", n)
+        models = contact_models("Grasp.contacts", contacts, k, space)
+        origin = np.zeros(space) if torque_origin is None else array("Grasp.torque_origin", torque_origin, (space,))
+        if tangents is None:
+            t = np.concatenate([m.tangents(n[i : i + 1]) for i, m in enumerate(models)])
+        else:
+            t = array("Grasp.tangents", tangents, (k, space - 1, space))
+        frames = np.concatenate([n[:, None, :], t], axis=1)
+        error = float(np.max(np.abs(frames @ frames.transpose(0, 2, 1) - np.eye(space))))
+        if error > UNIT_TOLERANCE:
+            raise InputError("Grasp.tangents", f"frames off orthonormal by {error:.3g}", "orthonormal contact frames")
+        self.points = read_only(p)
+        self.normals = read_only(n)
+        self.tangents = read_only(t)
+        self.contacts: tuple[ContactModel, ...] = models
+        self.torque_origin = read_only(origin)
+
+    @property
+    def space(self) -> int:
+        """2 for a planar grasp, 3 for a spatial one."""
+        return int(self.points.shape[1])
+
+    @property
+    def dimension(self) -> int:
+        """Dimension d of wrench space: 3 or 6."""
+        return wrench_dimension(self.space)
+
+    @property
+    def frames(self) -> FloatArray:
+        """Contact frames, (k, space, space): axes as columns, normal first."""
+        return np.concatenate([self.normals[:, :, None], self.tangents.transpose(0, 2, 1)], axis=2)
+
+    @property
+    def mean_arm(self) -> float:
+        """Root mean square distance of the contacts from the torque origin, metres; 1 where they are all there."""
+        return float(np.sqrt(np.mean(np.sum((self.points - self.torque_origin) ** 2, axis=1)))) or 1.0
+
+    @cached_property
+    def T_f(self) -> FloatArray:
+        """Wrench transformation matrix (2.3-6), (d, k d): where the contacts are."""
+        size = coordinate_size(self.points, self.torque_origin)
+        return np.concatenate(list(wrench_transform(self.points - self.torque_origin, self.frames, size)), axis=1)
+
+    @cached_property
+    def B(self) -> FloatArray:
+        """Constraint matrix (2.3-7), (k d, n), block diagonal: what the contacts are."""
+        blocks = [c.basis(self.space) for c in self.contacts]
+        result = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
+        row = column = 0
+        for block in blocks:
+            result[row : row + block.shape[0], column : column + block.shape[1]] = block
+            row += block.shape[0]
+            column += block.shape[1]
+        return result
+
+    @cached_property
+    def G(self) -> FloatArray:
+        """Grasp map (2.2-3), (d, n): contact-frame force components to body wrenches."""
+        return read_only(self.T_f @ self.B)
+
+    def contact_wrenches(self, x: FloatArray) -> FloatArray:
+        """Return force and moment of each finger in the body frame, moments about the contact point.
+
+        Parameters
+        ----------
+        x : (n,) array
+            Force components in the contact frames, as ``finger_forces`` returns them.
+
+        Returns
+        -------
+        (k, d) array
+        """
+        local = (self.B @ x).reshape(len(self), self.dimension)
+        return np.asarray(np.einsum("kij,kj->ki", wrench_transform(np.zeros_like(self.points), self.frames), local))
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(c.kind for c in self.contacts)
+        return f"Grasp({len(self)} contacts: {kinds}; torque_origin={self.torque_origin.tolist()})"
+
+    def __len__(self) -> int:
+        return int(self.points.shape[0])
+
+
+def contact_models(field: str, contacts: Any, k: int, space: int) -> tuple[ContactModel, ...]:
+    """Return k contact models that exist in this space, from one or k of them."""
+    try:
+        models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
+    except TypeError:
+        raise InputError(field, contacts, f"one contact model, or {k} of them") from None
+    if len(models) != k or not all(isinstance(m, ContactModel) for m in models):
+        raise InputError(field, f"{len(models)} entries", f"one contact model, or {k} of them")
+    for model in models:
+        model.components(space)
+    return models
+
+
+def unit_normals(field: str, normals: FloatArray) -> FloatArray:
+    """Return normals (..., space) normalised exactly; those that are not unit to 1e-6 are refused."""
+    length = np.linalg.norm(normals, axis=-1)
+    off = np.abs(length - 1.0)
+    if off.size and np.max(off) > UNIT_TOLERANCE:
+        where = np.unravel_index(int(np.argmax(off)), off.shape)
+        place = f"contact {where[-1]}" + (f" of grasp {where[0]}" if len(where) > 1 else "")
+        raise InputError(
+            field,
+            f"length {length[where]:.9g} at {place} (off by {length[where] - 1.0:+.3g})",
+            "unit vectors (to 1e-6)",
+        )
+    # normalising twice could change a last digit, and files must round-trip: leave what is unit to rounding
+    return np.asarray(normals / np.where(off <= ROUNDING, 1.0, length)[..., None])

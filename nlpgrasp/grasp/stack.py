@@ -1,0 +1,91 @@
+"""Many grasps at once: the same contact models at other places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.spatial import coordinate_size, wrench_dimension, wrench_transform
+from nlpgrasp.common.validation import FloatArray, array, read_only
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp, contact_models, unit_normals
+
+
+class GraspStack:
+    """b grasps with the same k contact models; a sequence of ``Grasp``.
+
+    Parameters
+    ----------
+    points : (b, k, 2) or (b, k, 3) array
+        Contact positions, metres, body frame.
+    normals : same shape
+        Unit normals pointing *into* the body; unit to 1e-6, then normalised exactly.
+    contacts : ContactModel or sequence of k of them
+        One model for all contacts, or one each.
+    torque_origin : (2,) or (3,) array, optional
+        Point about which moments are taken; the frame's origin when left out.
+
+    Raises
+    ------
+    InputError
+        On shapes that do not match, NaN, or normals that are not unit (says by how much).
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        contacts: ContactModel | Sequence[ContactModel],
+        torque_origin: ArrayLike | None = None,
+    ) -> None:
+        p = array("GraspStack.points", points, (None, None, None))
+        b, k, space = p.shape
+        if space not in (2, 3) or k < 1:
+            raise InputError("GraspStack.points", f"shape {p.shape}", "shape (b, k, 2) or (b, k, 3), k at least 1")
+        n = array("GraspStack.normals", normals, (b, k, space))
+        models = contact_models("GraspStack.contacts", contacts, k, space)
+        origin = (
+            np.zeros(space) if torque_origin is None else array("GraspStack.torque_origin", torque_origin, (space,))
+        )
+        self.points = read_only(p)
+        self.normals = read_only(unit_normals("GraspStack.normals", n))
+        self.contacts: tuple[ContactModel, ...] = models
+        self.torque_origin = read_only(origin)
+        tangents = [m.tangents(self.normals[:, i]) for i, m in enumerate(models)]
+        self.tangents = read_only(np.stack(tangents, axis=1))  # (b, k, space - 1, space), unit rows
+
+    @property
+    def space(self) -> int:
+        """2 for planar grasps, 3 for spatial ones."""
+        return int(self.points.shape[2])
+
+    @property
+    def dimension(self) -> int:
+        """Dimension d of wrench space: 3 or 6."""
+        return wrench_dimension(self.space)
+
+    @cached_property
+    def G(self) -> FloatArray:
+        """Grasp maps (2.2-3), (b, d, n)."""
+        frames = np.concatenate([self.normals[:, :, None, :], self.tangents], axis=2).transpose(0, 1, 3, 2)
+        size = coordinate_size(self.points, self.torque_origin)[..., None]
+        full = wrench_transform(self.points - self.torque_origin, frames, size)
+        maps = [full[:, i] @ model.basis(self.space) for i, model in enumerate(self.contacts)]
+        return read_only(np.concatenate(maps, axis=2))
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(c.kind for c in self.contacts)
+        return f"GraspStack({len(self)} grasps of {len(self.contacts)} contacts: {kinds})"
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, index: int) -> Grasp:
+        return Grasp(self.points[index], self.normals[index], self.contacts, self.torque_origin, self.tangents[index])
+
+    def __iter__(self) -> Iterator[Grasp]:
+        return (self[i] for i in range(len(self)))

@@ -1,0 +1,1 @@
+"""Links as spheres: fitted, kept apart."""

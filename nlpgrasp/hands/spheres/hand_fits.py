@@ -1,0 +1,64 @@
+"""Spheres for all links of a hand, with room for its fingertips to touch."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.spheres.link_spheres import SphereFit, fit_spheres, surface_points
+from nlpgrasp.hands.spheres.shapes import Shape
+from nlpgrasp.hands.tips import Tip
+from nlpgrasp.hands.urdf.link_tree import LinkTree
+from nlpgrasp.hands.urdf.robot import Robot
+
+WORTH_A_WARNING = 6e-4  # metres that a link may be deep in the body
+PALM_SHARE = 5  # the palm is broad: it gets so many times the spheres of a finger's link
+
+
+def fits_of(robot: Robot, per_link: int) -> dict[str, SphereFit]:
+    """Return spheres around each link that has a collision shape, at most so many (more for the palm)."""
+    result = {}
+    known: dict[tuple[bytes, int], SphereFit] = {}
+    for link, shapes in robot.shapes.items():
+        most = (PALM_SHARE if link == robot.root else 1) * per_link
+        key = (b"".join(shape.fingerprint for shape in shapes), most)  # fingers are often alike
+        if key not in known:
+            known[key] = fit_spheres(shapes, most)
+        result[link] = known[key]
+    return result
+
+
+def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: float) -> dict[str, SphereFit]:
+    """Return the spheres, those fixed to a fingertip as small as lets it touch, those inside one left out."""
+    result = {}
+    for link, fit in whole.items():
+        beside: list[tuple[FloatArray, Tip]] = []
+        for other, tip in tree.tips:
+            transform = tree.rigid(link, other)
+            if transform is not None:
+                there = fit.centres @ transform[:3, :3].T + transform[:3, 3]
+                inside = np.linalg.norm(there - tip.centre, axis=1) + fit.radii <= tip.standoff * (1.0 + 1e-6)
+                fit = fit.limited(tip.most_radius(there) - clearance, inside)
+                beside.append((transform, tip))
+        if beside:
+            fit = replace(fit, uncovered=_uncovered(tree.robot.shapes[link], fit, beside))
+            if fit.uncovered > WORTH_A_WARNING:
+                deep = f"{1e3 * fit.uncovered:.1f} mm"
+                text = f"link {link} is thicker than its fingertip: it may be {deep} deep in the body beside a contact"
+                warnings.warn(text, UserWarning, stacklevel=2)
+        if len(fit.radii):
+            result[link] = fit
+    return result
+
+
+def _uncovered(shapes: Sequence[Shape], fit: SphereFit, beside: Sequence[tuple[FloatArray, Tip]]) -> float:
+    """Return how far the shapes stick out of the spheres and of the solids of the fingertips."""
+    points, _ = surface_points(shapes, np.random.default_rng(0))
+    gaps = [tip.beyond(points @ T[:3, :3].T + T[:3, 3]) for T, tip in beside]
+    if len(fit.radii):
+        gaps.append(np.min(np.linalg.norm(points[:, None] - fit.centres, axis=2) - fit.radii, axis=1))
+    return max(0.0, float(np.max(np.min(gaps, axis=0))))

@@ -1,0 +1,207 @@
+"""Spheres that enclose a link's collision shapes, with a stated error.
+
+A sphere around an inner point whose depth below the surface is ``d`` with radius ``d + e`` reaches at most ``e``
+beyond the shape. Among many such spheres the fewest that cover the surface are chosen greedily; the error e
+grows until they are few enough. So nothing of the link sticks out of its spheres, and they reach at most
+``error`` beyond it: a clearance kept by the spheres is kept by the link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.spheres.shapes import Shape
+
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+SURFACE, INSIDE = 900, 400  # samples a link
+SWEEPS = 30
+INSETS = (1.0, 1.3, 1.7, 2.2)  # of half a cell: how far the outer spheres are from the ends
+FIRST_ERROR, GROWTH = 0.05, 1.25  # first error, of the link's size; its growth
+MARGIN = 0.25  # of the samples' spacing, kept at each sample for what is between them
+
+
+@dataclass(frozen=True)
+class SphereFit:
+    """Spheres of one link, in its frame.
+
+    Parameters
+    ----------
+    centres : (m, 3) array
+    radii : (m,) array
+    error : float
+        Farthest that the spheres reach beyond the collision shapes, metres.
+    uncovered : float
+        How far the shapes stick out of spheres and fingertips where spheres were made smaller for a fingertip's
+        sake, metres: the link may be as deep in the body there.
+    """
+
+    centres: FloatArray
+    radii: FloatArray
+    error: float
+    uncovered: float = 0.0
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the number of spheres and how closely they fit, metres."""
+        return {"count": len(self.radii), "error": self.error, "uncovered": self.uncovered}
+
+    def limited(self, most: FloatArray, inside: BoolArray) -> SphereFit:
+        """Return the spheres no larger than ``most`` (m,), without those that are ``inside`` (m,) a fingertip."""
+        radii = np.minimum(self.radii, most)
+        kept = (radii > 0.0) & ~inside
+        return SphereFit(self.centres[kept], radii[kept], self.error, self.uncovered)
+
+
+def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
+    """Return at most ``most`` spheres around the shapes of one link (one a shape where all are spheres)."""
+    if all(s.centre is not None for s in shapes):
+        return SphereFit(np.array([s.centre for s in shapes]), np.array([s.radius for s in shapes]), 0.0)
+    return min((_chosen(shapes, most), _regular(shapes, most)), key=lambda fit: fit.error)
+
+
+def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
+    """Return spheres chosen among many, each moved to where it covers its share best."""
+    rng = np.random.default_rng(0)
+    surface, spacing = surface_points(shapes, rng)
+    inner, depth = _inside(shapes, rng)
+    if not len(inner):
+        return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)  # a flat shape: the regular arrangement will do
+    size = float(np.linalg.norm(np.ptp(surface, axis=0)))
+    margin = MARGIN * spacing
+    apart = np.linalg.norm(inner[:, None] - surface[None], axis=2) + margin
+    error = FIRST_ERROR * size
+    while True:
+        chosen = _cover(apart <= (depth + error)[:, None], most)
+        if chosen is not None:
+            break
+        error *= GROWTH
+    best, reach = _improved(apart, depth, chosen)
+    kept = reach > 0.0
+    return SphereFit(inner[best][kept], reach[kept], float(np.max((reach - depth[best])[kept], initial=0.0)))
+
+
+def _regular(shapes: Sequence[Shape], most: int) -> SphereFit:
+    """Return the best regular arrangement of spheres in the box around the shapes: best for boxes and fingers."""
+    surface, spacing = surface_points(shapes, np.random.default_rng(0))
+    low, high = surface.min(axis=0), surface.max(axis=0)
+    best: SphereFit | None = None
+    for counts in _arrangements(most):
+        for inset in INSETS:
+            half = (high - low) / 2.0 / np.array(counts)
+            ends = np.minimum((high - low) / 2.0, np.where(np.array(counts) > 1, inset * half, (high - low) / 2.0))
+            axes = [np.linspace(low[a] + ends[a], high[a] - ends[a], counts[a]) for a in range(3)]
+            centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+            apart = np.linalg.norm(centres[:, None] - surface[None], axis=2) + MARGIN * spacing
+            radius = float(np.max(np.min(apart, axis=0)))
+            owner = np.argmin(apart, axis=0)
+            radii = np.array([np.max(apart[i][owner == i], initial=0.0) for i in range(len(centres))])
+            if best is None or radius < float(np.max(best.radii)):
+                best = SphereFit(centres[radii > 0.0], radii[radii > 0.0], 0.0)
+    if best is None:
+        return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)
+    depth = np.max([s.depth(best.centres) for s in shapes], axis=0)
+    return replace(best, error=float(np.max(best.radii - depth)))
+
+
+def _arrangements(most: int) -> list[tuple[int, int, int]]:
+    """Return numbers of spheres along three axes, together at most ``most`` and at least half of it."""
+    return [
+        (a, b, c)
+        for a in range(1, most + 1)
+        for b in range(1, most // a + 1)
+        for c in range(1, most // (a * b) + 1)
+        if 2 * a * b * c >= most
+    ]
+
+
+def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
+    """Move each sphere to where it covers its own samples with the least error; return centres and radii."""
+    best = np.array(chosen)
+    radii = np.zeros(len(best))
+    least = np.inf
+    centres = best
+    for _ in range(SWEEPS):
+        owner = np.argmin(apart[centres] - depth[centres][:, None], axis=0)
+        moved, reach = centres.copy(), np.zeros(len(centres))
+        for i in range(len(centres)):
+            own = owner == i
+            if own.any():
+                farthest = np.max(apart[:, own], axis=1)
+                moved[i] = int(np.argmin(farthest - depth))
+                reach[i] = farthest[moved[i]]
+        error = float(np.max(np.where(reach > 0.0, reach - depth[moved], -np.inf)))
+        if error >= least:
+            break
+        best, radii, least, centres = moved, reach, error, moved
+    return best, radii
+
+
+def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """Return samples of the union's surface with the shapes' corners, and their spacing."""
+    area = sum(float(s.mesh.area) for s in shapes)
+    points = []
+    for shape in shapes:
+        count = max(int(SURFACE * shape.mesh.area / area), 20)
+        own = np.concatenate([trimesh.sample.sample_surface(shape.mesh, count, seed=rng)[0], shape.mesh.vertices[:200]])
+        inside = np.zeros(len(own), dtype=bool)
+        for other in shapes:
+            if other is not shape:
+                inside |= other.depth(own) > 1e-9
+        points.append(own[~inside])
+    return np.concatenate(points), float(np.sqrt(area / SURFACE))
+
+
+def _inside(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return points inside the union and how deep, those half way between opposite sides among them."""
+    points = []
+    for shape in shapes:
+        mesh = shape.mesh
+        low, high = mesh.bounds
+        box = rng.uniform(low, high, (INSIDE, 3))
+        start, triangles = trimesh.sample.sample_surface(mesh, INSIDE // 2, seed=rng)
+        inward = -mesh.face_normals[triangles]
+        thick = np.linspace(0.05, 1.0, 12) * np.max(high - low) / 2.0
+        deep = start[:, None] + thick[None, :, None] * inward[:, None]
+        depths = shape.depth(deep.reshape(-1, 3)).reshape(len(start), -1)
+        middle = deep[np.arange(len(start)), np.argmax(depths, axis=1)]
+        points += [box, middle]
+        points.append(mesh.bounds.mean(axis=0)[None] if shape.centre is None else shape.centre[None])
+        points.append(_axis_points(mesh))
+    every = np.concatenate(points)
+    depth = np.max([s.depth(every) for s in shapes], axis=0)
+    good = depth > 0.0
+    every, depth = every[good], depth[good]
+    order = np.argsort(-depth)[: 2 * INSIDE]
+    return every[order], depth[order]
+
+
+def _axis_points(mesh: trimesh.Trimesh) -> FloatArray:
+    """Return points along the middle of the longest side: where a finger's spheres are best."""
+    low, high = mesh.bounds
+    t = np.linspace(0.0, 1.0, 41)[:, None]
+    middle = np.repeat(((low + high) / 2.0)[None], len(t), axis=0)
+    axis = int(np.argmax(high - low))
+    middle[:, axis] = (low + t * (high - low))[:, axis]
+    return middle
+
+
+def _cover(covers: FloatArray, most: int) -> list[int] | None:
+    """Return a greedy set cover of all columns by at most ``most`` rows, or None."""
+    chosen: list[int] = []
+    left = np.ones(covers.shape[1], dtype=bool)
+    while left.any():
+        if len(chosen) == most:
+            return None
+        gains = covers[:, left].sum(axis=1)
+        best = int(np.argmax(gains))
+        if gains[best] == 0:
+            return None
+        chosen.append(best)
+        left &= ~covers[best]
+    return chosen

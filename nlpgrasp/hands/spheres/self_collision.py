@@ -1,0 +1,57 @@
+"""Which spheres of a hand can get into each other's way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.common.rows import LinkSphere, Row
+from nlpgrasp.hands.spheres.link_spheres import SphereFit
+from nlpgrasp.hands.urdf.link_tree import LinkTree
+
+SAMPLES = 1500
+ALWAYS = 0.95  # links that collide in this share of positions do so by construction
+NEVER = 0.002  # spheres that meet in fewer than this are not watched
+
+
+def colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple[str, str]]:
+    """Return the pairs of spheres, as ``"link/number"``, that meet in some random joint positions.
+
+    Neighbours in the chain are left out, as are links that overlap in nearly all positions.
+    """
+    robot, names, limits = tree.robot, tree.used_links, tree.joint_limits
+    rng = np.random.default_rng(0)
+    joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
+    poses = np.asarray(tree.link_function.map(SAMPLES)(joints.T).full()).reshape(4, SAMPLES, len(names), 4)
+    centres = {}
+    for name, fit in fits.items():
+        pose = poses[:3, :, names.index(name)]  # (3, samples, 4)
+        centres[name] = np.einsum("xsa,ma->smx", pose[..., :3], fit.centres) + pose[..., 3].T[:, None]
+    groups = robot.rigid_groups
+    result = []
+    for a, b in combinations(fits, 2):
+        if groups[a] == groups[b] or robot.adjacent(a, b):
+            continue
+        apart = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
+        meet = apart < fits[a].radii[:, None] + fits[b].radii
+        if np.mean(meet.any(axis=(1, 2))) > ALWAYS:
+            continue
+        for i, j in zip(*np.nonzero(meet.mean(axis=0) > NEVER), strict=True):
+            result.append((f"{a}/{i}", f"{b}/{j}"))
+    return result
+
+
+def apart(pairs: Sequence[tuple[str, str]], spheres: Sequence[LinkSphere], span: float) -> list[Row]:
+    """Return one row a pair: the spheres do not overlap; ``span`` is the hand's size, metres, for scaling."""
+    by_name = {s.name: s for s in spheres}
+    rows = []
+    for first, second in pairs:
+        if first not in by_name or second not in by_name:
+            continue  # made so small for a fingertip that nothing is left
+        a, b = by_name[first], by_name[second]
+        name, least = f"self-collision, {first} and {second}", (a.radius + b.radius) ** 2
+        rows.append(Row(name, ca.sumsqr(a.centre - b.centre), least, scale=span**2, unit="m2"))
+    return rows

@@ -1,0 +1,79 @@
+"""Collision shapes of links, as surface samples and signed distances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import igl
+import numpy as np
+import trimesh
+
+from nlpgrasp.common.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A collision shape in its link's frame.
+
+    Parameters
+    ----------
+    kind : {"sphere", "cylinder", "capsule", "box", "mesh"}
+    mesh : trimesh.Trimesh
+        The surface, metres, link frame; for spheres and cylinders a polyhedron around the exact surface.
+    centre, radius : (3,) array and float, optional
+        Of a sphere.
+    """
+
+    kind: str
+    mesh: trimesh.Trimesh
+    centre: FloatArray | None = None
+    radius: float = 0.0
+
+    @classmethod
+    def sphere(cls, radius: float, pose: FloatArray) -> Shape:
+        """Return a sphere at a pose (4, 4)."""
+        mesh = trimesh.creation.icosphere(subdivisions=3)
+        mesh.apply_scale(radius)
+        mesh.apply_transform(pose)
+        return cls("sphere", mesh, pose[:3, 3].copy(), radius)
+
+    @classmethod
+    def cylinder(cls, radius: float, length: float, pose: FloatArray) -> Shape:
+        """Return a cylinder along z at a pose (4, 4), of 32 sides that enclose the exact one."""
+        sides = 32
+        mesh = trimesh.creation.cylinder(1.0, 1.0, sections=sides)  # of unit size: trimesh merges close vertices
+        around = radius / np.cos(np.pi / sides)
+        mesh.apply_scale([around, around, length])
+        mesh.apply_transform(pose)
+        return cls("cylinder", mesh)
+
+    @classmethod
+    def capsule(cls, radius: float, length: float, pose: FloatArray) -> Shape:
+        """Return a capsule along z at a pose (4, 4); ``length`` is without the round ends."""
+        mesh = trimesh.creation.capsule(height=length / radius, radius=1.0)
+        mesh.apply_scale(radius)
+        mesh.apply_transform(pose)
+        return cls("capsule", mesh)
+
+    @classmethod
+    def box(cls, size: FloatArray, pose: FloatArray) -> Shape:
+        """Return a box at a pose (4, 4)."""
+        return cls("box", trimesh.creation.box(size, transform=pose))
+
+    @property
+    def fingerprint(self) -> bytes:
+        """The same for shapes that are alike."""
+        return np.asarray(self.mesh.vertices, dtype=float).round(9).tobytes()
+
+    def depth(self, points: FloatArray) -> FloatArray:
+        """Return how deep points (m, 3) are inside, metres, negative outside."""
+        if self.centre is not None:
+            return np.asarray(self.radius - np.linalg.norm(points - self.centre, axis=1))
+        return -signed_distance(self.mesh, points)
+
+
+def signed_distance(mesh: trimesh.Trimesh, points: FloatArray) -> FloatArray:
+    """Return the signed distance of points (m, 3) to a mesh, negative inside."""
+    vertices, faces = np.ascontiguousarray(mesh.vertices, dtype=float), np.ascontiguousarray(mesh.faces)
+    kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+    return np.asarray(igl.signed_distance(np.ascontiguousarray(points, dtype=float), vertices, faces, kind)[0])

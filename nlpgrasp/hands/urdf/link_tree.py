@@ -1,0 +1,204 @@
+"""Where the links of a robot are: as CasADi expressions and as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.rows import PalmPose
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.tips import Tip
+from nlpgrasp.hands.urdf.kinematics import link_poses, rotation_of
+from nlpgrasp.hands.urdf.robot import Robot
+
+Expression = Any  # casadi.SX
+COMPILED = ("link_function", "contact_function", "_tip_function")
+MIDDLE = (0.1, 0.7)  # share of the joint ranges that random starts are drawn from
+
+
+class LinkTree:
+    """The links of a robot that have a fingertip or a collision shape, with their kinematics.
+
+    Parameters
+    ----------
+    robot : Robot
+    tips : sequence of (str, Tip)
+        Link and patch of each contact.
+    approach : (3,) array
+        Unit direction in which the palm faces, palm frame.
+    """
+
+    def __init__(self, robot: Robot, tips: Sequence[tuple[str, Tip]], approach: FloatArray) -> None:
+        self.robot = robot
+        self.tips = tuple(tips)
+        self.approach = approach
+
+    @property
+    def joint_limits(self) -> FloatArray:
+        """Lower and upper limits of the free joints, (2, m), those of joints that follow them included."""
+        return np.array([ends[:2] for ends in self.robot.ranges.values()], dtype=float).T
+
+    def joint_positions(self, joints: FloatArray) -> dict[str, float]:
+        """Return every moving joint's position by name, for positions of the free joints (m,)."""
+        index = {j.name: i for i, j in enumerate(self.robot.free_joints)}
+        result = {}
+        for joint in self.robot.joints:
+            if joint.moves:
+                driver, multiplier, offset = self.robot.follows(joint)
+                result[joint.name] = float(multiplier * joints[index[driver]] + offset)
+        return result
+
+    def palm(self, variables: dict[str, Expression]) -> PalmPose:
+        """Return the palm's pose in the body's frame."""
+        rotation = rotation_of(variables["palm_quaternion"])
+        return PalmPose(variables["palm_position"], rotation, ca.mtimes(rotation, ca.DM(self.approach)))
+
+    def poses(self, variables: dict[str, Expression]) -> dict[str, Expression]:
+        """Return the links' poses in the body's frame."""
+        palm = self.palm(variables)
+        base = ca.vertcat(ca.horzcat(palm.rotation, palm.position), ca.SX([[0.0, 0.0, 0.0, 1.0]]))
+        found = self.link_function(variables["joints"])
+        return {name: ca.mtimes(base, pose) for name, pose in zip(self.used_links, ca.horzsplit(found, 4), strict=True)}
+
+    def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return the used links' poses in the body's frame, (4, 4), for values of the hand's variables."""
+        base = np.eye(4)
+        base[:3, :3] = Rotation.from_quat(values["palm_quaternion"], scalar_first=True).as_matrix()
+        base[:3, 3] = values["palm_position"]
+        found = np.asarray(self.link_function(values["joints"]).full())
+        return {name: base @ found[:, 4 * i : 4 * i + 4] for i, name in enumerate(self.used_links)}
+
+    def tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
+        """Return link, patch and the patch's own coordinate, if any, of each contact."""
+        slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
+        return [(link, tip, next(slides) if tip.slides else None) for link, tip in self.tips]
+
+    def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
+        """Return the centres of round fingertips in the body's frame, None for the others."""
+        poses = self.poses(variables)
+        return [tip.ball_centre(poses[link], slide) for link, tip, slide in self.tips_with_slides(variables)]
+
+    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
+        """Return the fingertips' centres in the body's frame."""
+        poses = self.poses(variables)
+        found = zip(self.tips, self.tip_centres(variables), strict=True)
+        return [
+            poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(tip.centre)) if centre is None else centre
+            for (link, tip), centre in found
+        ]
+
+    def rigid(self, link: str, other: str) -> FloatArray | None:
+        """Return the transform from a link's frame to another's that is fixed to it, or None."""
+        poses = np.asarray(self.link_function(np.zeros(len(self.robot.free_joints))).full())
+        groups = self.robot.rigid_groups
+        if groups[link] != groups[other]:
+            return None
+        a, b = (poses[:, 4 * i : 4 * i + 4] for i in (self.used_links.index(link), self.used_links.index(other)))
+        return np.asarray(np.linalg.inv(b) @ a)
+
+    @cached_property
+    def loaded_joints(self) -> tuple[str, ...]:
+        """Names of the free joints that move some contact."""
+        moving = [joint for link, _ in self.tips for joint in self.robot.chain(link) if joint.moves]
+        drivers = {self.robot.follows(joint)[0] for joint in moving}
+        return tuple(j.name for j in self.robot.free_joints if j.name in drivers)
+
+    def contact_motion(
+        self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
+    ) -> list[tuple[Expression, Expression]]:
+        """Return velocity and angular velocity, body frame, of contact points fixed to their links.
+
+        Parameters
+        ----------
+        variables : dict
+        rates : (m,) expression
+            Of the loaded joints.
+        points : sequence of k (3,) expressions
+            Metres, body frame.
+        """
+        palm, q = self.palm(variables), variables["joints"]
+        every = ca.SX(len(self.robot.free_joints), 1)
+        for j, joint in enumerate(self.robot.free_joints):
+            if joint.name in self.loaded_joints:
+                every[j] = rates[self.loaded_joints.index(joint.name)]
+        found = self.link_function(q)
+        poses, changes = (ca.horzsplit(m, 4) for m in (found, ca.jtimes(found, q, every)))
+        result = []
+        for (link, _), point in zip(self.tips, points, strict=True):
+            where = self.used_links.index(link)
+            pose, change = poses[where], changes[where]
+            local = ca.mtimes(pose[:3, :3].T, ca.mtimes(palm.rotation.T, point - palm.position) - pose[:3, 3])
+            spin = ca.mtimes(change[:3, :3], pose[:3, :3].T)
+            velocity = ca.mtimes(change[:3, :3], local) + change[:3, 3]
+            angular = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
+            result.append((ca.mtimes(palm.rotation, velocity), ca.mtimes(palm.rotation, angular)))
+        return result
+
+    @cached_property
+    def contact_function(self) -> ca.Function:
+        """Palm position, quaternion, joints and contact points (3, k) to Jacobians, one below the other, (6 k, m)."""
+        variables = {"palm_position": ca.SX.sym("t", 3), "palm_quaternion": ca.SX.sym("r", 4)}
+        variables["joints"] = ca.SX.sym("q", len(self.robot.free_joints))
+        rates, points = ca.SX.sym("rates", len(self.loaded_joints)), ca.SX.sym("p", 3, len(self.tips))
+        motion = self.contact_motion(variables, rates, ca.horzsplit(points))
+        both = ca.vertcat(*[part for pair in motion for part in pair])
+        return ca.Function("contacts", [*variables.values(), points], [ca.jacobian(both, rates)], {"cse": True})
+
+    @cached_property
+    def span(self) -> float:
+        """Farthest that a fingertip gets from the palm's origin, metres (of 500 random joint positions)."""
+        rng = np.random.default_rng(0)
+        lower, upper = self.joint_limits
+        tips = self.palm_tips(rng.uniform(lower, upper, (500, len(lower))))
+        return float(np.max(np.linalg.norm(tips, axis=2)))
+
+    def palm_tips(self, joints: FloatArray) -> FloatArray:
+        """Return the fingertips' centres in the palm's frame for joint positions (b, m), (b, k, 3)."""
+        found = self._tip_function.map(len(joints))(joints.T)
+        return np.asarray(found.full()).T.reshape(len(joints), len(self.tips), 3)
+
+    def draw(
+        self, count: int, around: FloatArray, rng: np.random.Generator
+    ) -> tuple[dict[str, FloatArray], FloatArray]:
+        """Return random palm orientations and joint positions, the fingertips' middle at the points given."""
+        lower, upper = self.joint_limits
+        shares = rng.uniform(*MIDDLE, (count, len(lower)))
+        joints = lower + shares * (upper - lower)
+        rotations = Rotation.random(count, rng=rng)
+        tips = np.einsum("bij,bkj->bki", rotations.as_matrix(), self.palm_tips(joints))
+        position = around - tips.mean(axis=1)
+        quaternion = rotations.as_quat(scalar_first=True)
+        values = {"palm_position": position, "palm_quaternion": quaternion, "joints": joints}
+        slides = sum(tip.slides for _, tip in self.tips)
+        if slides:
+            values["slides"] = np.full((count, slides), 0.5)
+        return values, position[:, None] + tips
+
+    @cached_property
+    def used_links(self) -> tuple[str, ...]:
+        """The links that are looked at, parents first."""
+        used = {link for link, _ in self.tips} | set(self.robot.shapes)
+        return tuple(link for link in self.robot.links if link in used)
+
+    @cached_property
+    def link_function(self) -> ca.Function:
+        """Joints to the used links' poses in the palm's frame, side by side."""
+        q = ca.SX.sym("q", len(self.robot.free_joints))
+        poses = link_poses(self.robot, self.used_links, q)
+        return ca.Function("links", [q], [ca.horzcat(*[poses[name] for name in self.used_links])], {"cse": True})
+
+    @cached_property
+    def _tip_function(self) -> ca.Function:
+        q = ca.SX.sym("q", len(self.robot.free_joints))
+        poses = link_poses(self.robot, {link for link, _ in self.tips}, q)
+        tips = [ca.mtimes(poses[link], ca.vertcat(ca.DM(tip.centre), 1.0))[:3] for link, tip in self.tips]
+        return ca.Function("tips", [q], [ca.vertcat(*tips)], {"cse": True})
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Keep what defines the tree; compiled functions are made again where it is unpickled."""
+        return {k: v for k, v in self.__dict__.items() if k not in COMPILED}

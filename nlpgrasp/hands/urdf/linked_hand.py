@@ -1,0 +1,71 @@
+"""A hand of links that move: everything that follows from where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from nlpgrasp.common.rows import PalmPose
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.base import Expression, Hand, Values
+from nlpgrasp.hands.urdf.link_tree import LinkTree
+
+
+class LinkedHand(Hand):
+    """A hand whose variables are the palm's pose and the joints.
+
+    Attributes
+    ----------
+    tree : LinkTree
+    """
+
+    tree: LinkTree
+
+    @property
+    def follows_contacts(self) -> bool:
+        """False: the palm has a pose of its own."""
+        return False
+
+    def palm(self, variables: dict[str, Expression]) -> PalmPose:
+        """Return the palm's pose in the body's frame."""
+        return self.tree.palm(variables)
+
+    def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
+        """Return the centres of round fingertips in the body's frame, None for the others."""
+        return self.tree.tip_centres(variables)
+
+    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
+        """Return the fingertips' centres in the body's frame."""
+        return self.tree.tip_places(variables)
+
+    @property
+    def loaded_joints(self) -> tuple[str, ...]:
+        """The joints that move some contact; those that follow others count as these."""
+        return self.tree.loaded_joints
+
+    def contact_motion(
+        self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
+    ) -> list[tuple[Expression, Expression]]:
+        """Return velocity and angular velocity of the contact points under joint rates (symbolic)."""
+        return self.tree.contact_motion(variables, rates, points)
+
+    def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
+        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
+        quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
+        found = self.tree.contact_function(values["palm_position"], quaternion, values["joints"], points.T)
+        return np.asarray(found.full()).reshape(self.count, 6, len(self.loaded_joints))
+
+    def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
+        """Return random palm orientations and joint positions, the fingertips' middle at the points given."""
+        return self.tree.draw(count, around, rng)
+
+    def describe(self, values: Values) -> dict[str, Any]:
+        """Return joint positions by name (those that follow others included) and the palm's pose."""
+        quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
+        return {
+            "joint_positions": self.tree.joint_positions(values["joints"]),
+            "palm_pose": {"position": values["palm_position"].tolist(), "quaternion_wxyz": quaternion.tolist()},
+            "fingertips": [link for link, _ in self.tree.tips],
+        }

@@ -1,0 +1,154 @@
+"""A robot description: links, joints and collision shapes, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.spheres.shapes import Shape
+
+MOVABLE = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another: ``value = multiplier * other + offset``."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of a URDF.
+
+    Parameters
+    ----------
+    name, kind, parent, child : str
+        ``kind`` is one of revolute, continuous, prismatic, fixed.
+    xyz, rpy : (3,) array
+        Pose of the child's frame in the parent's, metres and radians.
+    axis : (3,) array
+        Unit, in the joint's frame.
+    lower, upper : float
+        Limits, radians or metres.
+    effort : float or None
+        Greatest torque (force of a sliding joint), newton-metres or newtons.
+    mimic : Mimic or None
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    xyz: FloatArray
+    rpy: FloatArray
+    axis: FloatArray
+    lower: float
+    upper: float
+    effort: float | None = None
+    mimic: Mimic | None = None
+
+    @property
+    def turns(self) -> bool:
+        """Whether its position is an angle."""
+        return self.kind != "prismatic"
+
+    @property
+    def moves(self) -> bool:
+        """Whether this joint is not fixed."""
+        return self.kind in MOVABLE
+
+
+@dataclass(frozen=True)
+class Robot:
+    """The links below one link of a URDF, with the joints between them.
+
+    Parameters
+    ----------
+    name : str
+    root : str
+        The palm.
+    links : tuple of str
+        The root first, parents before children.
+    joints : tuple of Joint
+        In the order of the links they lead to.
+    shapes : mapping
+        Link to its collision shapes, in the link's frame.
+    missing : tuple of str
+        Mesh files that were not found, with the link they belong to.
+    """
+
+    name: str
+    root: str
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    shapes: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
+
+    @cached_property
+    def free_joints(self) -> tuple[Joint, ...]:
+        """The joints that move and follow no other."""
+        return tuple(j for j in self.joints if j.moves and j.mimic is None)
+
+    @cached_property
+    def parents(self) -> dict[str, str]:
+        """Each link's parent link."""
+        return {j.child: j.parent for j in self.joints}
+
+    @cached_property
+    def rigid_groups(self) -> dict[str, str]:
+        """Each link's topmost link among those fixed to it."""
+        by_child = {j.child: j for j in self.joints}
+        groups: dict[str, str] = {}
+        for link in self.links:
+            joint = by_child.get(link)
+            groups[link] = link if joint is None or joint.moves else groups[joint.parent]
+        return groups
+
+    def adjacent(self, a: str, b: str) -> bool:
+        """Return whether one moving joint alone is between two links."""
+        groups = self.rigid_groups
+        return any({groups[j.parent], groups[j.child]} == {groups[a], groups[b]} for j in self.joints if j.moves)
+
+    @cached_property
+    def ranges(self) -> dict[str, tuple[float, float, str]]:
+        """Limits of each free joint and of those that follow it together: lower, upper, who narrowed them last."""
+        result = {j.name: (j.lower, j.upper, j.name) for j in self.free_joints}
+        for joint in self.joints:
+            if joint.moves and joint.mimic is not None:
+                driver, multiplier, offset = self.follows(joint)
+                lower, upper, _ = result[driver]
+                if multiplier == 0.0:
+                    if not joint.lower <= offset <= joint.upper:
+                        result[driver] = (np.inf, -np.inf, joint.name)
+                    continue
+                a, b = sorted(((joint.lower - offset) / multiplier, (joint.upper - offset) / multiplier))
+                if a > lower or b < upper:
+                    result[driver] = (max(lower, a), min(upper, b), joint.name)
+        return result
+
+    def follows(self, joint: Joint) -> tuple[str, float, float]:
+        """Return which free joint drives a moving joint, with multiplier and offset (chains are resolved)."""
+        by_name = {j.name: j for j in self.joints}
+        name, multiplier, offset = joint.name, 1.0, 0.0
+        while by_name[name].mimic is not None:
+            mimic = by_name[name].mimic
+            assert mimic is not None  # noqa: S101  (for the type checker)
+            multiplier, offset = multiplier * mimic.multiplier, multiplier * mimic.offset + offset
+            name = mimic.joint
+        return name, multiplier, offset
+
+    def chain(self, link: str) -> tuple[Joint, ...]:
+        """Return the joints from the root to a link."""
+        by_child = {j.child: j for j in self.joints}
+        chain: list[Joint] = []
+        while link != self.root:
+            chain.insert(0, by_child[link])
+            link = by_child[link].parent
+        return tuple(chain)

@@ -1,0 +1,45 @@
+"""What a user says of a URDF hand: fingertips and torque limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from nlpgrasp.common.validation import number
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.tips import SphereTip, Tip
+from nlpgrasp.hands.urdf.robot import Robot
+
+
+def tips_of(robot: Robot, fingertips: Mapping[str, float | Tip | Sequence[Tip]]) -> list[tuple[str, Tip]]:
+    """Return link and patch of each contact, in the order given."""
+    if not isinstance(fingertips, Mapping) or not fingertips:
+        raise InputError("URDFHand.fingertips", fingertips, "link names with a radius or a tip each")
+    unknown = [name for name in fingertips if name not in robot.links]
+    if unknown:
+        raise InputError("URDFHand.fingertips", ", ".join(map(str, unknown)), "links: " + ", ".join(robot.links))
+    result: list[tuple[str, Tip]] = []
+    for link, given in fingertips.items():
+        several = list(given) if isinstance(given, list | tuple) else [given]
+        if not several:
+            raise InputError(f"URDFHand.fingertips[{link!r}]", given, "a radius, a tip, or several tips")
+        for one in several:
+            tip = one if isinstance(one, Tip) else SphereTip(number(f"URDFHand.fingertips[{link!r}]", one, above=0.0))
+            if (link, tip) in result:
+                raise InputError(f"URDFHand.fingertips[{link!r}]", given, "tips that are not the same")
+            result.append((link, tip))
+    if not result:
+        raise InputError("URDFHand.fingertips", fingertips, "at least one tip")
+    return result
+
+
+def torque_limits_of(robot: Robot, given: Mapping[str, float] | float | None) -> dict[str, float]:
+    """Return the torque limits by joint: those given, or the URDF's efforts."""
+    names = [j.name for j in robot.free_joints]
+    if given is None:
+        return {j.name: j.effort for j in robot.free_joints if j.effort}
+    if isinstance(given, Mapping):
+        unknown = [name for name in given if name not in names]
+        if unknown:
+            raise InputError("URDFHand.torque_limits", ", ".join(map(str, unknown)), "joints: " + ", ".join(names))
+        return {k: number(f"URDFHand.torque_limits[{k!r}]", v, above=0.0) for k, v in given.items()}
+    return dict.fromkeys(names, number("URDFHand.torque_limits", given, above=0.0))

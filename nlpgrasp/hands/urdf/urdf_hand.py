@@ -1,0 +1,219 @@
+"""A hand given by a URDF."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from collections.abc import Mapping, Sequence
+from copy import copy
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.rows import LinkSphere, Placement, Row
+from nlpgrasp.common.validation import FloatArray, array, integer, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.base import Expression, HandVariable
+from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
+from nlpgrasp.hands.spheres.link_spheres import SphereFit
+from nlpgrasp.hands.spheres.self_collision import apart, colliding_pairs
+from nlpgrasp.hands.tips import Tip, Touch
+from nlpgrasp.hands.urdf.link_tree import LinkTree
+from nlpgrasp.hands.urdf.linked_hand import LinkedHand
+from nlpgrasp.hands.urdf.robot import Robot
+from nlpgrasp.hands.urdf.urdf_arguments import tips_of, torque_limits_of
+from nlpgrasp.hands.urdf.urdf_file import read_urdf
+
+TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact
+
+
+class URDFHand(LinkedHand):
+    """A hand whose palm pose and joints are variables of the program; made by ``load``.
+
+    Attributes
+    ----------
+    robot : Robot
+        The palm and all links below it.
+    tips : tuple of (str, Tip)
+        Link and patch of each contact, in the order of the contacts.
+    fits : mapping of str to SphereFit
+        Spheres that stand for each link, with their error.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        tips: Sequence[tuple[str, Tip]],
+        *,
+        approach: ArrayLike = (0.0, 0.0, 1.0),
+        clearance: float = 0.0,
+        spheres_per_link: int = 6,
+        self_collision: bool = True,
+        torque_limits: Mapping[str, float] | None = None,
+        source: str = "",
+        sha256: str = "",
+    ) -> None:
+        self.robot = robot
+        self.tips = tuple(tips)
+        self.count = len(self.tips)
+        direction = array("URDFHand.approach", approach, (3,))
+        if np.linalg.norm(direction) == 0.0:
+            raise InputError("URDFHand.approach", approach, "a direction in the palm's frame")
+        self.tree = LinkTree(robot, self.tips, direction / np.linalg.norm(direction))
+        self.clearance = number("URDFHand.clearance", clearance, at_least=0.0)
+        self.spheres_per_link = integer("URDFHand.spheres_per_link", spheres_per_link, at_least=1, at_most=40)
+        if not isinstance(self_collision, bool):
+            raise InputError("URDFHand.self_collision", self_collision, "True or False")
+        self.self_collision, self.torque_limits = self_collision, dict(torque_limits or {})
+        self.source, self.sha256 = source, sha256
+        if not robot.free_joints:
+            raise InputError(f"URDFHand.path: {source}", "no movable joints", "a hand with joints that move")
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        fingertips: Mapping[str, float | Tip | Sequence[Tip]],
+        torque_limits: Mapping[str, float] | float | None = None,
+        *,
+        palm: str | None = None,
+        approach: ArrayLike = (0.0, 0.0, 1.0),
+        clearance: float = 0.0,
+        spheres_per_link: int = 6,
+        self_collision: bool = True,
+    ) -> URDFHand:
+        """Return the hand of a URDF file.
+
+        Parameters
+        ----------
+        path : str or Path
+        fingertips : mapping
+            Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips.
+            Contact i belongs to fingertip i, in this order. Inner links and the palm may have tips too.
+        torque_limits : mapping of joint names to floats, or float, optional
+            Newton-metres (newtons for sliding joints), for the force budget ``"hand_torques"``; the URDF's efforts
+            when left out.
+        palm : str, optional
+            Link whose pose is a variable; the root when left out. Links that do not hang from it are left out.
+        approach : (3,) array
+            Direction in which the palm faces, palm frame.
+        clearance : float
+            Least distance between the links and the body, metres.
+        spheres_per_link : int
+            Most spheres that stand for a link (five times as many for the palm): more are closer to its shape,
+            and cost time.
+        self_collision : bool
+            Keep the links from each other.
+
+        Raises
+        ------
+        InputError
+            On files, links, joints or limits that cannot be used; unknown link names list those there are.
+
+        Warns
+        -----
+        UserWarning
+            Naming mesh files that do not exist: the hand goes on with the shapes there are.
+        """
+        robot = read_urdf(path, palm)
+        tips = tips_of(robot, fingertips)
+        if robot.missing:
+            warnings.warn(f"{Path(path).name}: left out {'; '.join(robot.missing)}", UserWarning, stacklevel=2)
+        return cls(
+            robot,
+            tips,
+            approach=approach,
+            clearance=clearance,
+            spheres_per_link=spheres_per_link,
+            self_collision=self_collision,
+            torque_limits=torque_limits_of(robot, torque_limits),
+            source=Path(path).name,
+            sha256=hashlib.sha256(Path(path).read_bytes()).hexdigest(),
+        )
+
+    @property
+    def tip_radii(self) -> tuple[float, ...]:
+        """Radius of each round fingertip, 0 for the others."""
+        return tuple(tip.standoff for _, tip in self.tips)
+
+    def with_clearance(self, clearance: float) -> URDFHand:
+        """Return the same hand with another clearance of its links from the body."""
+        result = copy(self)
+        result.__dict__.pop("fits", None)
+        result.clearance = number("URDFHand.clearance", clearance)
+        return result
+
+    def check(self, space: int) -> None:
+        """Refuse planar bodies."""
+        if space != 3:
+            raise InputError("GraspProblem.hand", "a URDF hand for a planar body", "a body in space")
+
+    def variables(self, bounds: FloatArray) -> list[HandVariable]:
+        """Return palm position, palm quaternion (w, x, y, z), joints, and the tips' own coordinates."""
+        lower, upper = self.tree.joint_limits
+        margin = 1.2 * self.tree.span
+        result = [
+            HandVariable("palm_position", bounds[0] - margin, bounds[1] + margin, self.tree.span),
+            HandVariable("palm_quaternion", np.full(4, -1.05), np.full(4, 1.05)),
+            HandVariable("joints", lower, upper),
+        ]
+        slides = sum(tip.slides for _, tip in self.tips)
+        if slides:
+            result.append(HandVariable("slides", np.zeros(slides), np.ones(slides)))
+        return result
+
+    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
+        """Return: the quaternion's length, each contact on its fingertip, links apart from each other."""
+        rows = [Row("palm quaternion of unit length", ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
+        poses = self.tree.poses(variables)
+        for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
+            p, n = placement.positions[i], placement.normals[i]
+            rows += tip.rows(Touch(f"on fingertip {link}, finger {i}", poses[link], p, n, slide, placement.size))
+        return rows + apart(self._pairs, placement.spheres, self.tree.span)
+
+    def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
+        """Return the links' spheres in the body's frame."""
+        poses = self.tree.poses(variables)
+        result = []
+        for link, fit in self.fits.items():
+            pose = poses[link]
+            for i, (centre, radius) in enumerate(zip(fit.centres, fit.radii, strict=True)):
+                where = pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(centre))
+                result.append(LinkSphere(f"{link}/{i}", where, float(radius), self.clearance))
+        for i, (centre, (link, tip)) in enumerate(zip(self.tip_centres(variables), self.tips, strict=True)):
+            if centre is not None:
+                depth = -TIP_DEPTH * tip.standoff
+                result.append(LinkSphere(f"{link}, finger {i}", centre, tip.standoff, depth, is_tip=True))
+        return result
+
+    @cached_property
+    def fits(self) -> dict[str, SphereFit]:
+        """Spheres around each link; those beside a fingertip are as small as lets it touch."""
+        return fits_beside_tips(self.whole_fits, self.tree, self.clearance)
+
+    @cached_property
+    def whole_fits(self) -> dict[str, SphereFit]:
+        """Spheres around each link, before those beside fingertips are made smaller."""
+        return fits_of(self.robot, self.spheres_per_link)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return source, fingerprint, fingertips, limits and how closely the spheres fit."""
+        return {
+            "type": "urdf",
+            "source": self.source,
+            "sha256": self.sha256,
+            "palm": self.robot.root,
+            "fingertips": [{"link": link, **tip.to_dict()} for link, tip in self.tips],
+            "clearance": self.clearance,
+            "spheres": {link: fit.to_dict() for link, fit in self.fits.items()},
+            "missing": list(self.robot.missing),
+            "torque_limits": dict(self.torque_limits),
+        }
+
+    @cached_property
+    def _pairs(self) -> list[tuple[str, str]]:
+        return colliding_pairs(self.tree, self.fits) if self.self_collision else []

@@ -1,0 +1,9 @@
+"""A grasp as a MuJoCo scene (MJCF)."""
+
+from nlpgrasp.mjcf.hand import mjcf_with_hand
+from nlpgrasp.mjcf.scene import mjcf
+
+__all__ = [
+    "mjcf",
+    "mjcf_with_hand",
+]

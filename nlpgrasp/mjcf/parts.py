@@ -1,0 +1,118 @@
+"""The parts of a MuJoCo scene: object, fingertips, their contacts, the hand's links."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from nlpgrasp.budgets.base import ranges
+from nlpgrasp.common.drawing import Drawing, Triangles
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.mjcf.scales import Scales
+from nlpgrasp.report.solution.scene import in_space
+from nlpgrasp.tasks.mass import Mass
+
+TIP, PATCH = 0.3, 0.6  # radius and half side, of the contacts' spread
+LEAST_INERTIA = 1e-12  # kg m^2, added: MuJoCo takes less for none
+TIP_MASS = 0.2  # of the object's
+FORCE_NAMES = ("normal", "tangent_1", "tangent_2")
+UNTOUCHED = {"contype": "0", "conaffinity": "0"}  # touches only what it is paired with
+
+
+def pressing(grasp: Grasp) -> FloatArray:
+    """Return finger forces (n,) that all press with one newton along the normal."""
+    x = np.zeros(grasp.G.shape[1])
+    x[[part.start for part in ranges(grasp.contacts, grasp.space)]] = 1.0
+    return x
+
+
+def force_indices(grasp: Grasp) -> list[int]:
+    """Return which of all components are forces; the rest are moments."""
+    axes = [axis for model in grasp.contacts for axis in model.axes(grasp.space)]
+    return [index for index, axis in enumerate(axes) if axis < grasp.space]
+
+
+def joint_names(i: int, model: ContactModel, space: int) -> list[str]:
+    """Return the joints of a fingertip: one a force component."""
+    return [f"tip_{i}_{FORCE_NAMES[axis]}" for axis in model.axes(space) if axis < space]
+
+
+def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, mass: Mass, unit: Scales | None) -> None:
+    """Add the object: free (in the plane, if planar), its mesh, with ``unit`` a patch of plane at each contact."""
+    body = SubElement(world, "body", name="object")
+    if grasp.space == 3:
+        SubElement(body, "freejoint", name="object")
+    else:
+        SubElement(body, "joint", name="object_x", type="slide", axis="1 0 0")
+        SubElement(body, "joint", name="object_y", type="slide", axis="0 1 0")
+        SubElement(body, "joint", name="object_turn", type="hinge", axis="0 0 1")
+    moments = numbers((mass.inertia + LEAST_INERTIA * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    SubElement(body, "inertial", pos=numbers(mass.center), mass=f"{mass.mass:.9g}", fullinertia=moments)
+    _add_mesh(asset, "object", drawing.body)
+    SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
+    if unit is None:
+        return
+    thick = TIP * unit.length
+    half = numbers([thick, PATCH * unit.length, PATCH * unit.length])
+    for i, (p, n) in enumerate(zip(in_space(grasp.points), in_space(grasp.normals), strict=True)):
+        place = {"pos": numbers(p + thick * n), "xyaxes": _axes(grasp, i), "size": half}
+        look = {"group": "4", "rgba": "0 0 0 0"}
+        SubElement(body, "geom", {"name": f"patch_{i}", "type": "box", **place, **look, **UNTOUCHED})
+
+
+def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
+    """Add the hand's links in the posture found: to be seen, they touch nothing."""
+    if not drawing.links:
+        return
+    hand = SubElement(world, "body", name="hand")
+    for i, (_, shape) in enumerate(drawing.links):
+        _add_mesh(asset, f"link_{i}", shape)
+        look = {"group": "2", "rgba": "0.71 0.61 0.48 0.6"}
+        SubElement(hand, "geom", {"name": f"link_{i}", "type": "mesh", "mesh": f"link_{i}", **look, **UNTOUCHED})
+
+
+def add_fingertip(world: Element, grasp: Grasp, i: int, unit: Scales, stiffness: bool) -> None:
+    """Add a fingertip: a small ball that moves along the directions its contact can push in."""
+    p, n, model = in_space(grasp.points)[i], in_space(grasp.normals)[i], grasp.contacts[i]
+    radius = TIP * unit.length
+    place = {"pos": numbers(p - radius * n), "xyaxes": _axes(grasp, i)}
+    tip = SubElement(world, "body", place, name=f"tip_{i}", gravcomp="1")  # the hand carries its own weight
+    held = {"stiffness": f"{unit.stiffness if stiffness else 0.0:.9g}", "damping": f"{unit.damping:.9g}"}
+    axes = [axis for axis in model.axes(grasp.space) if axis < grasp.space]
+    for joint, axis in zip(joint_names(i, model, grasp.space), axes, strict=True):
+        SubElement(tip, "joint", {"name": joint, "type": "slide", "axis": numbers(np.eye(3)[axis]), **held})
+    own = numbers([0.4 * TIP_MASS * unit.mass * radius**2 + LEAST_INERTIA] * 3)
+    SubElement(tip, "inertial", pos="0 0 0", mass=f"{TIP_MASS * unit.mass:.9g}", diaginertia=own)
+    look = {"name": f"tip_{i}", "type": "sphere", "rgba": "0.1 0.1 0.1 1", "size": f"{radius:.9g}"}
+    SubElement(tip, "geom", {**look, **UNTOUCHED})
+
+
+def add_contact(contact: Element, i: int, model: ContactModel) -> None:
+    """Add the contact of a fingertip and its patch."""
+    friction = float(getattr(model, "friction", None) or 0.0)
+    torsion = float(getattr(model, "torsional_friction", None) or 0.0)
+    dimension, coefficients = 1, [1.0] * 5
+    if friction:
+        dimension = 4 if torsion else 3
+        coefficients = [friction, friction, torsion or 1.0, 1.0, 1.0]
+    pair = {"name": f"contact_{i}", "geom1": f"tip_{i}", "geom2": f"patch_{i}"}
+    SubElement(contact, "pair", pair, condim=str(dimension), friction=numbers(coefficients))
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Return numbers as MJCF writes them."""
+    return " ".join(f"{float(v):.9g}" for v in values)
+
+
+def _add_mesh(asset: Element, name: str, shape: Triangles) -> None:
+    faces = " ".join(map(str, shape.faces.ravel().tolist()))
+    SubElement(asset, "mesh", name=name, inertia="shell", vertex=numbers(shape.vertices.ravel()), face=faces)
+
+
+def _axes(grasp: Grasp, i: int) -> str:
+    """Return the first two axes of a contact's frame: normal and first tangent."""
+    return numbers(np.concatenate([in_space(grasp.normals)[i], in_space(grasp.tangents[i])[0]]))

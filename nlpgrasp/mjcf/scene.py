@@ -1,0 +1,108 @@
+"""A MuJoCo scene (MJCF) of a grasp: the free object, fingertips that press on it with motors, a keyframe.
+
+MuJoCo takes a mesh that collides as its convex hull, in which contacts on a concave part would float. Each fingertip
+therefore touches a patch of the object's tangent plane at its own contact, and nothing else: the surface as the grasp
+model knows it. The mesh itself, as its hull, meets whatever else is put into the scene.
+"""
+
+from __future__ import annotations
+
+from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.mjcf.parts import (
+    add_contact,
+    add_fingertip,
+    add_links,
+    add_object,
+    force_indices,
+    joint_names,
+    numbers,
+    pressing,
+)
+from nlpgrasp.mjcf.scales import Scales, scales
+from nlpgrasp.report.solution.scene import body_size
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks.mass import Mass, mass_of
+
+DENSITY = 1000.0  # kg / m^3, of an object whose mass is not given
+STEP = 0.005  # of the unit of time
+STIFF = 4.0  # steps in which a contact gives way: fewer bounce
+SOLVER = {
+    "integrator": "implicitfast",
+    "cone": "elliptic",
+    "impratio": "50",
+    "solver": "Newton",
+    "iterations": "100",
+    "tolerance": "1e-12",
+}
+
+
+def mjcf(
+    solution: GraspSolution,
+    *,
+    grasp: Grasp | None = None,
+    mass: Mass | None = None,
+    forces: FloatArray | None = None,
+    unit: Scales | None = None,
+    stiffness: bool = True,
+    fingertips: bool = True,
+) -> str:
+    """Return the scene as MJCF text; metres, newtons, the world's frame is the body's, no gravity.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    grasp : Grasp, optional
+        Contacts in place of the solution's.
+    mass : Mass, optional
+        Of water's density when left out.
+    forces : (n,) array, optional
+        Finger forces of the keyframe ``grasp``, contact by contact as in G; all of them press with one newton along the
+        normal when left out.
+    unit : Scales, optional
+        Of the keyframe's forces when left out.
+    stiffness : bool
+        Whether joints hold the fingertips in place besides their motors.
+    fingertips : bool
+        Whether there are any; without them the object alone.
+
+    Raises
+    ------
+    InputError
+        Without a grasp or a drawing, or with bilateral contacts.
+    """
+    held = solution.grasp if grasp is None else grasp
+    if held is None or solution.drawing is None:
+        raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
+    for given in held.contacts:
+        if given.kind == "bilateral":
+            raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
+    weight = mass_of(solution.drawing.body, DENSITY) if mass is None else mass
+    x = pressing(held) if forces is None else forces
+    unit = scales(held, float(np.linalg.norm(x)), weight.mass) if unit is None else unit
+    step = STEP * unit.time
+    root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
+    if fingertips:
+        root.append(Comment(" fingertips touch the object's tangent plane at their contacts, and nothing else "))
+    SubElement(root, "compiler", angle="radian", autolimits="true")
+    SubElement(root, "option", SOLVER, timestep=f"{step:.6g}", gravity="0 0 0")
+    SubElement(SubElement(root, "default"), "pair", solref=f"{STIFF * step:.6g} 1", solimp="0.95 0.99 1e-6")
+    asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
+    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * body_size(solution)]), dir="0 0 -1")
+    add_object(asset, world, held, solution.drawing, weight, unit if fingertips else None)
+    if fingertips:
+        add_links(asset, world, solution.drawing)
+        contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
+        for i, model in enumerate(held.contacts):
+            add_fingertip(world, held, i, unit, stiffness)
+            add_contact(contact, i, model)
+            for joint in joint_names(i, model, held.space):
+                SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
+        SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=numbers(x[force_indices(held)]))
+    indent(root)
+    return tostring(root, encoding="unicode") + "\n"

@@ -1,0 +1,188 @@
+"""What is asked: plain, frozen data that knows no solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.budgets import ForceBudget, force_budget
+from nlpgrasp.common.spatial import wrench_dimension
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.constraints import PlacementConstraint
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands import Hand
+from nlpgrasp.problem.check import check_placements
+from nlpgrasp.tasks import Task
+
+MOST_CONTACTS = 32
+
+
+@dataclass(frozen=True)
+class GraspProblem:
+    """Find where to hold a body, with which contacts, for which task.
+
+    Parameters
+    ----------
+    body : Body
+    contacts : sequence of ContactModel
+        One a finger; a single model is used for every fingertip of ``hand``.
+    task : Task
+        Wrenches to resist, body frame; about ``torque_origin``, or about the task's own point if it has one.
+    hand : Hand, optional
+        Free point fingertips when left out. Contact i belongs to fingertip i.
+    constraints : sequence of PlacementConstraint
+    force_budget : {"l2", "per_finger", "shared", "per_finger_size", "hand_torques"} or ForceBudget
+        What a unit of finger force means: ``"l2"`` bounds the L2 norm of all finger forces by 1, ``"per_finger"``
+        each normal force, ``"shared"`` their sum, ``"per_finger_size"`` each force;
+        ``"hand_torques"`` the torques that the forces ask of the hand's joints in the posture found;
+        ``JointTorqueLimits`` is for Jacobians that are known.
+    torque_origin : (space,) array, optional
+        Point about which task and grasp map take moments; the body's centroid when left out.
+    name : str
+
+    Raises
+    ------
+    InputError
+        On parts that do not fit together: dimensions, face names, numbers of fingers, faces all excluded.
+    """
+
+    body: Body
+    contacts: Sequence[ContactModel] | ContactModel
+    task: Task
+    hand: Hand | None = None
+    constraints: Sequence[PlacementConstraint] = ()
+    force_budget: str | ForceBudget = "l2"
+    torque_origin: ArrayLike | None = None
+    name: str = "grasp"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.body, Body):
+            raise InputError("GraspProblem.body", self.body, "a body such as ng.Box or ng.Mesh")
+        self._set_contacts()
+        if not isinstance(self.task, Task):
+            raise InputError("GraspProblem.task", self.task, "a task such as ng.TaskEllipsoid")
+        wanted = wrench_dimension(self.body.space)
+        if self.task.dimension != wanted:
+            raise InputError(
+                "GraspProblem.task", f"dimension {self.task.dimension}", f"dimension {wanted} for this body"
+            )
+        budget = force_budget(self.force_budget, "GraspProblem.force_budget")
+        budget.check(self.models, self.body.space)
+        budget.check_hand(self.hand)
+        if self.torque_origin is not None:
+            origin = array("GraspProblem.torque_origin", self.torque_origin, (self.body.space,))
+            object.__setattr__(self, "torque_origin", tuple(origin.tolist()))
+        if self.task.about is not None:
+            object.__setattr__(self, "task", self.task.at(self.origin))
+        if (
+            not isinstance(self.name, str)
+            or not self.name.strip()
+            or not self.name.isprintable()
+            or len(self.name) > 200
+        ):
+            raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
+        self._check_constraints()
+        check_placements(self)
+
+    def _set_contacts(self) -> None:
+        given = self.contacts
+        if self.hand is not None and not isinstance(self.hand, Hand):
+            raise InputError("GraspProblem.hand", self.hand, "a hand such as ng.Fingertips, or None")
+        if isinstance(given, ContactModel):
+            given = (given,) * (self.hand.count if self.hand is not None else 1)
+        try:
+            models = tuple(given)
+        except TypeError:
+            models = ()
+        if not models or not all(isinstance(m, ContactModel) for m in models):
+            raise InputError("GraspProblem.contacts", given, "contact models, one a finger")
+        if len(models) > MOST_CONTACTS:
+            raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"at most {MOST_CONTACTS}")
+        if self.hand is not None:
+            self.hand.check(self.body.space)
+        if self.hand is not None and self.hand.count != len(models):
+            raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"{self.hand.count}, one a fingertip")
+        for i, model in enumerate(models):
+            model.components(self.body.space)
+            if model.needs_tangents and self.body.space == 3:
+                raise InputError(f"GraspProblem.contacts[{i}].direction", None, "a direction in the body frame")
+        object.__setattr__(self, "contacts", models)
+
+    def _check_constraints(self) -> None:
+        constraints = self.constraints
+        if isinstance(constraints, PlacementConstraint):
+            constraints = (constraints,)
+        try:
+            constraints = tuple(constraints)
+        except TypeError:
+            raise InputError("GraspProblem.constraints", constraints, "a sequence of constraints") from None
+        for item in constraints:
+            if not isinstance(item, PlacementConstraint):
+                raise InputError("GraspProblem.constraints", item, "constraints such as ng.Table or ng.Forbid")
+            item.check(self.body.space, self.body.size, len(self.models))
+        object.__setattr__(self, "constraints", constraints)
+        for i in range(len(self.models)):
+            if not self.allowed_faces(i):
+                wanted = self.models[i].faces
+                have = ", ".join(wanted) if wanted else "any face"
+                raise InputError(
+                    "GraspProblem.constraints",
+                    f"no face left for contact {i} (it may use: {have})",
+                    "at least one face of the body that no Forbid excludes",
+                )
+
+    @property
+    def models(self) -> tuple[ContactModel, ...]:
+        """The contact models as a tuple."""
+        return tuple(self.contacts) if not isinstance(self.contacts, ContactModel) else (self.contacts,)
+
+    @property
+    def budget(self) -> ForceBudget:
+        """The force budget as an object."""
+        return force_budget(self.force_budget)
+
+    @property
+    def origin(self) -> FloatArray:
+        """The torque origin, (space,)."""
+        return self.body.centroid if self.torque_origin is None else np.asarray(self.torque_origin, dtype=float)
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of wrench space: 3 or 6."""
+        return wrench_dimension(self.body.space)
+
+    def unchecked(self, **changes: Any) -> GraspProblem:
+        """Return the problem with other parts, without checking it again."""
+        result = copy(self)
+        for name, value in changes.items():
+            object.__setattr__(result, name, value)
+        return result
+
+    def allowed_faces(self, contact: int) -> tuple[str, ...]:
+        """Return names of the faces contact ``contact`` may use."""
+        faces = self.models[contact].faces
+        chosen = self.body.select(faces, f"contacts[{contact}].faces")
+        forbidden: set[str] = set()
+        for item in self.constraints:
+            names = item.forbidden_faces()
+            self.body.select(names or None, "Forbid.faces_or_region")
+            forbidden |= set(names)
+        return tuple(name for name in chosen if name not in forbidden)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the problem as JSON data."""
+        return {
+            "body": self.body.to_dict(),
+            "contacts": [{**m.to_dict(), "faces": None if m.faces is None else list(m.faces)} for m in self.models],
+            "task": self.task.to_dict(),
+            "constraints": [c.to_dict() for c in self.constraints],
+            "hand": None if self.hand is None else self.hand.to_dict(),
+            "force_budget": self.budget.to_dict(),
+        }

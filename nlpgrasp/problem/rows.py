@@ -1,0 +1,128 @@
+"""All rows that constraints and the hand put on a placement, in one order for everybody."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.rows import Clearance, LinkSphere, Placement, Row
+from nlpgrasp.constraints import PlacementConstraint
+from nlpgrasp.hands import Hand
+
+Expression = Any  # casadi.SX
+CLEARANCE = "clearance from the body"
+
+
+@dataclass(frozen=True)
+class PlacementRows:
+    """Rows of a placement: scalar ones first, then those through the distance to a mesh.
+
+    Parameters
+    ----------
+    rows : tuple of Row
+    clearances : tuple of Clearance
+    sources : tuple of tuple of int
+        Which rows of ``named`` each constraint gave, in order; then the hand's, then the links' clearance.
+    """
+
+    rows: tuple[Row, ...]
+    clearances: tuple[Clearance, ...] = ()
+    sources: tuple[tuple[int, ...], ...] = ()
+
+    @property
+    def named(self) -> tuple[Row, ...]:
+        """All rows in order, those of clearances without an expression."""
+        distances = (Row(c.name, None, c.lower, scale=c.scale, unit="m") for c in self.clearances)
+        return (*self.rows, *distances)
+
+
+def placement_of(
+    hand: Hand | None,
+    positions: Sequence[Expression],
+    normals: Sequence[Expression],
+    variables: dict[str, Expression],
+    size: float,
+) -> Placement:
+    """Return what constraints are written in, for symbols of the contacts and of the hand's variables."""
+    if hand is None:
+        return Placement(positions, normals, (0.0,) * len(positions), size)
+    return Placement(positions, normals, hand.tip_radii, size, hand.spheres(variables), hand.palm(variables))
+
+
+def placement_rows(
+    body: Body,
+    constraints: Sequence[PlacementConstraint],
+    hand: Hand | None,
+    positions: Sequence[Expression],
+    normals: Sequence[Expression],
+    variables: dict[str, Expression],
+) -> PlacementRows:
+    """Return the rows of the constraints, of the hand, and of the links' clearance from the body.
+
+    Parameters
+    ----------
+    body : Body
+    constraints : sequence of PlacementConstraint
+    hand : Hand or None
+    positions, normals : sequences of k columns
+        Metres, body frame; inward unit normals.
+    variables : dict
+        The hand's variables by name, in the hand's units.
+    """
+    placement = placement_of(hand, positions, normals, variables, body.size)
+    return collected(given_rows(body, constraints, hand, placement, variables), bool(placement.spheres))
+
+
+def given_rows(
+    body: Body,
+    constraints: Sequence[PlacementConstraint],
+    hand: Hand | None,
+    placement: Placement,
+    variables: dict[str, Expression],
+) -> list[Sequence[Row | Clearance]]:
+    """Return the rows of each constraint, then those of the hand, then those of the links' clearance."""
+    given = [c.rows(placement) for c in constraints]
+    if hand is not None:
+        given.append(hand.rows(placement, variables))
+        given.append([_clear(body, sphere) for sphere in placement.spheres])
+    return given
+
+
+def collected(given: Sequence[Sequence[Row | Clearance]], shared: bool) -> PlacementRows:
+    """Return all rows in the program's order: those through the distance to a mesh last."""
+    rows: list[Row] = []
+    clearances: list[Clearance] = []
+    places: list[list[tuple[bool, int]]] = []
+    for part in given:
+        places.append([])
+        for item in part:
+            row = item.as_row() if isinstance(item, Clearance) else item
+            if row is not None:
+                places[-1].append((True, len(rows)))
+                rows.append(row)
+            elif isinstance(item, Clearance):
+                places[-1].append((False, len(clearances)))
+                clearances.append(item)
+    sources = tuple(tuple(i if scalar else len(rows) + i for scalar, i in part) for part in places)
+    found = _shared(rows, clearances) if shared else PlacementRows(tuple(rows), tuple(clearances))
+    return replace(found, sources=sources)
+
+
+def _clear(body: Body, sphere: LinkSphere) -> Clearance:
+    lower = sphere.radius + sphere.clearance
+    return Clearance(f"{CLEARANCE}, {sphere.name}", body.distance_function, sphere.centre, lower, body.size)
+
+
+def _shared(rows: list[Row], clearances: list[Clearance]) -> PlacementRows:
+    """Return the rows with common subexpressions computed once: the links' poses are in most of them."""
+    every = ca.cse(ca.vertcat(*[r.expression for r in rows], *[c.point for c in clearances]))
+    scalars = ca.vertsplit(every[: len(rows)])
+    points = ca.vertsplit(every[len(rows) :], 3) if clearances else []
+    return PlacementRows(
+        tuple(replace(r, expression=e) for r, e in zip(rows, scalars, strict=True)),
+        tuple(replace(c, point=p) for c, p in zip(clearances, points, strict=True)),
+    )

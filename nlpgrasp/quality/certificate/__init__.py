@@ -1,0 +1,1 @@
+"""Certified bounds on mu: polytopes inside and out."""

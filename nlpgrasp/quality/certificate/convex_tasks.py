@@ -1,0 +1,137 @@
+"""mu-tilde and mu_1: tasks that are off the origin or of any convex shape (Section 3.3.2)."""
+
+from __future__ import annotations
+
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality.arguments import require_grasp, task_for
+from nlpgrasp.quality.bounds import Bounds, StackBounds
+from nlpgrasp.quality.measures import mu
+from nlpgrasp.tasks import Task, TaskEllipsoid, TaskSet
+
+
+@overload
+def mu_tilde(grasp: Grasp, task: Task, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2") -> Bounds: ...
+
+
+@overload
+def mu_tilde(
+    grasp: GraspStack, task: Task, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2"
+) -> StackBounds: ...
+
+
+def mu_tilde(
+    grasp: Grasp | GraspStack, task: Task, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2"
+) -> Bounds | StackBounds:
+    """Return mu-tilde (3.3-4b): one over the least finger force that resists every wrench of the task.
+
+    The same number as ``mu``, which measures a task by its own size: a centred ellipsoid whose axes are the
+    paper's ``r_i`` has mu = beta, and the ellipsoid ``A_beta`` has mu-tilde = mu / beta.
+
+    Parameters
+    ----------
+    grasp : Grasp or GraspStack
+    task : Task
+    rtol : float
+    force_budget : str or ForceBudget
+
+    Returns
+    -------
+    Bounds
+        Certified. For a stack, arrays of them.
+    """
+    return mu(grasp, task, rtol, force_budget=force_budget)
+
+
+@overload
+def mu_1(
+    grasp: Grasp,
+    task: Task,
+    center: ArrayLike,
+    scale: float = 1.0,
+    rtol: float = 0.01,
+    *,
+    force_budget: str | ForceBudget = "l2",
+) -> Bounds: ...
+
+
+@overload
+def mu_1(
+    grasp: GraspStack,
+    task: Task,
+    center: ArrayLike,
+    scale: float = 1.0,
+    rtol: float = 0.01,
+    *,
+    force_budget: str | ForceBudget = "l2",
+) -> StackBounds: ...
+
+
+def mu_1(
+    grasp: Grasp | GraspStack,
+    task: Task,
+    center: ArrayLike,
+    scale: float = 1.0,
+    rtol: float = 0.01,
+    *,
+    force_budget: str | ForceBudget = "l2",
+) -> Bounds | StackBounds:
+    """Return mu_1 (3.3-9): mu-tilde of ``b + lambda_0 (C - b)``, a convex task rescaled about a point of it.
+
+    Parameters
+    ----------
+    grasp : Grasp or GraspStack
+    task : Task
+        C, any convex set of wrenches.
+    center : (d,) array
+        b.
+    scale : float
+        lambda_0, greater than zero; large enough for the rescaled set to contain the origin if mu_1 > 0 is to
+        mean stability.
+    rtol : float
+    force_budget : str or ForceBudget
+    """
+    require_grasp(grasp, stack=True)
+    task = task_for(task, grasp)
+    b = array("center", center, (grasp.dimension,))
+    factor = number("scale", scale, above=0.0)
+
+    def support(y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values, maximisers = task.support(y)
+        shift = y @ b
+        return shift + factor * (values - shift), b + factor * (maximisers - b)
+
+    return mu(grasp, TaskSet(support, grasp.dimension), rtol, force_budget=force_budget)
+
+
+def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:
+    """Return K_1 and K_2 of (3.3-8): ``K_1 mu_tilde(c + E) <= mu(E) <= K_2 mu_tilde(c + E)`` for every grasp.
+
+    With ``s = ||L^+ c||``, how far the centre c of the task is out in units of its own ellipsoid E, ``(1 - s) E`` is
+    inside ``c + E``, which is inside ``(1 + s) E``: K_1 is ``max(0, 1 - s)`` and K_2 is ``1 + s``. Both are
+    1 for a centred task. K_2 is infinite where c is out of the span of a flat ellipsoid.
+
+    Parameters
+    ----------
+    task : TaskEllipsoid
+        ``c + E``.
+
+    Returns
+    -------
+    K_1, K_2 : float
+    """
+    if not isinstance(task, TaskEllipsoid):
+        raise InputError("task", task, "a TaskEllipsoid")
+    local, *_ = np.linalg.lstsq(task.axes.T, task.center, rcond=None)
+    if np.linalg.norm(task.axes.T @ local - task.center) > 1e-9 * max(float(np.linalg.norm(task.center)), 1e-300):
+        return 0.0, float("inf")
+    s = float(np.linalg.norm(local))
+    return max(0.0, 1.0 - s), 1.0 + s

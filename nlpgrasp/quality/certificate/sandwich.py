@@ -1,0 +1,165 @@
+"""Certified bounds by a sandwich (theory, Section 4).
+
+Support points ``s_j`` of the wrench set W span an inner polytope P, cut into cells around a centre c in its
+interior. A cell with plane ``{x : <a, x - c> = 1}`` allows ``alpha <= (1 + <a, c>) / phi_A(a)``; the least of these is
+a **lower** bound on the largest alpha with ``alpha A`` inside W. The exact ratio ``phi_W(y) / phi_A(y)`` at any
+direction y is an **upper** bound, and its maximiser is a new point of P.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import QhullError
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.certificate.closure import no_support, separating_direction
+from nlpgrasp.quality.certificate.containment import Containment
+from nlpgrasp.quality.certificate.hull import Hull
+from nlpgrasp.quality.certificate.minimise import descend, random_directions, separated
+
+SHRINK = 1e-4  # relative, at most a hundredth of the tolerance: no point set is degenerate, and all stay inside W
+ROUNDING = 1e-9  # relative guard for the arithmetic of planes and supports
+SEEDS, DESCENT = 60, 20  # directions followed downhill before there is a hull, and for how many steps
+BATCH = 12  # new points between two looks at the worst cells
+SPREAD = 0.3  # squared distance of their normals, relative to the gap
+HOPELESS = ((250, 1e-6), (600, 0.3))  # points after which a lower bound below that share of the upper will not rise
+MOST_POINTS = 6000  # some million cells: floating point and memory allow no more
+
+
+@dataclass
+class Sandwich:
+    """Where a sandwich stands.
+
+    Parameters
+    ----------
+    upper : float
+        Least ratio found.
+    worst : (r,) array
+        The direction that has it.
+    hull : Hull or None
+        Support points inside the wrench set; None where there is nothing to certify or no hull could be built.
+    """
+
+    upper: float
+    worst: FloatArray
+    hull: Hull | None = None
+
+
+def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Bounds:
+    """Return certified bounds on the largest alpha with ``alpha A`` inside the wrench set.
+
+    Parameters
+    ----------
+    problem : Containment
+    rtol : float
+        Stop when ``upper <= lower (1 + rtol)``.
+    seed : int
+        Of the random directions and of the shrinking.
+    deadline : float, optional
+        ``time.monotonic()`` value after which the bounds reached so far are returned.
+
+    Returns
+    -------
+    Bounds
+        ``worst_direction`` is in the problem's own coordinates. Wider than asked only past the deadline or
+        where floating point allows no better.
+    """
+    found = narrowed(problem, rtol, seed, deadline)
+    if found.upper == 0.0:
+        return Bounds(0.0, 0.0, found.worst)
+    if problem.rank == 1:
+        return Bounds(found.upper * (1.0 - problem.rounding), found.upper * (1.0 + problem.rounding), found.worst)
+    lower = 0.0 if found.hull is None else _lower(problem, found.hull) * (1.0 - problem.rounding)
+    return Bounds(min(lower, found.upper), found.upper * (1.0 + problem.rounding), found.worst)
+
+
+def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Sandwich:
+    """Return the sandwich of ``sandwich``, narrowed to the tolerance, before its bounds are certified."""
+    rng = np.random.default_rng(seed)
+    seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
+    found, values = descend(problem, seeds, DESCENT)
+    separating = separating_direction(problem.wrenches)
+    best = int(np.argmin(values))
+    state = Sandwich(float(values[best]), found[best])
+    if separating is not None:
+        ratio = float(problem.ratio(separating[None, :])[0][0])
+        if ratio <= state.upper or (no_support(problem.wrenches, separating) and np.isfinite(ratio)):
+            state = Sandwich(ratio, separating)
+        elif np.isfinite(ratio):
+            separating = None
+    if no_support(problem.wrenches, state.worst):
+        return Sandwich(0.0, state.worst)
+    if problem.rank == 1:
+        return state
+    shrink = min(SHRINK, 0.01 * rtol)
+    start = found[separated(found, np.argsort(values), 0.95, 14)]
+    hull = state.hull = _first_hull(problem, start, shrink, separating is not None, rng)
+    while hull is not None and len(hull) < MOST_POINTS and (deadline is None or time.monotonic() < deadline):
+        target = state.upper / (1.0 + 0.8 * rtol)
+        cells = hull.worst(target, 8 * BATCH)
+        if not cells.size or _hopeless(len(hull), hull.values[cells[0]] / target):
+            break
+        normals = hull.normals(cells)
+        exact = problem.ratio(normals)[0]
+        best = int(np.argmin(exact))
+        if exact[best] < state.upper:
+            state.upper, state.worst = float(exact[best]), normals[best]
+            if no_support(problem.wrenches, state.worst):
+                return Sandwich(0.0, state.worst)
+        gap = max(1.0 - hull.values[cells[0]] / target, rtol)
+        chosen = separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
+        added = [hull.insert(p) for p in _inner_points(problem, normals[chosen], shrink, rng)]
+        if not any(added):
+            break
+    return state
+
+
+def _hopeless(points: int, share: float) -> bool:
+    """Return whether the arithmetic, not the number of points, keeps the lower bound down."""
+    return any(points > most and share < least for most, least in HOPELESS)
+
+
+def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator) -> FloatArray:
+    """Return support points in directions u, each moved towards the origin by its own small factor."""
+    wrench = problem.wrenches.support(u)[1]
+    return np.asarray(wrench * (1.0 - shrink * rng.random((len(u), 1))))
+
+
+def _first_hull(
+    problem: Containment, start: FloatArray, shrink: float, with_origin: bool, rng: np.random.Generator
+) -> Hull | None:
+    """Return the hull of support points in the given and in random directions; None when they all stay flat.
+
+    An origin on the boundary of W is a vertex of its own.
+    """
+    for count in (8, 40, 200):
+        u = np.concatenate([start, random_directions(count, problem.rank, rng)])
+        points = _inner_points(problem, u, shrink, rng)
+        if with_origin:
+            points = np.concatenate([np.zeros((1, problem.rank)), points])
+        try:
+            return Hull(points, lambda planes, centre: _values(problem, planes, centre, 1.0))
+        except QhullError:
+            continue
+    return None
+
+
+def _values(problem: Containment, planes: FloatArray, centre: FloatArray, height: FloatArray | float) -> FloatArray:
+    """Return the largest alpha each plane ``{<a, x - centre> <= height}`` allows."""
+    offset = height + planes @ centre
+    offset = np.where(np.abs(offset) < ROUNDING, 0.0, offset)
+    reach = problem.task.support(planes)[0]
+    binding = reach > 0.0
+    # where the task does not push against a plane it must still have the origin on its inner side
+    free = np.where(offset < 0.0, 0.0, np.inf)
+    return np.asarray(np.where(binding, np.maximum(offset, 0.0) / np.where(binding, reach, 1.0), free))
+
+
+def _lower(problem: Containment, hull: Hull) -> float:
+    """Return the certified lower bound, each cell's offset taken anew from its own vertices, the nearest one."""
+    _, planes, heights = hull.corners()
+    return float(np.min(_values(problem, planes, hull.centre, np.minimum(heights, 1.0))))

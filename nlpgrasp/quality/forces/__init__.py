@@ -1,0 +1,1 @@
+"""Least finger forces for wrenches."""

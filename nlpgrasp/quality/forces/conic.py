@@ -1,0 +1,55 @@
+"""Least finger forces under budgets that are not the L2 ball: a small conic program a wrench, solved by Clarabel.
+
+The grasp force optimisation problem (Boyd and Wegbreit 2007, doi:10.1109/TRO.2007.904901): minimise f subject to
+``G x = w``, x in K and x in f B.
+"""
+
+from __future__ import annotations
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from nlpgrasp.budgets.base import ranges
+from nlpgrasp.common.conic import cone_of, quiet_settings
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+
+TOLERANCES = (1e-11, 1e-9, 3e-8)  # one after another until the solver reaches it
+
+
+def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return forces that use the least of the budget, and dual directions: (m, d) to (m, n) and (m, d).
+
+    A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver found none.
+    """
+    d, n = wrench_set.G.shape
+    contacts, space = wrench_set.contacts, wrench_set.space
+    rows: list[FloatArray] = [np.concatenate([wrench_set.G, np.zeros((d, 1))], axis=1)]
+    cones = [clarabel.ZeroConeT(d)]
+    matrices = []
+    for contact, r in zip(contacts, ranges(contacts, space), strict=True):
+        for M in contact.cones(space):
+            matrices.append(np.zeros((len(M), n + 1)))
+            matrices[-1][:, r] = M
+    matrices += wrench_set.budget.cones(contacts, space)
+    rows += [-M for M in matrices]
+    cones += [cone_of(M) for M in matrices]
+    A = sparse.csc_matrix(np.concatenate(rows))
+    cost = np.zeros(n + 1)
+    cost[n] = 1.0
+    settings = [quiet_settings(tolerance) for tolerance in TOLERANCES]
+    forces, directions = np.full((len(wrenches), n), np.nan), np.full((len(wrenches), d), np.nan)
+    nothing = sparse.csc_matrix((n + 1, n + 1))
+    for i, w in enumerate(wrenches):
+        b = np.zeros(A.shape[0])
+        b[:d] = w
+        for options in settings:
+            found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
+            if str(found.status) == "Solved":
+                forces[i] = np.array(found.x)[:n]
+                directions[i] = -np.array(found.z)[:d]
+                break
+            if "Infeasible" in str(found.status):
+                break
+    return forces, directions

@@ -1,0 +1,164 @@
+"""Finger forces that produce given wrenches with the least effort, and which wrenches cannot be produced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nlpgrasp.budgets import ForceBudget, L2Budget
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import NlpgraspError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality.arguments import require_grasp
+from nlpgrasp.quality.certificate.closure import positive_share, unreachable
+from nlpgrasp.quality.certificate.rank import numerical_rank
+from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from nlpgrasp.quality.forces import conic
+from nlpgrasp.quality.forces.dual_newton import dual_newton
+
+PRODUCED = 1e-8  # relative residual up to which a wrench counts as produced
+PROVEN = 1e-9  # |P_K(z)| over |z| of a separating direction
+CLEAR = 1e-6  # least <w, y> of unit vectors
+
+
+@dataclass(frozen=True)
+class FingerForces:
+    """Least forces that produce given wrenches.
+
+    Parameters
+    ----------
+    forces : (m, n) array
+        Force components in the contact frames, contact by contact, normal force first; the solver's last attempt
+        where a wrench cannot be produced.
+    feasible : (m,) bool array
+        Whether the contacts can produce the wrench, with whatever force.
+    residual : (m,) array
+        ``||G x - w||`` relative to ``||w||``, torques over the longest arm.
+    used : (m,) array
+        Least amount of the force budget: the L2 norm of all forces, the largest normal force, ...; infinite
+        where a wrench cannot be produced.
+    separating_directions : (m, d) array
+        Why not: a unit direction y with ``<w, y> > 0`` along which no force in the contacts' cones does positive work;
+        NaN where a wrench can be produced.
+    """
+
+    forces: FloatArray
+    feasible: NDArray[np.bool_]
+    residual: FloatArray
+    used: FloatArray
+    separating_directions: FloatArray
+
+
+@overload
+def finger_forces(grasp: Grasp, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2") -> FingerForces: ...
+
+
+@overload
+def finger_forces(
+    grasp: GraspStack, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2"
+) -> tuple[FingerForces, ...]: ...
+
+
+def finger_forces(
+    grasp: Grasp | GraspStack, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2"
+) -> FingerForces | tuple[FingerForces, ...]:
+    """Return the least finger forces for each wrench, theory Section 5.
+
+    With the default budget the forces of least L2 norm, unique, for thousands of wrenches at once. With
+    ``"per_finger"`` the least maximal normal force (the grasp force optimisation problem), with ``"shared"`` the
+    least sum of normal forces, with ``"per_finger_size"`` the least maximal finger force, with joint-torque limits
+    the least share of them: one small conic program a wrench.
+
+    Parameters
+    ----------
+    grasp : Grasp or GraspStack
+    wrenches : (m, d) or (d,) array
+        What the fingers have to produce, about the grasp's torque origin. A load on the body asks for its opposite.
+    force_budget : str or ForceBudget
+        What counts as least.
+
+    Returns
+    -------
+    FingerForces
+        For a stack, one for each grasp.
+
+    Raises
+    ------
+    InputError
+        On wrenches of another dimension, NaN, or a budget that does not bound the contacts' forces.
+    """
+    require_grasp(grasp, stack=True)
+    if isinstance(grasp, GraspStack):
+        return tuple(finger_forces(g, wrenches, force_budget=force_budget) for g in grasp)
+    w = _rows(wrenches, grasp.dimension)
+    scale = _units(grasp)
+    scaled = WrenchSet.of(grasp, force_budget).transformed(np.diag(1.0 / scale))
+    target = w / scale
+    size = np.linalg.norm(target, axis=1)
+    unit = target / np.where(size > 0.0, size, 1.0)[:, None]
+    x, residual, why = _least(scaled, unit)
+    feasible = residual <= PRODUCED
+    why = why / scale
+    why /= np.where(feasible, np.nan, np.linalg.norm(why, axis=1))[:, None]
+    used = np.where(feasible, scaled.budget.used(x, grasp.contacts, grasp.space) * size, np.inf)
+    return FingerForces(x * size[:, None], feasible, residual, used, why)
+
+
+def _rows(wrenches: ArrayLike, d: int) -> FloatArray:
+    """Return wrenches as rows; a single one may be given by itself."""
+    try:
+        single = np.ndim(wrenches) == 1 and np.shape(wrenches) == (d,)
+    except ValueError:  # rows of different lengths
+        single = False
+    return array("wrenches", wrenches, (d,))[None, :] if single else array("wrenches", wrenches, (None, d))
+
+
+def _units(grasp: Grasp) -> FloatArray:
+    """Return what forces and torques are measured in: 1, and the longest arm of any force or torsion (d,)."""
+    torques = grasp.G[grasp.space :]
+    arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
+    arm = max(float(np.max(np.linalg.norm(torques, axis=0))), float(np.max(arms)))
+    return np.array([1.0] * grasp.space + [arm or 1.0] * len(torques))
+
+
+def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return forces, residuals and separating directions for unit (or zero) wrenches."""
+    basis, values, _ = np.linalg.svd(wrench_set.G)
+    basis = basis[:, : numerical_rank(values)]  # what G reaches at all, contacts' cones aside
+    inside = wrench_set.transformed(basis.T)
+    local = w @ basis
+    y, x = dual_newton(inside, local)
+    why = w - local @ basis.T
+    off = np.linalg.norm(why, axis=1) > PRODUCED
+    residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
+    open_ = np.flatnonzero(~off & (residual > PRODUCED))
+    proven = _separates(inside, y[open_], local[open_])
+    why[open_[proven]] = y[open_[proven]] @ basis.T
+    open_ = open_[~proven]
+    if open_.size:  # narrow cones are hard for Newton's method: ask a conic solver
+        again = conic.least_forces(replace(inside, budget=L2Budget()), local[open_])[0]
+        left = np.linalg.norm(again @ inside.G.T - local[open_], axis=1)
+        good = left <= PRODUCED  # false for NaN
+        x[open_[good]], residual[open_[good]] = again[good], left[good]
+        for i in open_[~good]:
+            found = unreachable(inside, local[i])
+            why[i] = basis @ (y[i] if found is None else found)
+    if not isinstance(wrench_set.budget, L2Budget):
+        able = np.flatnonzero(residual <= PRODUCED)
+        least = conic.least_forces(inside, local[able])[0]
+        failed = able[~np.all(np.isfinite(least), axis=1) & np.any(local[able] != 0.0, axis=1)]
+        if failed.size:
+            raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
+        x[able] = np.where(np.isfinite(least), least, 0.0)
+        residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
+    return x, residual, why
+
+
+def _separates(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
+    """Return where y separates w from what the contacts can produce: no support along y, and <w, y> clearly above 0."""
+    size = np.maximum(np.linalg.norm(y, axis=1), 1e-300)
+    return np.asarray((positive_share(wrench_set, y) <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))

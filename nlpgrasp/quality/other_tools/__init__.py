@@ -1,0 +1,1 @@
+"""Measures as other tools compute them."""

@@ -1,0 +1,215 @@
+"""Measures from m-edge friction pyramids, which other tools report, to compare with the certified ones.
+
+None is a certificate. All but the volume are 0 where the contacts cannot resist some wrench, and all are where the
+pyramids' wrenches do not span wrench space, which is what several tools miss.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import overload
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from nlpgrasp.budgets.base import ranges
+from nlpgrasp.common.validation import FloatArray, integer, number
+from nlpgrasp.contacts import BilateralContact, ContactModel, SoftContact
+from nlpgrasp.errors import InputError, NlpgraspError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality.arguments import require_grasp
+from nlpgrasp.quality.certificate.rank import wrench_rank
+from nlpgrasp.quality.certificate.units import over_length
+
+MOST_WRENCHES = 20_000  # sums of a pyramid's hull, most of them inside: Qhull's memory
+MOST_HULL = 600  # wrenches that are nearly all vertices: some ten seconds
+
+
+def pyramid_wrenches(
+    grasp: Grasp, edges: int = 8, torque_scale: float = 1.0, *, unit_edges: bool = False, first_edge: float = 0.0
+) -> list[FloatArray]:
+    """Return each contact's wrenches along the edges of its friction pyramid, with unit normal force.
+
+    Parameters
+    ----------
+    grasp : Grasp
+        Point contacts, with friction or without, and soft contacts (torsion at both ends of its range with every
+        edge).
+    edges : int
+        m, at least 3; in the plane a cone has its 2 edges.
+    torque_scale : float
+        Metres.
+    unit_edges : bool
+        Scale the edges to unit length, as some tools do; their epsilon is then smaller by about sqrt(1 + mu^2).
+    first_edge : float
+        Angle of the first edge from the first tangent, radians: a pyramid's number depends on it.
+
+    Returns
+    -------
+    list of k (m_i, d) arrays
+    """
+    require_grasp(grasp)
+    edges = integer("edges", edges, at_least=3, at_most=1000)
+    first_edge = number("first_edge", first_edge)
+    if not isinstance(unit_edges, bool):
+        raise InputError("unit_edges", unit_edges, "True or False")
+    scale = over_length(grasp, torque_scale)
+    result = []
+    for contact, r in zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True):
+        forces = _edges(contact, r.stop - r.start, edges, first_edge)
+        if unit_edges:
+            forces = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+        result.append(forces @ (scale[:, None] * grasp.G[:, r]).T)
+    return result
+
+
+@overload
+def ferrari_canny(
+    grasp: Grasp,
+    edges: int = 8,
+    torque_scale: float = 1.0,
+    *,
+    force_budget: str = "shared",
+    unit_edges: bool = False,
+    first_edge: float = 0.0,
+) -> float: ...
+@overload
+def ferrari_canny(
+    grasp: GraspStack,
+    edges: int = 8,
+    torque_scale: float = 1.0,
+    *,
+    force_budget: str = "shared",
+    unit_edges: bool = False,
+    first_edge: float = 0.0,
+) -> FloatArray: ...
+def ferrari_canny(
+    grasp: Grasp | GraspStack,
+    edges: int = 8,
+    torque_scale: float = 1.0,
+    *,
+    force_budget: str = "shared",
+    unit_edges: bool = False,
+    first_edge: float = 0.0,
+) -> float | FloatArray:
+    """Return Ferrari and Canny's epsilon from friction pyramids (1992, doi:10.1109/ROBOT.1992.219918).
+
+    The radius of the largest ball about the origin inside the hull of the edges' wrenches (``"shared"``, L1) or of all
+    their sums over contacts (``"per_finger"``, L-infinity). An inner approximation: the value of the cones
+    themselves is ``delta(grasp, torque_scale, force_budget=...)``, certified and faster.
+
+    Returns
+    -------
+    float
+        0 when the origin is not inside, or the wrenches do not span wrench space.
+
+    Raises
+    ------
+    NlpgraspError
+        When the hull cannot be built: a failure is never a score.
+    """
+    hulls = _pyramid_hulls(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
+    values = [0.0 if hull is None else max(0.0, float(np.min(-hull.equations[:, -1]))) for hull in hulls]
+    return np.array(values) if isinstance(grasp, GraspStack) else values[0]
+
+
+@overload
+def pyramid_volume(
+    grasp: Grasp,
+    edges: int = 8,
+    torque_scale: float = 1.0,
+    *,
+    force_budget: str = "shared",
+    unit_edges: bool = False,
+    first_edge: float = 0.0,
+) -> float: ...
+@overload
+def pyramid_volume(
+    grasp: GraspStack,
+    edges: int = 8,
+    torque_scale: float = 1.0,
+    *,
+    force_budget: str = "shared",
+    unit_edges: bool = False,
+    first_edge: float = 0.0,
+) -> FloatArray: ...
+def pyramid_volume(
+    grasp: Grasp | GraspStack,
+    edges: int = 8,
+    torque_scale: float = 1.0,
+    *,
+    force_budget: str = "shared",
+    unit_edges: bool = False,
+    first_edge: float = 0.0,
+) -> float | FloatArray:
+    """Return the volume of the hull of ``ferrari_canny`` (Miller and Allen 1999, doi:10.1109/ROBOT.1999.772531).
+
+    A grasp that is not force-closed has a volume too; 0 only where the wrenches do not span wrench space.
+    """
+    hulls = _pyramid_hulls(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
+    values = [0.0 if hull is None else float(hull.volume) for hull in hulls]
+    return np.array(values) if isinstance(grasp, GraspStack) else values[0]
+
+
+def _edges(contact: ContactModel, n: int, edges: int, first_edge: float) -> FloatArray:
+    """Return forces of unit normal force along the edges of a contact's pyramid, (m, n)."""
+    if isinstance(contact, BilateralContact) or contact.kind not in ("point", "friction", "soft"):
+        raise InputError("Grasp.contacts", contact.kind, "point, friction or soft contacts in a friction pyramid")
+    if n == 1:
+        return np.ones((1, 1))
+    if n == 2:
+        return contact.extreme(np.array([[0.0, 1.0], [0.0, -1.0]]))[1]
+    angles = first_edge + 2.0 * np.pi * np.arange(edges) / edges
+    along = np.stack([np.zeros(edges), np.cos(angles), np.sin(angles)], axis=1)
+    if n == 3:
+        return contact.extreme(along)[1]
+    sign = np.repeat([1.0, -1.0], edges)[:, None]  # torsion at both ends of its range
+    return contact.extreme(np.concatenate([np.tile(along, (2, 1)), sign * _ratio(contact)], axis=1))[1]
+
+
+def _ratio(contact: ContactModel) -> float:
+    """Return friction over torsional friction: the torsion that weighs as much as unit sliding."""
+    return float(contact.friction / contact.torsional_friction) if isinstance(contact, SoftContact) else 1.0
+
+
+def _pyramid_hulls(
+    grasp: Grasp | GraspStack,
+    edges: int,
+    torque_scale: float,
+    force_budget: str,
+    unit_edges: bool,
+    first_edge: float,
+) -> list[ConvexHull | None]:
+    """Return the hull of ``_pyramid_hull`` for a grasp, or for each of a stack."""
+    grasps = grasp if isinstance(grasp, GraspStack) else [grasp]
+    return [_pyramid_hull(g, edges, torque_scale, force_budget, unit_edges, first_edge) for g in grasps]
+
+
+def _pyramid_hull(
+    grasp: Grasp, edges: int, torque_scale: float, force_budget: str, unit_edges: bool, first_edge: float
+) -> ConvexHull | None:
+    """Return the hull of the pyramids' wrenches with the origin; None when they do not span wrench space."""
+    each = pyramid_wrenches(grasp, edges, torque_scale, unit_edges=unit_edges, first_edge=first_edge)
+    if not isinstance(force_budget, str):
+        raise InputError("force_budget", force_budget, '"shared" or "per_finger" for friction pyramids')
+    none = np.zeros((1, grasp.dimension))
+    if force_budget == "shared":
+        wrenches = np.concatenate([*each, none])
+        if len(wrenches) > MOST_HULL:
+            raise InputError("edges", f"{edges}: {len(wrenches)} wrenches", f"at most {MOST_HULL} of them")
+    elif force_budget == "per_finger":
+        count = np.prod([float(len(w) + 1) for w in each])
+        if count > MOST_WRENCHES:
+            raise InputError("edges", f"{edges}: {count:.0f} sums", f"at most {MOST_WRENCHES} of them")
+        wrenches = np.array([np.sum(choice, axis=0) for choice in product(*[[*w, none[0]] for w in each])])
+    else:
+        raise InputError("force_budget", force_budget, '"shared" or "per_finger" for friction pyramids')
+    if wrench_rank(wrenches) < grasp.dimension:
+        return None
+    try:
+        return ConvexHull(wrenches)
+    except QhullError as error:
+        raise NlpgraspError(
+            f"the hull of the friction pyramids cannot be built: {str(error).splitlines()[0]}"
+        ) from None

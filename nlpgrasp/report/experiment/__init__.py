@@ -1,0 +1,1 @@
+"""A page and plots of an experiment."""

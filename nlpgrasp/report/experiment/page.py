@@ -1,0 +1,115 @@
+"""One self-contained page of an experiment: table, intervals, pictures, what failed, how to do it again."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from nlpgrasp.common.files import write_text
+from nlpgrasp.experiments.found.result import EXPLAINED, NOT_COMPARABLE, ExperimentResult
+from nlpgrasp.experiments.run.folder import PLAN
+
+STYLE = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 72rem; padding: 1rem; }
+.wide { overflow-x: auto; }
+caption { text-align: left; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th, td { border-bottom: 1px solid #8884; padding: .3rem .8rem .3rem 0; text-align: left; vertical-align: top; }
+.interval { background: #8883; height: .8rem; min-width: 8rem; position: relative; }
+.interval span { background: #1f77b4; height: 100%; min-width: 3px; position: absolute; }
+img { background: #fff; height: auto; max-width: 100%; }
+.warning { border-left: .3rem solid #d62728; padding-left: .7rem; }
+"""
+CAPTIONS = {
+    "mu_by_variation": "Certified interval of each variation's best grasp (bar), lower bound of each seed (dots)",
+    "mu_against_time": "Best certified lower bound against time, a line a seed",
+    "convergence": "How far the exchange was from where it ended, best start of each variation",
+    "success_rate": "Share of starts that found a certified grasp, with Wilson's 95 % interval",
+}
+
+
+def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -> Path:
+    """Write the page; it opens from disk and needs nothing else.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
+    title = escape(result.name)
+    parts = [
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<style>{STYLE}</style></head><body><main>",
+        f"<h1>{title}</h1>",
+        f"<p>{sum(v.done for v in result.variations)} of {len(result.solves)} solves done.</p>",
+        *_warnings(result),
+        _table(result),
+        *(_figure(picture) for picture in pictures if picture.is_file()),
+        _prices(result),
+        _inputs(result),
+        "</main></body></html>\n",
+    ]
+    return write_text(path, "\n".join(parts))
+
+
+def _warnings(result: ExperimentResult) -> list[str]:
+    lines = [] if result.comparable else [NOT_COMPARABLE]
+    lines += [f"{s.variation}, seed {s.seed}: {s.failure}" for s in result.failures]
+    return [f'<p class="warning">{escape(line)}</p>' for line in [*lines, *result.notes]]
+
+
+def _table(result: ExperimentResult) -> str:
+    heads = ["Rank", "Variation", "mu certified in", "", "Seeds that agree", "Seconds a solve", "Starts that succeeded"]
+    heads += ["Ties with", "Active constraints"]
+    most = max((v.mu.upper for v in result.variations), default=0.0) or 1.0
+    rows = []
+    found = zip(result.variations, result.ranks(), result.ties(), strict=True)
+    for v, rank, tied in sorted(found, key=lambda row: (row[1], -row[0].mu.upper)):
+        good, total = v.starts
+        left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
+        span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
+        bar = f'<div class="interval" aria-hidden="true">{span}</div>'
+        active = "; ".join(v.best.active) if v.best is not None else ""
+        place = f"{rank}" if v.done else ""
+        cells = [place, v.name, v.found, bar, f"{v.agreeing}/{len(v.solves)}", f"{v.seconds:.1f}", f"{good}/{total}"]
+        cells += ["; ".join(tied), active]
+        rows.append("".join(f"<td>{cell if cell is bar else escape(cell)}</td>" for cell in cells))
+    head = "".join(f'<th scope="col">{h}</th>' for h in heads)
+    body = "\n".join(f"<tr>{row}</tr>" for row in rows)
+    caption = (
+        f"Rank: 1 plus the number of variations that are certainly better. Ties: within the certified gap. {EXPLAINED}"
+    )
+    return f'<div class="wide"><table><caption>{caption}</caption><tr>{head}</tr>\n{body}</table></div>'
+
+
+def _figure(picture: Path) -> str:
+    caption = CAPTIONS.get(picture.stem, picture.stem)
+    data = base64.b64encode(picture.read_bytes()).decode()
+    return (
+        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+    )
+
+
+def _prices(result: ExperimentResult) -> str:
+    items = [
+        f"<dt>{escape(v.name)}</dt>" + "".join(f"<dd>{escape(str(p))}</dd>" for p in v.best.prices)
+        for v in result.variations
+        if v.best is not None and v.best.prices
+    ]
+    return f"<h2>What limits cost</h2><dl>{''.join(items)}</dl>" if items else ""
+
+
+def _inputs(result: ExperimentResult) -> str:
+    try:
+        plan = escape((result.folder / PLAN).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        plan = f"{PLAN} is gone."
+    return (
+        "<h2>Do it again</h2><p>The solutions are in <code>solves/</code>; <code>nlpgrasp verify</code> checks each. "
+        "The same script in a new folder gives the same grasps: <code>nlpgrasp experiment SCRIPT --out DIR</code>.</p>"
+        f'<details><summary>All inputs</summary><pre class="wide">{plan}</pre></details>'
+    )

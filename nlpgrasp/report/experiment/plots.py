@@ -1,0 +1,136 @@
+"""Pictures of an experiment, by matplotlib (extra ``viz``)."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nlpgrasp.common.pyplot import pyplot, write_figure
+from nlpgrasp.experiments.found.result import ExperimentResult
+from nlpgrasp.experiments.found.variation_result import VariationResult
+
+MOST_SHOWN = 30  # variations in a picture: the best
+MOST_COLOURS = 10  # of them with a colour and a name where lines are drawn
+SMALLEST = 1e-6  # share drawn for none
+Z = 1.96  # of a 95 % interval
+
+
+def write_plots(result: ExperimentResult, folder: Path) -> list[Path]:
+    """Write the pictures into a folder and return their paths; none where nothing was found.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    InputError
+        When a picture cannot be written.
+    """
+    plt = pyplot("a picture")
+    ranked = sorted(zip(result.variations, result.ranks(), strict=True), key=lambda pair: (pair[1], -pair[0].mu.upper))
+    shown = [v for v, _ in ranked if v.best is not None][:MOST_SHOWN]
+    pictures = {"mu_by_variation": draw_mu, "mu_against_time": draw_time, "convergence": draw_convergence}
+    paths = []
+    for name, draw in pictures.items() if shown else ():
+        paths.append(_written(plt, folder / f"{name}.png", draw, shown))
+    counted = [v for v in result.variations if v.starts[1]][:MOST_SHOWN]
+    if counted:
+        paths.append(_written(plt, folder / "success_rate.png", draw_success, counted))
+    return paths
+
+
+def draw_mu(plt: Any, variations: Sequence[VariationResult]) -> Any:
+    """Draw the certified interval of each variation's best grasp, and a dot for each seed."""
+    figure, ax = plt.subplots(figsize=(7.0, 1.2 + 0.32 * len(variations)), layout="constrained")
+    for row, v in enumerate(variations):
+        seeds = [s.mu.lower for s in v.solves if s.success]
+        ax.plot(seeds, [row] * len(seeds), ".", color="0.6", markersize=5, zorder=1)
+        ax.plot([v.mu.lower, v.mu.upper], [row, row], "|-", color="C0", linewidth=3, markersize=11, zorder=2)
+    ax.set_yticks(range(len(variations)), [_short(v.name) for v in variations])
+    ax.invert_yaxis()
+    ax.set_xlim(left=0.0)
+    ax.margins(x=0.05)
+    ax.grid(axis="x", color="0.9")
+    ax.set_xlabel(f"{_label(variations)}: certified interval of the best (bar), lower bound of each seed (dots)")
+    return figure
+
+
+def draw_time(plt: Any, variations: Sequence[VariationResult]) -> Any:
+    """Draw the best certified lower bound against the solver's time, a line a seed."""
+    figure, ax = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
+    for i, v in enumerate(variations[:MOST_COLOURS]):
+        for j, solve in enumerate(s for s in v.solves if s.success):
+            seconds, best = np.array([(0.0, 0.0), *solve.rising]).T
+            ax.step(seconds, best, where="post", color=f"C{i}", alpha=0.7, label=_short(v.name) if j == 0 else None)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("seconds in starts, one after another")
+    ax.set_ylabel(f"best {_label(variations)} so far (certified lower bound)")
+    ax.grid(color="0.9")
+    _legend(ax, len(variations))
+    return figure
+
+
+def draw_convergence(plt: Any, variations: Sequence[VariationResult]) -> Any:
+    """Draw how far the exchange was from where it ended, round by round, of each variation's best start."""
+    figure, ax = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
+    for i, v in enumerate(variations[:MOST_COLOURS]):
+        start = None if v.best is None else v.best.best_start
+        if start is not None and len(start.history) > 1:
+            left = 1.0 - np.array(start.history) / start.history[-1]
+            ax.plot(np.maximum(left, SMALLEST), ".-", color=f"C{i}", alpha=0.8, label=_short(v.name))
+    ax.set_yscale("log")
+    ax.set_xlabel("rounds of the exchange, best start")
+    ax.set_ylabel(f"share of the final {_label(variations)} still to gain")
+    ax.grid(color="0.9")
+    if ax.lines:
+        _legend(ax, len(variations))
+    return figure
+
+
+def draw_success(plt: Any, variations: Sequence[VariationResult]) -> Any:
+    """Draw the share of starts that found a certified grasp, with Wilson's 95 % interval."""
+    figure, ax = plt.subplots(figsize=(7.0, 1.2 + 0.32 * len(variations)), layout="constrained")
+    for row, v in enumerate(variations):
+        good, total = v.starts
+        low, high = wilson(good, total)
+        ax.barh(row, good / total, color="C0", height=0.6)
+        ax.plot([low, high], [row, row], color="0.2", linewidth=1.2)
+        ax.text(1.02, row, f"{good}/{total}", va="center", fontsize=8)
+    ax.set_yticks(range(len(variations)), [_short(v.name) for v in variations])
+    ax.invert_yaxis()
+    ax.set_xlim(0.0, 1.12)
+    ax.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
+    ax.set_xlabel("starts that found a certified grasp (line: 95 % interval)")
+    return figure
+
+
+def wilson(good: int, total: int) -> tuple[float, float]:
+    """Return Wilson's interval of a share (1927, doi:10.1080/01621459.1927.10502953)."""
+    share, z2 = good / total, Z**2 / total
+    middle = share + 0.5 * z2
+    half = Z * np.sqrt(share * (1.0 - share) / total + 0.25 * z2 / total)
+    return float((middle - half) / (1.0 + z2)), float((middle + half) / (1.0 + z2))
+
+
+def _written(plt: Any, path: Path, draw: Any, variations: Sequence[VariationResult]) -> Path:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # names in scripts that the font lacks: drawn as boxes
+        return write_figure(plt, draw(plt, variations), path)
+
+
+def _label(variations: Sequence[VariationResult]) -> str:
+    kinds = {v.best.kind for v in variations if v.best is not None}
+    return "mu-tilde" if kinds == {"mu_tilde"} else "mu"
+
+
+def _legend(ax: Any, count: int) -> None:
+    title = f"best {MOST_COLOURS} of {count}" if count > MOST_COLOURS else None
+    ax.legend(fontsize=8, title=title)
+
+
+def _short(name: str, longest: int = 32) -> str:
+    short = name if len(name) <= longest else name[: longest - 3] + "..."
+    return short.replace("$", r"\$")  # no mathematics

@@ -1,0 +1,82 @@
+"""Pictures, by matplotlib (extra ``viz``)."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.pyplot import pyplot
+from nlpgrasp.common.validation import array
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.learnt.fit import NAMES, EllipsoidFit
+
+MOST_POINTS = 5000  # drawn of each kind
+ROUND = np.linspace(0.0, 2.0 * np.pi, 181)
+FORMATS = (".png", ".svg", ".pdf")
+UNITS = {"f": "N", "m": "N m"}
+
+
+def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
+    """Draw a fitted ellipsoid over its wrenches: their projections on every two components; return the path.
+
+    Parameters
+    ----------
+    fit : EllipsoidFit
+    wrenches : (m, d) array
+        Those it was fitted to.
+    path : str or Path
+        Of the picture; its ending says the format (png, svg, pdf).
+
+    Raises
+    ------
+    MissingExtraError
+        When matplotlib is not installed.
+    InputError
+        On wrenches of another shape, or a path that cannot be written.
+    """
+    plt = pyplot("draw_fit")
+    if not isinstance(fit, EllipsoidFit):
+        raise InputError("fit", fit, "what ng.fit_ellipsoid returns")
+    if not isinstance(path, str | Path) or Path(path).suffix.lower() not in FORMATS:
+        raise InputError("path", path, "a file name that ends in " + ", ".join(FORMATS))
+    rows = array("wrenches", wrenches, (len(fit.inside), fit.task.dimension))
+    d = fit.task.dimension
+    names = NAMES[d]
+    figure, axes = plt.subplots(d - 1, d - 1, figsize=(2.0 * d, 2.0 * d), layout="constrained", squeeze=False)
+    step = max(1, len(rows) // MOST_POINTS)
+    shown, inside = rows[::step], fit.inside[::step]
+    for i, j in combinations(range(d), 2):
+        ax = axes[j - 1, i]
+        ax.scatter(*shown[inside][:, [i, j]].T, s=2, color="0.6", linewidths=0, rasterized=True)
+        ax.scatter(*shown[~inside][:, [i, j]].T, s=6, color="C3", linewidths=0, rasterized=True)
+        ax.plot(*_shadow(fit, i, j), color="C0", linewidth=1.2)
+        if j == d - 1:
+            ax.set_xlabel(f"{names[i]} [{UNITS[names[i][0]]}]")
+        if i == 0:
+            ax.set_ylabel(f"{names[j]} [{UNITS[names[j][0]]}]")
+        ax.tick_params(labelsize=6)
+    for i in range(d - 1):
+        for j in range(i):
+            axes[j, i].axis("off")
+    figure.suptitle(str(fit), fontsize=9)
+    target = Path(path)
+    try:
+        figure.savefig(target, dpi=130)
+    except (OSError, ValueError) as error:
+        raise InputError("path", f"{target}: {error}", "a file that can be written, such as fit.png") from None
+    finally:
+        plt.close(figure)
+    return target
+
+
+def _shadow(fit: EllipsoidFit, i: int, j: int) -> Any:
+    """Return the outline of the ellipsoid's projection on two components, (2, m)."""
+    both = fit.task.axes[:, [i, j]]
+    u, s, vt = np.linalg.svd(both, full_matrices=False)
+    del u
+    outline = (np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1)[:, : len(s)] * s) @ vt
+    return (fit.task.center[[i, j]] + outline).T

@@ -1,0 +1,78 @@
+"""The task wrenches that a report shows finger forces for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.budgets import budget_from_dict
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality import finger_forces
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import task_from_dict
+
+LABELS = {3: ("f_x", "f_y", "m_z"), 6: ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")}
+MOST = 25  # wrenches
+SMALL = 0.02  # of the largest force or moment: not worth a word
+
+
+@dataclass(frozen=True)
+class ChosenWrench:
+    """A wrench of the task, scaled by the certified lower bound, and the finger forces that produce it.
+
+    Parameters
+    ----------
+    label : str
+        In words.
+    wrench : (d,) array
+    forces : (k, space) array
+        Body frame.
+    """
+
+    label: str
+    wrench: FloatArray
+    forces: FloatArray
+
+
+def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
+    """Return the hardest wrench of the task and the ends of its semi-axes; those that fingers can produce."""
+    grasp, task = solution.grasp, task_from_dict(solution.problem["task"])
+    if grasp is None or solution.mu.lower <= 0.0:
+        return []
+    wrenches, names = [], []
+    if solution.mu.worst_direction is not None:
+        wrenches.append(task.support(solution.mu.worst_direction[None, :])[1][0])
+        names.append("hardest wrench")
+    for i, wrench in enumerate(task.ends()[: MOST - len(wrenches)]):
+        wrenches.append(wrench)
+        names.append(f"task wrench {i + 1}")
+    scaled = solution.mu.lower * np.array(wrenches)
+    found = finger_forces(grasp, scaled, force_budget=budget_from_dict(solution.problem["force_budget"]))
+    return [
+        ChosenWrench(f"{name}: {wrench_words(w)}", w, grasp.contact_wrenches(x)[:, : grasp.space])
+        for name, w, x, feasible in zip(names, scaled, found.forces, found.feasible, strict=True)
+        if feasible
+    ]
+
+
+def wrench_words(wrench: FloatArray) -> str:
+    """Return the components of a wrench that matter, with units."""
+    labels, space = LABELS[len(wrench)], 2 if len(wrench) == 3 else 3
+    parts = []
+    for names, values, unit in (
+        (labels[:space], wrench[:space], "N"),
+        (labels[space:], wrench[space:], "N m"),
+    ):
+        largest = float(np.max(np.abs(values)))
+        parts += [f"{n} {v:.3g} {unit}" for n, v in zip(names, values, strict=True) if abs(v) > SMALL * largest > 0.0]
+    return ", ".join(parts) or "zero"
+
+
+def force_words(grasp: Grasp, forces: FloatArray) -> list[str]:
+    """Return for each finger how hard it presses and how hard it rubs."""
+    pressing = np.sum(forces * grasp.normals, axis=1)
+    rubbing = np.linalg.norm(forces - pressing[:, None] * grasp.normals, axis=1)
+    both = enumerate(zip(pressing, rubbing, strict=True))
+    return [f"finger {i}: {p:.3g} N normal, {t:.3g} N tangential" for i, (p, t) in both]

@@ -1,0 +1,165 @@
+"""The grasp in three dimensions, as traces for plotly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nlpgrasp.common.drawing import Triangles
+from nlpgrasp.common.spatial import tangents
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.report.solution.chosen_wrenches import ChosenWrench
+from nlpgrasp.solution.solution import GraspSolution
+
+ROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+NORMAL, CONE, FORCE = 0.25, 0.22, 0.8  # lengths, of the body's size
+HEAD = (0.09, 0.035)  # length and radius of an arrow's head, of the body's size
+STEEPEST = 1.5  # slope up to which a friction cone is drawn whole
+
+
+def in_space(vectors: FloatArray) -> FloatArray:
+    """Return planar vectors with a zero third component; spatial ones as they are."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+
+
+def scene(solution: GraspSolution, chosen: list[ChosenWrench]) -> tuple[list[dict[str, Any]], list[list[Any]]]:
+    """Return plotly traces, arrows last, and for each chosen wrench the arrows' coordinates.
+
+    Returns
+    -------
+    traces : list of dict
+        The last two are the arrows' shafts (a line) and heads (a mesh).
+    arrows : list of [shafts, heads]
+        Each with ``x``, ``y``, ``z``.
+    """
+    grasp, drawing = solution.grasp, solution.drawing
+    traces: list[dict[str, Any]] = []
+    if drawing is not None:
+        traces.append(_surface(drawing.body, "body", "#8fa3b5", 0.55))
+        traces += [_surface(shape, name, "#b59b7a", 0.8) for name, shape in drawing.links]
+    if grasp is None:
+        return traces, []
+    points, normals, size = in_space(grasp.points), in_space(grasp.normals), body_size(solution)
+    hover = [f"finger {i} on {face}" for i, face in enumerate(solution.faces)]
+    traces += [
+        {
+            "type": "scatter3d",
+            "name": "contacts",
+            "mode": "markers+text",
+            **_xyz(points),
+            "text": [str(i) for i in range(len(points))],
+            "textposition": "top center",
+            "hovertext": hover,
+            "hoverinfo": "text",
+            "marker": {"size": 5, "color": "#111"},
+        },
+        {
+            "type": "scatter3d",
+            "name": "inward normals",
+            "mode": "lines",
+            **_xyz(_segments(points, points + NORMAL * size * normals)),
+            "hoverinfo": "skip",
+            "line": {"width": 5, "color": "#2a6fbb"},
+        },
+    ]
+    traces += _cones(solution, points, normals, size)
+    largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=1.0) or 1.0
+    arrows = [_arrows(points, in_space(c.forces) * (FORCE * size / largest), size) for c in chosen]
+    if arrows:
+        shafts, heads = arrows[0]
+        n = len(ROUND)
+        ring = [[o + n, o + k, o + (k + 1) % n] for o in range(0, len(points) * (n + 1), n + 1) for k in range(n)]
+        i, j, k = np.array(ring).T.tolist()
+        line = {"width": 8, "color": "#c2410c"}
+        traces.append(
+            {"type": "scatter3d", "name": "finger forces", "mode": "lines", **shafts, "line": line, "hoverinfo": "skip"}
+        )
+        head = {"i": i, "j": j, "k": k, "color": "#c2410c", "hoverinfo": "skip", "flatshading": True}
+        traces.append({"type": "mesh3d", "name": "arrow heads", **heads, **head})
+    return traces, [list(a) for a in arrows]
+
+
+def body_size(solution: GraspSolution) -> float:
+    """Return half the diagonal of the drawn body, or of the contacts."""
+    if solution.drawing is not None and len(solution.drawing.body.vertices):
+        return 0.5 * float(np.linalg.norm(np.ptp(solution.drawing.body.vertices, axis=0)))
+    points = np.zeros((1, 3)) if solution.grasp is None else in_space(solution.grasp.points)
+    return 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+
+
+def _surface(shape: Triangles, name: str, colour: str, opacity: float) -> dict[str, Any]:
+    i, j, k = shape.faces.T.tolist()
+    return {
+        "type": "mesh3d",
+        "name": name,
+        **_xyz(shape.vertices),
+        "i": i,
+        "j": j,
+        "k": k,
+        "color": colour,
+        "opacity": opacity,
+        "hoverinfo": "name",
+        "flatshading": True,
+    }
+
+
+def _cones(solution: GraspSolution, points: FloatArray, normals: FloatArray, size: float) -> list[dict[str, Any]]:
+    """Return the friction cones, opening away from the body: where arrows that press come from."""
+    grasp = solution.grasp
+    xyz: list[FloatArray] = []
+    corners: list[list[int]] = []
+    for p, n, model in zip(points, normals, grasp.contacts if grasp is not None else (), strict=True):
+        friction = getattr(model, "friction", None)
+        if not isinstance(friction, float):
+            continue
+        height = CONE * size / max(1.0, friction / STEEPEST)
+        first, second = _plane(n, solution)
+        ring = p - height * n + height * friction * (np.cos(ROUND)[:, None] * first + np.sin(ROUND)[:, None] * second)
+        start = sum(len(x) for x in xyz)
+        corners += [[start + len(ROUND), start + a, start + (a + 1) % len(ROUND)] for a in range(len(ROUND))]
+        xyz.append(np.vstack([ring, p]))
+    if not xyz:
+        return []
+    i, j, k = np.array(corners).T.tolist()
+    look = {"color": "#3f9b57", "opacity": 0.35, "hoverinfo": "skip"}
+    return [{"type": "mesh3d", "name": "friction cones", **_xyz(np.vstack(xyz)), "i": i, "j": j, "k": k, **look}]
+
+
+def _plane(normal: FloatArray, solution: GraspSolution) -> tuple[FloatArray, FloatArray]:
+    """Return two directions that a cone spreads in: a planar grasp's stays in its plane."""
+    first, second = tangents(normal[None, :])[0]
+    if solution.grasp is not None and solution.grasp.space == 2:
+        return np.array([-normal[1], normal[0], 0.0]), np.zeros(3)
+    return first, second
+
+
+def _arrows(points: FloatArray, forces: FloatArray, size: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return shafts and heads of arrows that end at the contacts."""
+    lengths = np.linalg.norm(forces, axis=1, keepdims=True)
+    along = np.divide(forces, lengths, out=np.zeros_like(forces), where=lengths > 1e-9 * size)
+    heads = np.minimum(HEAD[0] * size, lengths)
+    tails = points - forces
+    necks = points - heads * along
+    corners = []
+    for p, neck, a, head in zip(points, necks, along, heads[:, 0], strict=True):
+        first, second = tangents(a[None, :])[0] if np.any(a) else np.zeros((2, 3))
+        radius = HEAD[1] * size * head / (HEAD[0] * size)
+        corners.append(neck + radius * (np.cos(ROUND)[:, None] * first + np.sin(ROUND)[:, None] * second))
+        corners.append(p[None, :])
+    return _xyz(_segments(tails, necks)), _xyz(np.vstack(corners))
+
+
+def _segments(start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return lines as one path, broken by rows of NaN."""
+    gap = np.full_like(start, np.nan)
+    return np.stack([start, end, gap], axis=1).reshape(-1, 3)
+
+
+def _xyz(points: FloatArray) -> dict[str, list[float | None]]:
+    """Return coordinates as plotly wants them; NaN as null, rounded to five digits of the largest."""
+    largest = float(np.nanmax(np.abs(points), initial=1e-12))
+    rounded = np.round(points, 5 - int(np.floor(np.log10(largest))))
+    return {
+        a: [None if np.isnan(v) else v for v in column.tolist()] for a, column in zip("xyz", rounded.T, strict=True)
+    }

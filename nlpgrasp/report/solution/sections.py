@@ -1,0 +1,183 @@
+"""The parts of a report on one solution, as HTML."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from nlpgrasp.experiments.found.compare import Comparison
+from nlpgrasp.experiments.found.result import NOT_COMPARABLE
+from nlpgrasp.report.solution.wrench_space import shadows
+from nlpgrasp.report.svg import Curve, chart
+from nlpgrasp.solution.solution import GraspSolution, Status
+
+
+def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table that scrolls sideways where it has to."""
+    head = "".join(f'<th scope="col">{escape(h)}</th>' for h in heads)
+    body = "\n".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
+    titled = f"<caption>{escape(caption)}</caption>" if caption else ""
+    return f'<div class="wide" tabindex="0"><table>{titled}<tr>{head}</tr>\n{body}</table></div>'
+
+
+def comparison(compared: Comparison) -> str:
+    """Return the solutions side by side."""
+    rows = [
+        [f"{rank}", name, str(r.mu) if r.success else "no grasp", f"{r.contacts}", "; ".join(tied), "; ".join(r.active)]
+        for name, r, rank, tied in zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
+    ]
+    note = "" if compared.comparable else f'<p class="status failed">{escape(NOT_COMPARABLE)}</p>'
+    heads = ["Rank", "Solution", "mu certified in", "Contacts", "Ties with", "Active constraints"]
+    return f"<h2>Comparison</h2>{note}" + table("Ties differ by no more than the certified gap.", heads, rows)
+
+
+def status(solution: GraspSolution) -> str:
+    """Return how the solve ended."""
+    kind = "status" if solution.success else "status failed"
+    lines = [solution.status.value]
+    if solution.why_not is not None:
+        lines += [*solution.why_not.reasons, *solution.why_not.advice]
+    if solution.robust is not None:
+        lines.append(str(solution.robust))
+    return "".join(f'<p class="{kind}">{escape(line)}</p>' for line in lines)
+
+
+def interval(solution: GraspSolution) -> str:
+    """Return the certified interval, in words and as a bar from zero."""
+    if solution.grasp is None:
+        return ""
+    kind = "mu-tilde" if solution.kind == "mu_tilde" else "mu"
+    most = 1.15 * solution.mu.upper or 1.0
+    left, width = 100.0 * solution.mu.lower / most, 100.0 * (solution.mu.upper - solution.mu.lower) / most
+    words = f"{kind} is certified in {solution.mu}, a gap of {solution.mu.gap:.1%}"
+    effort = (
+        f": the task as given needs finger forces of {1.0 / solution.mu.lower:.4g} in total"
+        if solution.mu.lower
+        else ""
+    )
+    unit = f" (force budget {escape(str(_budget(solution)))})"
+    span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
+    bar = f'<div class="bar" role="img" aria-label="{escape(words)}">{span}</div>'
+    return f"<h3>Certified quality</h3><p>{escape(words + effort)}{unit}.</p>{bar}"
+
+
+def stage(solution: GraspSolution, labels: Sequence[str], fingers: Sequence[Sequence[str]], number: int) -> str:
+    """Return the three-dimensional picture with its slider, and its legend in words."""
+    grasp = solution.grasp
+    count = 0 if grasp is None else len(grasp)
+    links = 0 if solution.drawing is None else len(solution.drawing.links)
+    seen = f"The body with {count} contacts" + (f" and a hand of {links} links" if links else "")
+    parts = ["<h3>The grasp</h3>"]
+    if labels:
+        parts.append(
+            f'<div class="control"><label for="wrench{number}">Task wrench</label><input id="wrench{number}" '
+            f'type="range" min="0" max="{len(labels) - 1}" step="1" value="0" '
+            f'aria-valuetext="{escape(labels[0])}"></div>'
+            f'<output for="wrench{number}" aria-live="polite">{escape("; ".join([labels[0], *fingers[0]]))}</output>'
+        )
+    parts.append(
+        f'<div class="scene" role="img" aria-label="{escape(seen)}; turn it with the mouse or a finger."></div>'
+    )
+    parts.append(
+        "<p>Red arrows: least finger forces that produce the wrench chosen, times the certified lower bound. "
+        "Blue: inward normals. Green: friction cones.</p>"
+    )
+    if grasp is not None:
+        rows = [
+            [f"{i}", face, _numbers(p), _numbers(n), type(model).__name__]
+            for i, (p, n, face, model) in enumerate(
+                zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
+            )
+        ]
+        parts.append(table("Contacts, body frame", ["Finger", "Face", "Position, m", "Inward normal", "Contact"], rows))
+    return "".join(parts)
+
+
+def wrench_space(solution: GraspSolution) -> str:
+    """Return shadows of the wrench set and of the task."""
+    charts = []
+    for s in shadows(solution):
+        curves = [Curve(s.grasp, "grasp", True), Curve(s.task, "task", True)]
+        if s.limit is not None:
+            low, high = float(np.min(s.grasp[:, 1])), float(np.max(s.grasp[:, 1]))
+            curves.append(Curve(np.array([[s.limit, low], [s.limit, high]]), "limit"))
+        charts.append(f"<div>{chart(f'Shadow on {s.x_label} and {s.y_label}', s.x_label, s.y_label, curves)}</div>")
+    if not charts:
+        return ""
+    words = (
+        "Shadows of what the fingers can produce with their budget (blue) and of the task times the certified lower "
+        "bound (orange). In the first, in shares of what can be produced, the task comes nearest to the limit (red)."
+    )
+    return f'<h3>Wrench space</h3><p>{words}</p><div class="charts">{"".join(charts)}</div>'
+
+
+def constraints(solution: GraspSolution) -> str:
+    """Return the active constraints and what limits cost."""
+    rows = [
+        [c.name, f"{c.value:.5g}", f"[{c.lower:.5g}, {c.upper:.5g}]", f"{c.multiplier:.3g}"]
+        for c in solution.constraints
+        if c.active
+    ]
+    parts = []
+    if rows:
+        parts.append(table("Constraints at their limits", ["Constraint", "Value", "Limits", "d mu / d limit"], rows))
+    if solution.prices:
+        prices = [[p.name, f"{p.value:.4g}", p.unit, f"{p.gain:+.3g}"] for p in solution.prices]
+        parts.append(table("What limits cost", ["Limit", "Value", "Step", "Change of mu"], prices))
+    return "<h3>Constraints</h3>" + "".join(parts) if parts else ""
+
+
+def convergence(solution: GraspSolution) -> str:
+    """Return how each start's exchange raised mu."""
+    best = max((s for s in solution.starts if s.history), key=lambda s: s.mu.upper, default=None)
+    others = [s for s in solution.starts if len(s.history) > 1 and s is not best]
+    curves = [Curve(_numbered(s.history), "other") for s in others]
+    if best is None or len(best.history) < 2:
+        return ""
+    curves.append(Curve(_numbered(best.history), "best"))
+    drawn = chart("How the exchange raised mu, start by start", "round of the exchange", "mu, from above", curves)
+    return f"<h3>Convergence</h3><p>The best start in blue, the others in grey.</p>{drawn}"
+
+
+def starts(solution: GraspSolution) -> str:
+    """Return all starts."""
+    rows = []
+    for s in solution.starts:
+        seconds = f"{sum(s.seconds.values()):.2f}"
+        found = str(s.mu) if s.status is Status.SOLVED else s.status.name.lower().replace("_", " ")
+        rows.append([f"{s.index}", found, ", ".join(s.faces), f"{s.iterations}", seconds, s.message])
+    if not rows:
+        return ""
+    heads = ["Start", "mu certified in", "Faces", "Iterations", "Seconds", "Message"]
+    return f"<h3>Starts</h3><details><summary>{len(rows)} starts</summary>{table('', heads, rows)}</details>"
+
+
+def inputs(name: str, solution: GraspSolution) -> str:
+    """Return all inputs and how to do it again."""
+    solver = {k: v for k, v in solution.solver.items() if k != "starts"}
+    data: dict[str, Any] = {"problem": dict(solution.problem), "solver": solver}
+    text = escape(json.dumps(data, indent=1))
+    again = (
+        f"nlpgrasp solve SCRIPT --starts {len(solution.starts)} --seed {solver.get('seed', 0)}\nnlpgrasp verify {name}"
+    )
+    return (
+        f"<h3>Do it again</h3><pre>{escape(again)}</pre>"
+        f"<details><summary>All inputs, options and versions</summary><pre>{text}</pre></details>"
+    )
+
+
+def _budget(solution: GraspSolution) -> Any:
+    budget = solution.problem["force_budget"]
+    return budget if isinstance(budget, str) else budget.get("type")
+
+
+def _numbers(values: Any) -> str:
+    return ", ".join(f"{v:.5g}" for v in values)
+
+
+def _numbered(values: Sequence[float]) -> Any:
+    return np.stack([np.arange(len(values), dtype=float), np.asarray(values)], axis=1)

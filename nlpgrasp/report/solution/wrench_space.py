@@ -1,0 +1,81 @@
+"""Shadows of the grasp's wrench set and of the task on planes of wrench space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.budgets import budget_from_dict
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from nlpgrasp.report.solution.chosen_wrenches import LABELS
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task, task_from_dict
+
+ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """Outlines on one plane.
+
+    Parameters
+    ----------
+    x_label, y_label : str
+    grasp, task : (m, 2) array
+        Outlines of G(B n K), and of the task times the certified lower bound.
+    limit : float or None
+        Where the grasp's wrenches end along the weakest direction, on the plane that shows it.
+    """
+
+    x_label: str
+    y_label: str
+    grasp: FloatArray
+    task: FloatArray
+    limit: float | None = None
+
+
+def shadows(solution: GraspSolution) -> list[Shadow]:
+    """Return the shadows on the planes of forces and of moments, and on one that holds the weakest direction."""
+    grasp = solution.grasp
+    if grasp is None:
+        return []
+    reachable = WrenchSet.of(grasp, budget_from_dict(solution.problem["force_budget"]))
+    task, scale = task_from_dict(solution.problem["task"]), solution.mu.lower
+    d, space = grasp.dimension, grasp.space
+    labels = [f"{n} [{'N' if i < space else 'N m'}]" for i, n in enumerate(LABELS[d])]
+    spatial = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
+    pairs = spatial if d == 6 else [(0, 1), (0, 2), (1, 2)]
+    found = []
+    if solution.mu.worst_direction is not None and np.any(solution.mu.worst_direction):
+        found.append(_weakest(solution.mu.worst_direction, reachable, task, scale))
+    for i, j in pairs:
+        plane = np.eye(d)[[i, j]]
+        found.append(Shadow(labels[i], labels[j], *_outlines(plane, reachable, task, scale)))
+    return found
+
+
+def _outlines(plane: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> tuple[FloatArray, FloatArray]:
+    """Return the outlines of both sets' images under ``w -> plane w``: the points that attain their supports.
+
+    Parameters
+    ----------
+    plane : (2, d) array
+        Its rows need be neither orthogonal nor of unit length.
+    """
+    sizes = np.maximum(reachable.support(plane)[0], reachable.support(-plane)[0])
+    evenly = plane / np.maximum(sizes, 1e-300)[:, None]  # directions spread evenly over what is seen
+    y = np.cos(ANGLES)[:, None] * evenly[0] + np.sin(ANGLES)[:, None] * evenly[1]
+    return reachable.support(y)[1] @ plane.T, scale * task.support(y)[1] @ plane.T
+
+
+def _weakest(y: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> Shadow:
+    """Return the shadow along the weakest direction, in shares of what can be produced: the sets all but touch."""
+    limit = float(reachable.support(y[None, :])[0][0])
+    along = y / limit if limit > 0.0 else y / np.linalg.norm(y)
+    sizes = np.maximum(reachable.support(np.eye(len(y)))[0], 1e-300)
+    across = (np.eye(len(y)) / sizes[:, None])[int(np.argmin(np.abs(along) * sizes))]
+    plane = np.stack([along, across])
+    grasp, shown = _outlines(plane, reachable, task, scale)
+    return Shadow("along the weakest direction", "across it", grasp, shown, float(np.max(grasp[:, 0])))

@@ -1,0 +1,132 @@
+"""What is found out after a solve: prices of limits, how robust the grasp is, and why there is no grasp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.bounds import Bounds
+
+
+@dataclass(frozen=True)
+class ShadowPrice:
+    """What a little more of a limit would buy.
+
+    Parameters
+    ----------
+    name : str
+        The limit, for example ``"Spread.max"``.
+    value : float
+        As it is, SI units.
+    step : float
+        How much more, SI units.
+    unit : str
+        The step in words, for example ``"1 mm"``.
+    gain : float
+        By how much mu rises with the step, to first order, on the solver's surface.
+    """
+
+    name: str
+    value: float
+    step: float
+    unit: str
+    gain: float
+
+    def __str__(self) -> str:
+        what = f"{self.unit} more at" if self.unit.endswith("range") else f"{self.unit} more of"
+        return f"{what} {self.name} changes mu by {self.gain:+.3g}"
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """The quality left when contacts are off and friction is less, at the worst placement found.
+
+    Parameters
+    ----------
+    offset : float
+        How far each contact may be off along its face, metres.
+    friction_share : float
+        Share by which friction and torsional friction may be less.
+    mu : Bounds
+        Certified, of the worst placement found with the least friction: its upper bound is one on the worst there is.
+    points, normals : (k, space) array
+        That placement: contacts and inward normals.
+    """
+
+    offset: float
+    friction_share: float
+    mu: Bounds
+    points: FloatArray
+    normals: FloatArray
+
+    def __str__(self) -> str:
+        friction = f"{self.friction_share:.0%} less friction"
+        return f"contacts {1e3 * self.offset:g} mm off and {friction} leave {self.mu} (worst found)"
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """A constraint that could not be kept with the others.
+
+    Parameters
+    ----------
+    name : str
+        The constraint.
+    row : str
+        Its row that is broken most.
+    value, bound : float
+        What the row is in the nearest miss, and its limit.
+    relation : {"at least", "at most", "exactly"}
+        What the value should be to the bound.
+    unit : {"", "m", "degrees"}
+    """
+
+    name: str
+    row: str
+    value: float
+    bound: float
+    relation: str
+    unit: str = ""
+
+    @property
+    def excess(self) -> float:
+        """How far the value is beyond the bound."""
+        return abs(self.value - self.bound)
+
+    @property
+    def amount(self) -> str:
+        """The excess with its unit, lengths in millimetres."""
+        return self._text(self.excess, 3)
+
+    def __str__(self) -> str:
+        return f"{self.row}: {self._text(self.value, 4)}, wanted {self.relation} {self._text(self.bound, 4)}."
+
+    def _text(self, value: float, digits: int) -> str:
+        scale, unit = (1e3, " mm") if self.unit == "m" else (1.0, f" {self.unit}" if self.unit else "")
+        return f"{scale * value:.{digits}g}{unit}"
+
+
+@dataclass(frozen=True)
+class WhyNot:
+    """Why no grasp was found.
+
+    Parameters
+    ----------
+    conflicts : tuple of Conflict
+        A least set of constraints that had to be broken; empty where all can be kept.
+    direction : (d,) array or None
+        Where the constraints can be kept: a direction y in which no finger force works.
+    reasons, advice : tuple of str
+        Sentences.
+    locally_infeasible : bool
+        Whether the constraints could not be kept from any start.
+    """
+
+    conflicts: tuple[Conflict, ...] = ()
+    direction: FloatArray | None = None
+    reasons: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
+    locally_infeasible: bool = False
+
+    def __str__(self) -> str:
+        return "\n".join([*self.reasons, *self.advice])

@@ -1,0 +1,1 @@
+"""What is worth knowing once all starts are done."""

@@ -1,0 +1,32 @@
+"""The drawing of a grasp: made where body and hand are at hand, so that a file can be shown without them."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.bodies.mesh.triangles import simplified, triangles
+from nlpgrasp.common.drawing import Drawing, Triangles
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Hand
+
+BODY, LINK = 2000, 80  # triangles, at most
+
+
+def drawing_of(body: Body, hand: Hand | None, values: dict[str, FloatArray] | None) -> Drawing:
+    """Return the body's surface and the links' collision shapes in the hand's posture."""
+    links = _links(hand, values) if isinstance(hand, URDFHand) and values is not None else ()
+    return Drawing(Triangles(*triangles(body, BODY)), links)
+
+
+def _links(hand: URDFHand, values: dict[str, FloatArray]) -> tuple[tuple[str, Triangles], ...]:
+    result = []
+    for link, pose in hand.tree.body_poses(values).items():
+        meshes = [shape.mesh for shape in hand.robot.shapes.get(link, ())]
+        if meshes:
+            joined = trimesh.util.concatenate(meshes)
+            vertices, faces = simplified(np.asarray(joined.vertices, dtype=float), np.asarray(joined.faces), LINK)
+            result.append((link, Triangles(vertices @ pose[:3, :3].T + pose[:3, 3], faces)))
+    return tuple(result)

@@ -1,0 +1,80 @@
+"""What is worth knowing once all starts are done: prices of limits, the pregrasp, or why there is no grasp."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from nlpgrasp.common.drawing import Drawing
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solve.after.drawing import drawing_of
+from nlpgrasp.solve.after.pregrasp import Pregrasp, pregrasp
+from nlpgrasp.solve.after.prices import shadow_prices
+from nlpgrasp.solve.after.robust import robustness_of
+from nlpgrasp.solve.after.why_not import why_not
+from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.surface.link_depth import LinkDepth, link_depth
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.one_thread import one_thread
+from nlpgrasp.solve.workers.stop import Stop
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Aftermath:
+    """What was found out after the starts.
+
+    Parameters
+    ----------
+    prices : tuple of ShadowPrice
+    pregrasp : Pregrasp or None
+        With a hand that has a pose.
+    why_not : WhyNot or None
+        Without a grasp.
+    link_depth : LinkDepth or None
+        With a hand that has links.
+    robust : Robustness or None
+    drawing : Drawing or None
+    """
+
+    prices: tuple[ShadowPrice, ...] = ()
+    pregrasp: Pregrasp | None = None
+    why_not: WhyNot | None = None
+    link_depth: LinkDepth | None = None
+    robust: Robustness | None = None
+    drawing: Drawing | None = None
+
+
+def look_back(
+    bench: Workbench, best: StartResult | None, results: Sequence[StartResult], seed: int, stop: Stop
+) -> Aftermath:
+    """Return prices and pregrasp of the best start, or without one the diagnosis.
+
+    A numerical failure here leaves a part out: it never costs the grasp.
+    """
+    with one_thread():
+        if best is None:
+            return Aftermath(why_not=_attempted(lambda: why_not(bench, list(results), seed, stop)))
+        hand = bench.problem.hand
+        opened, depth = None, None
+        if not bench.follows_contacts and hand is not None and best.grasp is not None and best.hand is not None:
+            faces, grasp, values = best.record.faces, best.grasp, best.hand
+            opened = _attempted(lambda: pregrasp(bench, hand, faces, grasp, values, bench.options.pregrasp_clearance))
+        if isinstance(hand, URDFHand) and best.hand is not None:
+            linked, placed = hand, best.hand
+            depth = _attempted(lambda: link_depth(bench.problem.body, linked, placed))
+        prices = _attempted(lambda: shadow_prices(bench, best, stop)) if bench.options.shadow_prices else None
+        robust = best.robust or _attempted(lambda: robustness_of(bench, best))
+        drawing = _attempted(lambda: drawing_of(bench.problem.body, hand, best.hand))
+        return Aftermath(prices or (), opened, link_depth=depth, robust=robust, drawing=drawing)
+
+
+def _attempted(work: Callable[[], T]) -> T | None:
+    """Return what the work returns, or None where it fails numerically."""
+    try:
+        return work()
+    except (RuntimeError, ArithmeticError, ValueError):
+        return None

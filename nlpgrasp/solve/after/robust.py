@@ -1,0 +1,160 @@
+"""How much of the quality is left when contacts are a little off and friction is a little less.
+
+Friction that is less makes every cone smaller, so the worst of it is the least friction. Where the contacts are worst
+is searched for: each slides in turn to the place within reach that hurts most, until no slide hurts more. What is
+found is a placement that may happen, with its certified quality: an upper bound on the worst there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.spatial import tangents
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel, less_friction
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality import mu
+from nlpgrasp.quality.screening import sampled_ratios
+from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solve.ascent.weakest import weakest_directions
+from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.workbench.workbench import Workbench
+
+AROUND = 16  # places around a contact
+SWEEPS, ROUNDS = 6, 3  # of slides in turn, and of looking for weak directions anew
+BEGINNINGS = 3  # the contacts where they are, and random places
+RTOL = 0.02
+Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
+TOO_FAR = 1.5  # times the reach: such a place is not on the face any more
+
+
+def robustness(
+    bench: Workbench,
+    faces: tuple[str, ...],
+    grasp: Grasp,
+    hand: dict[str, FloatArray],
+    offset: float,
+    friction_share: float,
+) -> Robustness:
+    """Return the quality of the worst placement found near a grasp.
+
+    Parameters
+    ----------
+    bench : Workbench
+    faces : tuple of k str
+    grasp : Grasp
+    hand : dict
+        The hand's variables; its posture counts as the same.
+    offset : float
+        How far each contact may be off along the surface, metres.
+    friction_share : float
+        Share by which friction may be less.
+    """
+    models = less_friction(grasp.contacts, friction_share)
+    places = [places_around(bench, faces[i], grasp.points[i], grasp.normals[i], offset) for i in range(len(grasp))]
+    budget = bench.budget(grasp.points, hand)
+    chosen, _ = worst_displacement(bench, models, places, budget, np.random.default_rng(0))
+    found = _at(bench, models, places, chosen)
+    bounds = mu(found, bench.problem.task, RTOL, force_budget=budget)
+    return Robustness(offset, friction_share, bounds, found.points, found.normals)
+
+
+def worst_displacement(
+    bench: Workbench,
+    models: Sequence[ContactModel],
+    places: Places,
+    budget: ForceBudget,
+    rng: np.random.Generator,
+) -> tuple[list[int], FloatArray]:
+    """Return which of its places each contact slips to at worst, and the weak directions seen.
+
+    Parameters
+    ----------
+    bench : Workbench
+    models : sequence of k ContactModel
+    places : list of k pairs
+        Points and inward normals where each contact may be, itself first.
+    budget : ForceBudget
+    rng : numpy.random.Generator
+    """
+    worst: tuple[float, list[int]] | None = None
+    y = np.zeros((0, bench.problem.dimension))
+    for beginning in range(BEGINNINGS):
+        chosen = [0 if beginning == 0 else int(rng.integers(len(points))) for points, _ in places]
+        for _ in range(ROUNDS):
+            there = _at(bench, models, places, chosen)
+            weakest = weakest_directions(there, bench.problem.task, y, rng, budget, 60, 25)
+            if worst is None or weakest.value < worst[0]:
+                worst = weakest.value, list(chosen)
+            if weakest.value <= 0.0:
+                break
+            y = np.concatenate([y, weakest.directions])[-300:]
+            if not _slide(bench, models, places, chosen, y):
+                break
+    assert worst is not None  # noqa: S101  (for the type checker: the first round sets it)
+    return worst[1], y
+
+
+def robustness_of(bench: Workbench, found: StartResult) -> Robustness | None:
+    """Return the robustness that the options ask for of what a start found."""
+    options = bench.options
+    if found.grasp is None:
+        return None
+    offset, share = options.robust_offset, options.robust_friction
+    return robustness(bench, found.record.faces, found.grasp, found.hand or {}, offset, share)
+
+
+def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray) -> bool:
+    """Move contacts in turn, in place, to where the least ratio is least; return whether any moved."""
+    moved = False
+    for _ in range(SWEEPS):
+        before = list(chosen)
+        for i, (points, normals) in enumerate(places):
+            count = len(points)
+            p = np.stack([np.array([places[j][0][c] for j, c in enumerate(chosen)])] * count)
+            n = np.stack([np.array([places[j][1][c] for j, c in enumerate(chosen)])] * count)
+            p[:, i], n[:, i] = points, normals
+            stack = GraspStack(p, n, models, bench.problem.origin)
+            ratios = sampled_ratios(stack, bench.problem.task, y, bench.screening_budget)
+            chosen[i] = int(np.argmin(np.min(ratios, axis=1)))
+        if chosen == before:
+            break
+        moved = True
+    return moved
+
+
+def _at(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]) -> Grasp:
+    points = np.array([p[c] for (p, _), c in zip(places, chosen, strict=True)])
+    normals = np.array([n[c] for (_, n), c in zip(places, chosen, strict=True)])
+    return Grasp(points, normals, models, bench.problem.origin)
+
+
+def places_around(
+    bench: Workbench, face: str, point: FloatArray, normal: FloatArray, offset: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the contact itself and places around it on its own face, with inward normals."""
+    body, space = bench.problem.body, bench.space
+    across = tangents(normal[None])[0]
+    if space == 2:
+        ring = np.concatenate([across, -across])
+    else:
+        angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
+        ring = np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1]
+    wanted = point + offset * ring
+    if isinstance(body, Mesh):
+        points, outward, _ = body.closest(wanted)
+        inward = -outward
+        near = np.linalg.norm(points - point, axis=1) <= TOO_FAR * offset
+    else:
+        points = body.snap(face, wanted)
+        _, _, outward, extent = body.evaluate(face, points)
+        inward = -outward
+        near = np.linalg.norm(points - point, axis=1) <= TOO_FAR * offset
+        near &= extent <= 1e-9 * body.size
+    good = near & np.all(np.isfinite(points), axis=1) & np.all(np.isfinite(inward), axis=1)
+    return np.concatenate([point[None], points[good]]), np.concatenate([normal[None], inward[good]])

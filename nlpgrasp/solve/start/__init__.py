@@ -1,0 +1,1 @@
+"""One start: screen, first program, touch."""

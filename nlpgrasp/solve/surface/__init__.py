@@ -1,0 +1,1 @@
+"""From the solver's surface onto the body itself."""

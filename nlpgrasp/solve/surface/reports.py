@@ -1,0 +1,25 @@
+"""What each constraint says at the answer."""
+
+from __future__ import annotations
+
+from nlpgrasp.solution.solution import ConstraintReport
+from nlpgrasp.solve.ascent.state import ExchangeState
+from nlpgrasp.solve.surface.put import OnBody
+from nlpgrasp.solve.workbench.workbench import Workbench
+
+ACTIVE = 1e-4  # of a row's scale
+
+
+def constraint_reports(bench: Workbench, found: OnBody, state: ExchangeState) -> tuple[ConstraintReport, ...]:
+    """Return value, limits, multiplier and activity of every constraint row.
+
+    The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the row; a limit moved by
+    one unit of the row changes mu by that over the task's and the row's scales.
+    """
+    reports = []
+    for row, value, multiplier in zip(bench.constraint_rows, found.values, state.multipliers, strict=True):
+        distance = min(value - row.lower, row.upper - value)
+        active = bool(distance <= ACTIVE * row.scale)
+        price = float(multiplier) / (bench.scaling.beta * row.scale) if active else 0.0
+        reports.append(ConstraintReport(row.name, float(value), row.lower, row.upper, price, active))
+    return tuple(reports)

@@ -1,0 +1,1 @@
+"""Starts over processes, stops and interrupts."""

@@ -1,0 +1,63 @@
+"""Grasps along a task that changes: what is found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solution.solution import GraspSolution
+
+
+@dataclass(frozen=True)
+class DynamicStep:
+    """The grasp for one value of the parameter.
+
+    Parameters
+    ----------
+    parameter : float
+    solution : GraspSolution
+        Certified; can be saved and verified on its own.
+    moved : (k,) array
+        How far each contact is from where it was for the value before, metres.
+    regrasp : bool
+        Whether this is another local optimum, which no sliding leads to.
+    stayed : float
+        What the contacts of the value before would give for this task (an upper bound on their mu).
+    """
+
+    parameter: float
+    solution: GraspSolution
+    moved: FloatArray
+    regrasp: bool
+    stayed: float
+
+
+@dataclass(frozen=True)
+class DynamicGrasp:
+    """Grasps along a task that changes.
+
+    Parameters
+    ----------
+    name : str
+    steps : tuple of DynamicStep
+    """
+
+    name: str
+    steps: tuple[DynamicStep, ...]
+
+    @property
+    def paths(self) -> FloatArray:
+        """Contacts over the parameter, (steps, k, space); a step with a regrasp begins another path."""
+        return np.array([step.solution.grasp.points for step in self.steps if step.solution.grasp is not None])
+
+    def __str__(self) -> str:
+        lines = [f"{self.name}: {len(self.steps)} steps"]
+        for step in self.steps:
+            bounds, most = step.solution.mu, 1e3 * float(np.max(step.moved, initial=0.0))
+            what = "regrasp" if step.regrasp else f"slide by at most {most:.1f} mm"
+            kind = step.solution.kind
+            text = f"{step.parameter:10.4g}: {kind} in [{bounds.lower:.4g}, {bounds.upper:.4g}], {what}"
+            lines.append(f"{text}; staying would give at most {step.stayed:.4g}")
+        return "\n".join(lines)

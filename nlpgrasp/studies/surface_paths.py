@@ -1,0 +1,63 @@
+"""Shortest paths over a body's surface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.validation import FloatArray
+
+SAMPLES, NEIGHBOURS = 3000, 14
+OFF = 0.3  # of an edge's length: its middle is no farther from the surface, or the edge cuts through the body
+
+
+class SurfaceGraph:
+    """A graph of sample points of a body's surface, neighbours joined by edges that stay near it.
+
+    Parameters
+    ----------
+    body : Body
+    """
+
+    def __init__(self, body: Body) -> None:
+        rng = np.random.default_rng(0)
+        each = max(SAMPLES // len(body.faces), 60)
+        samples = {name: body.sample(name, each, rng) for name in body.face_names}
+        self.points = np.concatenate(list(samples.values()))
+        self.normals = np.concatenate([-body.evaluate(name, p)[2] for name, p in samples.items()])
+        self._tree: Any = cKDTree(self.points)
+        found: Any = self._tree.query(self.points, NEIGHBOURS + 1)
+        rows = np.repeat(np.arange(len(self.points)), NEIGHBOURS)
+        lengths, columns = (part[:, 1:].ravel() for part in found)
+        middle = (self.points[rows] + self.points[columns]) / 2.0
+        off = np.abs(np.asarray(body.distance_function.map(len(middle))(middle.T).full()).ravel())
+        good = off <= OFF * lengths
+        shape = (len(self.points), len(self.points))
+        self._edges: Any = sparse.csr_matrix((lengths[good], (rows[good], columns[good])), shape)
+
+    def distances(self, start: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return the lengths of the shortest paths from a point to others, (m,); inf where there is none."""
+        lengths = dijkstra(self._edges, False, self._nearest(start))
+        return np.asarray(lengths[self._tree.query(ends)[1]])
+
+    def path(self, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the shortest path from one surface point to another and inward normals, (m, space) each.
+
+        Both ends are included; their normals are those of the nearest sample points.
+        """
+        a, b = self._nearest(start), self._nearest(end)
+        _, before = dijkstra(self._edges, False, a, True)
+        nodes = [b]
+        while nodes[-1] != a and before[nodes[-1]] >= 0:
+            nodes.append(int(before[nodes[-1]]))
+        nodes = nodes[::-1] if len(nodes) > 1 else [a, b]
+        points = np.concatenate([start[None], self.points[nodes[1:-1]], end[None]])
+        return points, self.normals[nodes]
+
+    def _nearest(self, p: FloatArray) -> Any:
+        return self._tree.query(p)[1]

@@ -1,0 +1,66 @@
+"""Mass and inertia of a drawn body, for simulators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from scipy.spatial import QhullError
+
+from nlpgrasp.common.drawing import Triangles
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+
+LEAST_SIZE, MOST_SIZE, FLAT = 1e-6, 1e6, 1e-12  # metres, and of the cube of the size
+THIN = 1e-3  # least principal moment, of the largest: simulators refuse bodies without thickness
+
+
+@dataclass(frozen=True)
+class Mass:
+    """How heavy a body is, and where.
+
+    Parameters
+    ----------
+    mass : float
+        Kilograms.
+    center : (3,) array
+        Centre of mass, metres, body frame.
+    inertia : (3, 3) array
+        About the centre of mass, kg m^2.
+    """
+
+    mass: float
+    center: FloatArray
+    inertia: FloatArray
+
+    def scaled(self, mass: float) -> Mass:
+        """Return the same body with another mass."""
+        return Mass(mass, self.center, self.inertia * (mass / self.mass))
+
+
+def mass_of(shape: Triangles, density: float) -> Mass:
+    """Return mass and inertia of an evenly filled body of triangles; of its convex hull where they are not closed.
+
+    Raises
+    ------
+    InputError
+        On triangles without a volume.
+    """
+    size = float(np.max(np.ptp(shape.vertices, axis=0), initial=0.0))
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces)
+    volume = 0.0
+    if LEAST_SIZE <= size <= MOST_SIZE:
+        try:
+            with np.errstate(all="ignore"):  # of triangles in a plane
+                if not mesh.is_watertight or mesh.volume <= 0.0:
+                    mesh = mesh.convex_hull
+                volume = float(mesh.volume)
+        except (QhullError, ValueError, IndexError):
+            volume = 0.0
+    if not volume > FLAT * size**3:
+        raise InputError("drawing.body", f"{len(shape.faces)} triangles that enclose no volume", "a solid body")
+    mesh.density = density
+    moments, axes = np.linalg.eigh(np.asarray(mesh.moment_inertia))
+    moments = np.maximum(moments, THIN * moments[-1])
+    return Mass(float(mesh.mass), np.asarray(mesh.center_mass), axes @ np.diag(moments) @ axes.T)

@@ -1,0 +1,102 @@
+"""What an independent check says, and its checks of certified measures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.contacts import less_friction
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.measures import delta, mu
+from nlpgrasp.quality.volume import nu
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task
+
+OTHER_SEED = 7919
+OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not along its tangent
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was checked.
+
+    Parameters
+    ----------
+    name : str
+    passed : bool
+    detail : str
+        What was compared, with numbers.
+    """
+
+    name: str
+    passed: bool
+    detail: str
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The outcome of ``verify``; true when every check passed.
+
+    Parameters
+    ----------
+    checks : tuple of Check
+    mu : Bounds or None
+        Computed anew.
+    """
+
+    checks: tuple[Check, ...]
+    mu: Bounds | None
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.checks)
+
+    def __bool__(self) -> bool:
+        return self.passed
+
+    def __str__(self) -> str:
+        return "\n".join(f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.detail}" for c in self.checks)
+
+
+def interval(stated: Bounds) -> Check:
+    """Check that an interval is one."""
+    good = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
+    return Check("interval", good, f"stated {stated}")
+
+
+def overlap(name: str, stated: Bounds, found: Bounds) -> Check:
+    """Check that a stated interval and one computed anew overlap."""
+    good = stated.lower <= found.upper and found.lower <= stated.upper
+    return Check(name, good, f"stated {stated}, recomputed {found}")
+
+
+def other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
+    """Compute delta and nu anew, at the stated torque scale."""
+    checks = []
+    if solution.delta is not None:
+        found = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
+        checks.append(overlap("delta", solution.delta, found))
+    if solution.nu is not None:
+        volume = nu(grasp, solution.nu.torque_scale or 1.0, 0.05, force_budget=budget, seed=OTHER_SEED)
+        near = abs(volume.value - solution.nu.value) <= 2.0 * (volume.error + solution.nu.error)
+        both = overlap("nu", solution.nu, volume)
+        checks.append(Check("nu", both.passed and near, f"stated {solution.nu}, recomputed {volume}"))
+    return checks
+
+
+def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> list[Check]:
+    """Check the quality stated of the worst placement found, and that its contacts are within reach."""
+    stated = solution.robust
+    if stated is None:
+        return []
+    models = less_friction(grasp.contacts, stated.friction_share)
+    there = Grasp(stated.points, stated.normals, models, grasp.torque_origin)
+    found = mu(there, task, rtol, force_budget=budget, seed=OTHER_SEED)
+    off = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
+    good = overlap("", stated.mu, found).passed and off <= OFF_BY * stated.offset + 1e-9
+    text = f"stated {stated.mu}, recomputed {found}; contacts at most {1e3 * off:.3g} mm off"
+    return [Check("robustness", good, text)]

@@ -1,0 +1,173 @@
+"""The MuJoCo scene is the grasp: geometry, masses, friction and forces read back from MuJoCo."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.interop import mjcf, mjcf_with_hand
+from nlpgrasp.tasks.mass import mass_of
+from tests.hands.urdf import three_finger_hand
+
+HAND = "problems/hands/three_finger_hand.urdf"
+
+
+@pytest.fixture(scope="module")
+def box():
+    problem = ng.GraspProblem(
+        ng.Box([0.08, 0.04, 0.04]),
+        [ng.SoftContact(0.6, 0.01), ng.FrictionContact(0.5), ng.SoftContact(0.6, 0.01), ng.PointContact()],
+        ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
+        name="a <box> & more",
+    )
+    return ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False, exchange=False))
+
+
+@pytest.fixture(scope="module")
+def held():
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
+    body = ng.Ellipsoid([0.05, 0.03, 0.03])
+    problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand())
+    return ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))
+
+
+def loaded(text):
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def test_fingertips_touch_where_the_contacts_are(box):
+    model, data = loaded(mjcf(box))
+    for i, (p, n) in enumerate(zip(box.grasp.points, box.grasp.normals, strict=True)):
+        segment = np.zeros(6)
+        gap = mujoco.mj_geomDistance(model, data, model.geom(f"tip_{i}").id, model.geom(f"patch_{i}").id, 1.0, segment)
+        assert abs(gap) < 1e-7
+        np.testing.assert_allclose(
+            data.xpos[model.body(f"tip_{i}").id] + model.geom(f"tip_{i}").size[0] * n, p, atol=1e-7
+        )
+    assert model.npair == 4
+    np.testing.assert_array_equal(model.pair_dim, [4, 3, 4, 1])
+    np.testing.assert_allclose(model.pair_friction[:3, 0], [0.6, 0.5, 0.6])
+    assert model.pair_friction[0, 2] == pytest.approx(0.01)
+    assert model.nu == 3 + 3 + 3 + 1
+
+
+def test_the_keyframe_presses_with_the_forces_given(box):
+    """Forces that produce no wrench leave the object at rest, and MuJoCo's contacts report them."""
+    from nlpgrasp.budgets import L2Budget
+    from nlpgrasp.simulation.loads import gripping
+
+    grip = gripping(box.grasp, L2Budget())
+    model, data = loaded(mjcf(box, forces=grip))
+    for _ in range(4000):
+        mujoco.mj_step(model, data)
+    force, found = np.zeros(6), {}
+    for c in range(data.ncon):
+        mujoco.mj_contactForce(model, data, c, force)
+        geoms = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, g) for g in data.contact[c].geom]
+        found[next(int(g[4:]) for g in geoms if g.startswith("tip"))] = force[0]
+    starts = np.cumsum([0, *[c.components(3) for c in box.grasp.contacts[:-1]]])
+    assert sorted(found) == [0, 1, 2, 3]
+    for i, start in enumerate(starts):
+        assert found[i] == pytest.approx(grip[start], rel=0.02)
+    assert np.linalg.norm(data.qpos[:3]) < 1e-4
+
+
+def test_mass_and_inertia_of_a_box(box):
+    mass = mass_of(box.drawing.body, 1000.0)
+    assert mass.mass == pytest.approx(0.128, rel=0.02)
+    exact = mass.mass / 12 * np.array([0.04**2 + 0.04**2, 0.08**2 + 0.04**2, 0.08**2 + 0.04**2])
+    np.testing.assert_allclose(np.diag(mass.inertia), exact, rtol=0.03)
+    model, _ = loaded(mjcf(box))
+    assert model.body("object").mass[0] == pytest.approx(mass.mass, rel=1e-6)
+    assert mass.scaled(1.0).inertia[0, 0] == pytest.approx(mass.inertia[0, 0] / mass.mass)
+
+
+def test_a_planar_grasp_stays_in_its_plane():
+    square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1], center=[0, 0.5, 0]))
+    model, data = loaded(mjcf(ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))))
+    assert model.nv == 3 + 2 * 2
+    assert {model.joint(i).name for i in range(3)} == {"object_x", "object_y", "object_turn"}
+    for _ in range(100):
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.xpos[:, 2], 0.0, atol=1e-12)
+
+
+def test_the_hand_itself_is_in_its_posture(held):
+    """MuJoCo reads the URDF by itself: its fingertips are a radius off the contacts."""
+    model, data = loaded(mjcf_with_hand(held, HAND))
+    assert [model.key(i).name for i in range(model.nkey)] == ["grasp", "pregrasp"]
+    np.testing.assert_allclose(data.body("hand_palm").xpos, held.hand["palm_pose"]["position"], atol=1e-6)
+    radii = [tip["radius"] for tip in held.problem["hand"]["fingertips"]]
+
+    def distances():
+        tips = np.array([data.body(f"hand_{link}").xpos for link in held.hand["fingertips"]])
+        return np.linalg.norm(tips - held.grasp.points, axis=1)
+
+    np.testing.assert_allclose(distances(), radii, atol=1e-5)
+    before = data.qpos.copy()
+    for _ in range(int(0.3 / model.opt.timestep)):  # nothing in the scene pushes itself apart
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.qpos[7:], before[7:], atol=2e-3)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.ctrl, [data.joint(model.actuator(i).name).qpos[0] for i in range(model.nu)])
+    mujoco.mj_resetDataKeyframe(model, data, 1)
+    mujoco.mj_forward(model, data)
+    clearance = held.hand["pregrasp"]["clearance"]
+    assert np.all(distances() > np.array(radii) + 0.9 * clearance)
+
+
+def test_what_cannot_be_exported(box, held, tmp_path, monkeypatch):
+    with pytest.raises(InputError, match="a solution with a grasp, made by this version"):
+        mjcf(replace(box, drawing=None))
+    glued = ng.Grasp(box.grasp.points, box.grasp.normals, ng.BilateralContact(ng.FrictionContact(0.5)))
+    with pytest.raises(InputError, match="cannot pull"):
+        mjcf(box, grasp=glued)
+    with pytest.raises(InputError, match=r"a grasp found with an ng\.URDFHand"):
+        mjcf_with_hand(box, HAND)
+    with pytest.raises(InputError, match="the hand's URDF file"):
+        mjcf_with_hand(held, tmp_path / "none.urdf")
+    with pytest.raises(InputError, match=r"no joint .*the solution's hand"):
+        mjcf_with_hand(held, "problems/hands/parallel_gripper.urdf")
+    (tmp_path / "broken.urdf").write_text("<robot name='x'><link")
+    with pytest.raises(InputError, match="a URDF file that MuJoCo can read"):
+        mjcf_with_hand(held, tmp_path / "broken.urdf")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(MissingExtraError, match=r'pip install "nlpgrasp\[sim\]"'):
+        mjcf_with_hand(held, HAND)
+    assert "<mujoco" in mjcf(replace(box, name="bell \a, nothing \0"))  # without MuJoCo
+
+
+def test_from_the_command_line(held, tmp_path):
+    held.save(tmp_path / "held.json")
+
+    def run(*arguments):
+        command = [sys.executable, "-m", "nlpgrasp", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+    done = run("export", tmp_path / "held.json", "--to", "mjcf")
+    assert done.returncode == 0, done.stderr
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "held.xml")).nu == 9
+    done = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--out", tmp_path / "hand.xml")
+    assert done.returncode == 0, done.stderr
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "hand.xml")).nkey == 2
+    done = run("export", tmp_path / "held.json", "--to", "csv", "--hand", HAND)
+    assert done.returncode == 2
+    assert "--hand" in done.stderr
+    done = run("simulate", tmp_path / "held.json", "--wrenches", 1)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "confirmed: the grasp as solved holds what is certified, and loses what is more" in done.stdout
+    assert (tmp_path / "held-simulation.png").stat().st_size > 20_000
+    done = run("simulate", tmp_path / "held.json", "--share", 2)
+    assert done.returncode == 2
+    assert done.stderr.startswith("nlpgrasp: share: got 2.0")

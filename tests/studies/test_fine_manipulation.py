@@ -1,0 +1,80 @@
+"""Pick up, then move to the better grasp that the table excluded."""
+
+import runpy
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.studies.surface_paths import SurfaceGraph
+
+OPTIONS = ng.SolveOptions(rtol=0.05, final_rtol=0.05)
+
+
+@pytest.fixture(scope="module")
+def names():
+    from pathlib import Path
+
+    return runpy.run_path(str(Path(__file__).resolve().parents[2] / "problems" / "odd_object_on_table.py"))
+
+
+@pytest.fixture(scope="module")
+def found(names):
+    return ng.fine_manipulation(names["problem"](), names["in_the_hand"](), starts=2, options=OPTIONS)
+
+
+@pytest.mark.slow
+def test_the_grasp_in_the_hand_is_better(found):
+    assert found.success
+    assert found.goal.mu.lower > 1.1 * found.pick.mu.upper
+
+
+@pytest.mark.slow
+def test_every_finger_moves_once_along_the_body(found, names):
+    body = names["problem"]().body
+    assert sorted(m.finger for m in found.moves) == list(range(5))
+    assert sorted(found.order) == list(range(5))
+    for move in found.moves:
+        np.testing.assert_allclose(move.path[0], found.pick.grasp.points[move.finger])
+        np.testing.assert_allclose(move.path[-1], found.goal.grasp.points[found.order[move.finger]])
+        distance = np.asarray(body.distance_function.map(len(move.path))(move.path.T).full())
+        assert np.max(np.abs(distance)) < 1e-4
+        assert np.max(np.linalg.norm(np.diff(move.path, axis=0), axis=1)) < 0.012
+
+
+@pytest.mark.slow
+def test_what_holds_meanwhile_is_certified(found, names):
+    """The first move again, from the pick-up grasp alone."""
+    move = found.moves[0]
+    hold = ng.TaskEllipsoid([0.1, 0.1, 0.1, 0.0, 0.0, 0.0], center=[0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+    grasp = found.pick.grasp
+    keep = [i for i in range(5) if i != move.finger]
+    others = ng.Grasp(grasp.points[keep], grasp.normals[keep], ng.FrictionContact(0.5), grasp.torque_origin)
+    bounds = ng.mu(others, hold, 0.01)
+    if move.slides:
+        assert move.held.upper >= bounds.lower * 0.95
+    else:
+        assert move.held.lower <= bounds.upper
+        assert bounds.lower <= move.held.upper
+
+
+def test_other_bodies_and_contacts_are_refused(names):
+    pick = names["problem"]()
+    with pytest.raises(ng.InputError, match="the body of the pick-up problem"):
+        ng.fine_manipulation(
+            pick, ng.GraspProblem(ng.Sphere(1.0), ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6))
+        )
+    with pytest.raises(ng.InputError, match="hold"):
+        ng.fine_manipulation(pick, names["in_the_hand"](), hold=ng.TaskEllipsoid([1.0] * 3))
+
+
+def test_shortest_path_around_a_sphere_and_over_the_edges_of_a_box():
+    graph = SurfaceGraph(ng.Sphere(1.0))
+    a, b = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    path, normals = graph.path(a, b)
+    length = np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1))
+    assert np.pi / 2.0 - 0.01 <= length < 1.1 * np.pi / 2.0
+    np.testing.assert_allclose(normals, -path, atol=0.1)
+    box = SurfaceGraph(ng.Box([2.0, 2.0, 2.0]))
+    path, _ = box.path(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]))
+    assert 3.9 < np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)) < 4.6

@@ -1,0 +1,88 @@
+import copy
+import json
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.solution.data import from_data, to_data
+
+
+@pytest.fixture(scope="module")
+def data():
+    problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))
+    options = ng.SolveOptions(workers=1, exchange=False, rtol=0.05, final_rtol=0.02)
+    return to_data(ng.solve(problem, starts=1, options=options))
+
+
+def verified(data, change):
+    changed = copy.deepcopy(data)
+    change(changed)
+    return ng.verify(from_data(json.loads(json.dumps(changed)), "f.json"), rtol=0.05)
+
+
+def failed(verification):
+    return [check.name for check in verification.checks if not check.passed]
+
+
+def test_an_honest_file_is_verified(data):
+    result = verified(data, lambda d: None)
+    assert result
+    assert result.mu.lower <= data["quality"]["mu"]["upper"]
+    assert {check.name for check in result.checks} >= {"grasp map", "interval", "certified quality", "forces"}
+
+
+def test_a_claim_that_is_too_high_fails(data):
+    def inflate(d):
+        d["quality"]["mu"] |= {"lower": 0.9, "upper": 0.95}
+
+    assert {"certified quality", "worst direction"} <= set(failed(verified(data, inflate)))
+
+
+def test_a_claim_that_is_too_low_fails(data):
+    def deflate(d):
+        d["quality"]["mu"] |= {"lower": 0.1, "upper": 0.2}
+
+    assert "certified quality" in failed(verified(data, deflate))
+
+
+def test_an_empty_interval_is_refused(data):
+    def swap(d):
+        d["quality"]["mu"]["lower"], d["quality"]["mu"]["upper"] = 0.8, 0.3
+
+    with pytest.raises(ng.InputError, match=r"quality\.mu: got lower 0\.8 > upper 0\.3"):
+        verified(data, swap)
+
+
+def test_a_moved_contact_fails(data):
+    def move(d):
+        d["grasp"]["contacts"][0]["position"][0] += 0.5
+
+    assert failed(verified(data, move))
+
+
+def test_forces_outside_their_cones_fail(data):
+    def pull(d):
+        d["forces"][0]["forces"][0] = [-f for f in d["forces"][0]["forces"][0]]
+
+    assert "forces" in failed(verified(data, pull))
+
+
+def test_a_constraint_outside_its_limits_fails(data):
+    def break_one(d):
+        d["constraints"] = [{"name": "table", "value": -1.0, "bound": [0.0, None], "multiplier": 0.0, "active": False}]
+
+    assert failed(verified(data, break_one)) == ["constraints"]
+
+
+def test_another_task_is_another_quality(data):
+    def easier(d):
+        d["problem"]["task"]["axes"] = [[0.5 * v for v in row] for row in d["problem"]["task"]["axes"]]
+
+    assert "certified quality" in failed(verified(data, easier))
+
+
+def test_a_file_is_verified_from_its_path(data, tmp_path):
+    path = tmp_path / "grasp.json"
+    path.write_text(json.dumps(data))
+    assert ng.verify(path)
+    assert ng.verify(str(path))
