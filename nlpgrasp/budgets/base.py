@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nlpgrasp.common.jointed import JointedHand
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import BilateralContact, ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import Hand
 
 Row = tuple[str, Any, float, float]  # name, expression, lower, upper
 
@@ -39,11 +39,11 @@ class ForceBudget(ABC):
         """Return the budget for contacts with these frames, (k, space, space), axes as columns, normal first."""
         return self
 
-    def check_hand(self, hand: Hand | None) -> None:
+    def check_hand(self, hand: JointedHand | None) -> None:
         """Raise ``InputError`` on hands of which this budget cannot say what they can exert."""
         del hand
 
-    def posed(self, hand: Hand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
+    def posed(self, hand: JointedHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
         """Return the budget for contacts at points (k, space) of a hand with these values of its variables."""
         return self
 

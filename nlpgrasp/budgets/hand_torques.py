@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
 from nlpgrasp.budgets.unplaced import UnplacedBudget
+from nlpgrasp.common.jointed import JointedHand, PosedHand
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import Hand, URDFHand
 
 MOST_FORCE = 100.0  # newtons: what a contact bears where joints need no torque for it
 
@@ -39,7 +39,7 @@ class HandTorques(UnplacedBudget):
     def __init__(self, force_limit: float = MOST_FORCE) -> None:
         self.force_limit = number("HandTorques.force_limit", force_limit, above=0.0)
 
-    def check_hand(self, hand: Hand | None) -> None:
+    def check_hand(self, hand: JointedHand | None) -> None:
         """Refuse hands without joints, or without a limit for each joint that moves a contact."""
         if hand is None or not hand.loaded_joints:
             raise InputError("GraspProblem.force_budget", '"hand_torques"', "a hand with joints, such as ng.URDFHand")
@@ -49,7 +49,7 @@ class HandTorques(UnplacedBudget):
                 "URDFHand.torque_limits", f"none for {', '.join(missing)}", "one for each joint that moves a contact"
             )
 
-    def posed(self, hand: Hand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
+    def posed(self, hand: JointedHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
         """Return the budget in a posture: ``SharedJointTorqueLimits``."""
         self.check_hand(hand)
         return self if hand is None else SharedJointTorqueLimits(*_loads(hand, values, points), self.force_limit)
@@ -68,7 +68,7 @@ class HandTorques(UnplacedBudget):
 
 
 def hand_torque_limits(
-    hand: URDFHand, posture: Mapping[str, Any], points: ArrayLike, force_limit: float = MOST_FORCE
+    hand: PosedHand, posture: Mapping[str, Any], points: ArrayLike, force_limit: float = MOST_FORCE
 ) -> SharedJointTorqueLimits:
     """Return the force budget that a hand's joint-torque limits are in a grasp: ``HandTorques``, posed.
 
@@ -89,21 +89,14 @@ def hand_torque_limits(
         When joints without a limit move a contact.
     """
     places = array("points", points, (hand.count, 3))
-    try:
-        pose = posture["palm_pose"]
-        values = {
-            "joints": np.array([float(posture["joint_positions"][j.name]) for j in hand.robot.free_joints]),
-            "palm_quaternion": np.asarray(pose["quaternion_wxyz"], float).reshape(4),
-            "palm_position": np.asarray(pose["position"], float).reshape(3),
-        }
-    except (KeyError, TypeError, ValueError) as error:
-        given = f"{type(error).__name__}: {error}"
-        raise InputError("posture", given, "joint_positions and palm_pose as in GraspSolution.hand") from None
+    values = hand.values_of(posture)
     HandTorques(force_limit).check_hand(hand)
     return SharedJointTorqueLimits(*_loads(hand, values, places), force_limit)
 
 
-def _loads(hand: Hand, values: Mapping[str, FloatArray], points: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+def _loads(
+    hand: JointedHand, values: Mapping[str, FloatArray], points: FloatArray
+) -> tuple[list[FloatArray], FloatArray]:
     """Return each contact's Jacobian and the limits of the joints."""
     limits = np.array([hand.torque_limits[name] for name in hand.loaded_joints])
     return list(hand.contact_jacobians(values, points)), limits

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.spatial import tangents as any_tangents
@@ -51,6 +50,8 @@ def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, nam
 
 def symbolic_tangents(normal: Any, direction: tuple[float, ...] | None, name: str) -> tuple[Any, Any]:
     """Return the two tangents at a symbolic normal."""
+    import casadi as ca  # numeric use needs none
+
     if direction is None:
         raise InputError(f"{name}.direction", None, "the line's or rectangle's direction in the body frame")
     d = ca.DM(list(direction))

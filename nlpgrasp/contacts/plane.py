@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.spatial import tangents as any_tangents
@@ -111,12 +110,16 @@ class PlaneContact(RangeContact):
 
     def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
         """Return the force and the moment."""
+        import casadi as ca  # numeric use needs none
+
         if self.friction is None:
             return x[0] * normal, ca.cross(normal, x[1:4])
         return x[:3], x[3] * normal + ca.cross(normal, x[4:7])
 
     def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
         """Return the ranges of friction, torsion and tilting, squared, and the unilateral condition."""
+        import casadi as ca
+
         pressing = self.normal_force(x, normal)
         tilting = ca.cross(normal, x[x.shape[0] - 3 :])
         rows = [("unilateral", pressing)]

@@ -9,6 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.rows import PalmPose
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Expression, Hand, Values
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
@@ -69,3 +70,22 @@ class LinkedHand(Hand):
             "palm_pose": {"position": values["palm_position"].tolist(), "quaternion_wxyz": quaternion.tolist()},
             "fingertips": [link for link, _ in self.tree.tips],
         }
+
+    def values_of(self, posture: Mapping[str, Any]) -> Values:
+        """Return values of palm pose and joints in a posture as ``describe`` states it.
+
+        Raises
+        ------
+        InputError
+            When ``joint_positions`` or ``palm_pose`` lack what this hand needs.
+        """
+        try:
+            pose, positions = posture["palm_pose"], posture["joint_positions"]
+            return {
+                "joints": np.array([float(positions[j.name]) for j in self.tree.robot.free_joints]),
+                "palm_quaternion": np.asarray(pose["quaternion_wxyz"], float).reshape(4),
+                "palm_position": np.asarray(pose["position"], float).reshape(3),
+            }
+        except (KeyError, TypeError, ValueError) as error:
+            given = f"{type(error).__name__}: {error}"
+            raise InputError("posture", given, "joint_positions and palm_pose as in GraspSolution.hand") from None

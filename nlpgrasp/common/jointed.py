@@ -1,0 +1,34 @@
+"""What force budgets know of a hand: joints, what they can hold, and how they move the contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from nlpgrasp.common.validation import FloatArray
+
+
+class JointedHand(Protocol):
+    """A hand whose joints may move its contacts; every hand of ``nlpgrasp.hands`` is one."""
+
+    @property
+    def loaded_joints(self) -> tuple[str, ...]:
+        """The joints that move some contact; none of a hand without joints."""
+
+    @property
+    def torque_limits(self) -> Mapping[str, float]:
+        """By joint, newton-metres (newtons for sliding joints)."""
+
+    def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
+        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
+
+
+class PosedHand(JointedHand, Protocol):
+    """A jointed hand that reads its variables from a posture; ``URDFHand`` is one."""
+
+    @property
+    def count(self) -> int:
+        """Number of fingertips."""
+
+    def values_of(self, posture: Mapping[str, Any]) -> dict[str, FloatArray]:
+        """Return values of the hand's variables, by name, in a posture as ``GraspSolution.hand`` holds it."""
