@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.pyplot import pyplot
 from nlpgrasp.common.validation import array
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.learnt.fit import NAMES, EllipsoidFit
+from nlpgrasp.tasks.learnt.enclosing import NAMES
+from nlpgrasp.tasks.learnt.fit import EllipsoidFit
 
 MOST_POINTS = 5000  # drawn of each kind
 ROUND = np.linspace(0.0, 2.0 * np.pi, 181)

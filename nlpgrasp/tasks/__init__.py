@@ -1,10 +1,9 @@
 """Tasks: sets of wrenches a grasp has to resist."""
 
-from nlpgrasp.tasks.base import Task
+from nlpgrasp.tasks.base import Task, TaskSum, task_from_dict
 from nlpgrasp.tasks.convex import TaskSet
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.polytope import TaskPolytope
-from nlpgrasp.tasks.registry import task_from_dict
-from nlpgrasp.tasks.sum import TaskSum
+from nlpgrasp.tasks.registry import register
 
-__all__ = ["Task", "TaskEllipsoid", "TaskPolytope", "TaskSet", "TaskSum", "task_from_dict"]
+__all__ = ["Task", "TaskEllipsoid", "TaskPolytope", "TaskSet", "TaskSum", "register", "task_from_dict"]

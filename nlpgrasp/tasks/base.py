@@ -1,14 +1,16 @@
-"""What every task states about itself."""
+"""What every task states about itself, and what tasks add up to."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.registry import Registry
 from nlpgrasp.common.spatial import move_torque_origin, space_dimension
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
@@ -17,7 +19,9 @@ from nlpgrasp.errors import InputError
 class Task(ABC):
     """A convex set of wrenches the grasp has to resist, known by its support function (Section 3.3).
 
-    The wrenches are those that the fingers exert on the body: against a load w of the surroundings, ``-w``.
+    The wrenches are those that the fingers exert on the body: against a load w of the surroundings, ``-w``. A kind that
+    can be written to a file has a ``kind``, its name there, and ``from_dict``, and is registered
+    (``nlpgrasp.tasks.registry``).
 
     Attributes
     ----------
@@ -26,6 +30,7 @@ class Task(ABC):
         problem or grasp the task is used with.
     """
 
+    kind: ClassVar[str]
     about: FloatArray | None = None
     __array_ufunc__ = None  # an array times a task is no array of tasks
 
@@ -65,7 +70,12 @@ class Task(ABC):
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Return the task as JSON data; ``about`` is not part of it."""
+        """Return the task as JSON data: ``type``, its ``kind``, and numbers; ``about`` is not part of it."""
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Task:
+        """Return the task that ``to_dict`` wrote."""
+        raise InputError("task.type", data.get("type"), f"a kind that can be read, which {cls.__name__} cannot")
 
     def ends(self) -> FloatArray:
         """Return some wrenches of the task's boundary that say what it asks for, (m, d)."""
@@ -99,11 +109,29 @@ class Task(ABC):
 
     def __add__(self, other: object) -> Task:
         """Return the Minkowski sum: any wrench of this task together with any of the other."""
-        from nlpgrasp.tasks.sum import sum_of  # a sum is a task itself
-
         if not isinstance(other, Task):
             return NotImplemented
-        return sum_of(self, other)
+        self._check_same(other)
+        there = other if self.about is None else other.at(self.about)
+        simplest = self._plus(there)
+        if simplest is None:
+            simplest = there._plus(self)
+        return TaskSum([*self._parts, *there._parts]) if simplest is None else simplest._about(self.about)
+
+    def _plus(self, other: Task) -> Task | None:
+        """Return the Minkowski sum with a task about the same point as one task of a known kind, or ``None``."""
+        del other
+        return None
+
+    def _moved(self, wrench: FloatArray) -> Task | None:
+        """Return the set moved by a wrench (d,) as a task of its own kind, or ``None`` where the kind cannot say so."""
+        del wrench
+        return None
+
+    @property
+    def _parts(self) -> tuple[Task, ...]:
+        """The tasks of which this is the sum."""
+        return (self,)
 
     def __mul__(self, factor: float) -> Task:
         """Return the task scaled by a positive number."""
@@ -122,3 +150,91 @@ class Task(ABC):
                 "a sum of wrenches about a known point and about the problem's torque origin",
                 "task.given_about(origin) for the second",
             )
+
+
+class TaskSum(Task):
+    """``{w_1 + ... + w_m : w_i in A_i}``: gravity in any orientation and a tool's wrench at the same time.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        At least one; all of one dimension, about one point.
+    """
+
+    kind: ClassVar[str] = "sum"
+
+    def __init__(self, tasks: Sequence[Task]) -> None:
+        self.tasks = tuple(tasks) if isinstance(tasks, Sequence) else ()
+        if not self.tasks or not all(isinstance(task, Task) for task in self.tasks):
+            raise InputError("TaskSum.tasks", tasks, "at least one task")
+        first = self.tasks[0]
+        for other in self.tasks[1:]:
+            first._check_same(other)
+        if first.about is not None:
+            self.tasks = (first, *(task.at(first.about) for task in self.tasks[1:]))
+        self._about(first.about)
+
+    def _about(self, origin: FloatArray | None) -> Self:
+        self.tasks = tuple(copy(task)._about(origin) for task in self.tasks)
+        return super()._about(origin)
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of wrench space."""
+        return self.tasks[0].dimension
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether all parts are."""
+        return all(task.is_centred for task in self.tasks)
+
+    def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the sums of the parts' supports and of their maximisers."""
+        parts = [task.support(y) for task in self.tasks]
+        return np.sum([p[0] for p in parts], axis=0), np.sum([p[1] for p in parts], axis=0)
+
+    def transformed(self, matrix: FloatArray) -> TaskSum:
+        """Return the sum of the images."""
+        return TaskSum([task.transformed(matrix) for task in self.tasks])
+
+    def second_moment(self) -> FloatArray:
+        """Return the sum of the parts' second moments."""
+        return np.asarray(np.sum([task.second_moment() for task in self.tasks], axis=0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the parts."""
+        return {"type": self.kind, "tasks": [task.to_dict() for task in self.tasks]}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> TaskSum:
+        """Return the task that ``to_dict`` wrote."""
+        return cls([task_from_dict(part) for part in data["tasks"]])
+
+    @property
+    def _parts(self) -> tuple[Task, ...]:
+        return self.tasks
+
+    def __repr__(self) -> str:
+        return " + ".join(map(repr, self.tasks))
+
+
+TASKS: Registry[Task] = Registry("task.type")
+
+
+def task_from_dict(data: Mapping[str, Any]) -> Task:
+    """Return the task that ``to_dict`` wrote, of any registered kind.
+
+    Raises
+    ------
+    InputError
+        When the type is unknown, or the numbers make no task.
+    """
+    name = data.get("type") if isinstance(data, Mapping) else None
+    kind = TASKS.find(name)
+    if kind is None:
+        *first, last = TASKS.names
+        raise InputError("task.type", name, f"{', '.join(first)} or {last}")
+    try:
+        return kind.from_dict(data)
+    except (KeyError, TypeError) as error:
+        raise InputError(f"task of type {name}", f"{type(error).__name__}: {error}", "what schema 1 says") from None

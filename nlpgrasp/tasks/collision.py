@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.validation import SMALLEST, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
-from nlpgrasp.tasks.learnt.fit import fit_ellipsoid
+from nlpgrasp.tasks.learnt.enclosing import GAP, enclose
 
 
 @dataclass(frozen=True)
@@ -67,4 +67,5 @@ def collision_task(events: Sequence[CollisionEvent], force: float = 1.0) -> Task
         direction, point = np.asarray(event.direction), np.asarray(event.point)
         push = size * event.likelihood * direction / np.linalg.norm(direction)
         wrenches.append(-np.concatenate([push, np.cross(point, push)]))
-    return fit_ellipsoid(np.array(wrenches)).task.given_about(np.zeros(3))
+    found = enclose(np.array(wrenches), 0.0, None, None, GAP)
+    return TaskEllipsoid.from_axes(found.axes, found.center).given_about(np.zeros(3))

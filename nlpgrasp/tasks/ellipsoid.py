@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.validation import SMALLEST, FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
+from nlpgrasp.tasks.learnt.enclosing import GAP, enclose
 
 
 class TaskEllipsoid(Task):
@@ -41,6 +42,7 @@ class TaskEllipsoid(Task):
         On shapes that do not match, negative lengths, directions that are not orthonormal, zero size.
     """
 
+    kind: ClassVar[str] = "ellipsoid"
     center: FloatArray
     axes: FloatArray
 
@@ -128,9 +130,8 @@ class TaskEllipsoid(Task):
         center : (d,) array, optional
             Where the centre has to be; free when left out.
         """
-        from nlpgrasp.tasks.learnt.fit import fit_ellipsoid  # makes ellipsoids itself
-
-        return fit_ellipsoid(wrenches, outliers=outliers, probability=probability, center=center).task
+        found = enclose(wrenches, outliers, probability, center, GAP)
+        return cls.from_axes(found.axes, found.center)
 
     @classmethod
     def from_axes(cls, axes: ArrayLike, center: ArrayLike | None = None) -> TaskEllipsoid:
@@ -169,6 +170,9 @@ class TaskEllipsoid(Task):
         """Return the image: centre and semi-axes are mapped; the map may lower the dimension."""
         return TaskEllipsoid.from_axes(self.axes @ matrix.T, matrix @ self.center)
 
+    def _moved(self, wrench: FloatArray) -> TaskEllipsoid:
+        return TaskEllipsoid.from_axes(self.axes, self.center + wrench)
+
     def second_moment(self) -> FloatArray:
         """Return ``L L^T + c c^T``."""
         return self.axes.T @ self.axes + np.outer(self.center, self.center)
@@ -184,7 +188,7 @@ class TaskEllipsoid(Task):
 
     def to_dict(self) -> dict[str, Any]:
         """Return centre and semi-axes."""
-        return {"type": "ellipsoid", "center": self.center.tolist(), "axes": self.axes.tolist()}
+        return {"type": self.kind, "center": self.center.tolist(), "axes": self.axes.tolist()}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TaskEllipsoid:

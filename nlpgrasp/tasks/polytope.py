@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
 
 MOST_ENDS = 24  # wrenches that stand for the whole
+MOST_VERTICES = 400  # of the sum of two polytopes that is written as one
 ROUNDING = 1e-9  # relative: a wrench this close to another's opposite is its opposite
 
 
@@ -31,6 +32,7 @@ class TaskPolytope(Task):
         On another shape, numbers that are not finite, or nothing but zeros.
     """
 
+    kind: ClassVar[str] = "polytope"
     wrenches: FloatArray
 
     def __init__(self, wrenches: ArrayLike) -> None:
@@ -74,9 +76,16 @@ class TaskPolytope(Task):
         """Return the wrenches, or of many those that reach farthest."""
         return self.wrenches if len(self.wrenches) <= MOST_ENDS else super().ends()
 
+    def _plus(self, other: Task) -> Task | None:
+        """Return the sums of wrenches with those of a polytope; a single wrench moves other tasks."""
+        if isinstance(other, TaskPolytope):
+            together = (self.wrenches[:, None] + other.wrenches[None]).reshape(-1, self.dimension)
+            return TaskPolytope(together) if len(together) <= MOST_VERTICES else None
+        return other._moved(self.wrenches[0]) if len(self.wrenches) == 1 else None
+
     def to_dict(self) -> dict[str, Any]:
         """Return the wrenches."""
-        return {"type": "polytope", "wrenches": self.wrenches.tolist()}
+        return {"type": self.kind, "wrenches": self.wrenches.tolist()}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TaskPolytope:

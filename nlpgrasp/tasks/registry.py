@@ -1,33 +1,33 @@
-"""Tasks from JSON data."""
+"""The kinds of task that a file may hold."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import TypeVar
 
-from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.base import Task
+from nlpgrasp.tasks.base import TASKS, Task, TaskSum
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.polytope import TaskPolytope
-from nlpgrasp.tasks.sum import TaskSum
+
+Kind = TypeVar("Kind", bound=Task)
 
 
-def task_from_dict(data: Mapping[str, Any]) -> Task:
-    """Return the task that ``to_dict`` wrote.
+def register(task: type[Kind]) -> type[Kind]:
+    """Add a kind of task, of this package or another, to those that files may hold; also as a decorator.
+
+    Parameters
+    ----------
+    task : subclass of Task
+        With ``kind``, the name that its ``to_dict`` gives as ``type``, and ``from_dict``.
 
     Raises
     ------
     InputError
-        When the type is unknown, or the numbers make no task.
+        When another task has that name.
     """
-    kind = data.get("type") if isinstance(data, Mapping) else None
-    try:
-        if kind == "polytope":
-            return TaskPolytope.from_dict(data)
-        if kind == "sum":
-            return TaskSum([task_from_dict(part) for part in data["tasks"]])
-        if kind == "ellipsoid":
-            return TaskEllipsoid.from_dict(data)
-    except (KeyError, TypeError) as error:
-        raise InputError(f"task of type {kind}", f"{type(error).__name__}: {error}", "what schema 1 says") from None
-    raise InputError("task.type", kind, "ellipsoid, polytope or sum")
+    TASKS.add(task.kind, task)
+    return task
+
+
+register(TaskEllipsoid)
+register(TaskPolytope)
+register(TaskSum)

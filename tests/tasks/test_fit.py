@@ -182,3 +182,11 @@ def test_bad_input_is_one_sentence(wrenches, options, message):
     with pytest.raises(ng.InputError, match=message) as caught:
         ng.fit_ellipsoid(wrenches, **options)
     assert "\n" not in str(caught.value)
+
+
+def test_a_warning_names_the_line_that_asked(rng):
+    flat = np.c_[rng.standard_normal((50, 5)), np.zeros(50)]
+    for ask in (lambda: ng.fit_ellipsoid(flat), lambda: ng.TaskEllipsoid.fit(flat)):
+        with pytest.warns(UserWarning, match="do not differ along m_z") as caught:
+            ask()
+        assert caught[0].filename == __file__

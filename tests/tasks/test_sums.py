@@ -54,6 +54,24 @@ def test_sums_take_their_simplest_form():
     assert len((ball + ball + ball).tasks) == 3
 
 
+def test_a_point_moves_from_either_side():
+    point, ball = ng.TaskPolytope(WRENCHES[:1]), ng.TaskEllipsoid([1.0] * 6)
+    assert point + ball == ball + point == ng.TaskEllipsoid([1.0] * 6, center=WRENCHES[0])
+    assert np.array_equal((point + ng.TaskPolytope(WRENCHES)).wrenches, WRENCHES[0] + WRENCHES)
+
+
+def test_large_polytopes_add_up_to_a_sum(rng):
+    large = ng.TaskPolytope(rng.standard_normal((21, 6)))
+    assert isinstance(large + large, ng.TaskSum)
+    assert isinstance(large + ng.TaskPolytope(large.wrenches[:19]), ng.TaskPolytope)  # 399 wrenches
+
+
+def test_a_sum_of_sums_is_flat_and_keeps_their_order(rng):
+    balls = [ng.TaskEllipsoid([size] * 6) for size in (1.0, 2.0, 3.0, 4.0)]
+    together = (balls[0] + balls[1]) + (balls[2] + balls[3])
+    assert list(together.tasks) == balls
+
+
 def test_an_ellipsoid_twice_is_twice_the_ellipsoid(rng):
     grasp, ball = closed_ellipsoid_grasp(rng), ng.TaskEllipsoid([1, 1, 1, 0.5, 0.5, 0.5])
     once, twice, scaled = ng.mu(grasp, ball), ng.mu(grasp, ball + ball), ng.mu(grasp, 2.0 * ball)

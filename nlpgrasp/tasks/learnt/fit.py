@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaincinv
 
-from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.errors import InputError
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
-from nlpgrasp.tasks.learnt.min_volume import min_volume_ellipsoid
-
-GAP = 1e-6
-FLAT = 1e-7  # of the largest extent, each component over its own: directions thinner than this have none
-ROUNDING = 1e-12  # of a component's size: an extent this small is none
-NAMES = {3: ("f_x", "f_y", "m_z"), 6: ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")}
-SWEEPS = 50  # of leaving out the farthest
-SHRINKS = 2e-3  # relative: a round of leaving out that gains less volume is the last
-MOST_NAMED = 10
+from nlpgrasp.tasks.learnt.enclosing import GAP, Enclosing, enclose
 
 
 @dataclass(frozen=True)
@@ -43,6 +32,11 @@ class EllipsoidFit:
     inside: NDArray[np.bool_]
     gap: float | None
     flat: FloatArray
+
+    @classmethod
+    def of(cls, found: Enclosing) -> EllipsoidFit:
+        """Return the fit that an ellipsoid around wrenches is."""
+        return cls(TaskEllipsoid.from_axes(found.axes, found.center), found.inside, found.gap, found.flat)
 
     @property
     def share(self) -> float:
@@ -89,114 +83,4 @@ def fit_ellipsoid(
     UserWarning
         When the wrenches do not differ in some directions: the ellipsoid is flat, and the directions are named.
     """
-    rows = _rows(wrenches)
-    d = rows.shape[1]
-    outliers = number("outliers", outliers, at_least=0.0)
-    gap = number("gap", gap, above=0.0)
-    if outliers >= 0.5:
-        raise InputError("outliers", outliers, "a share below 0.5")
-    if probability is not None and (not 0.0 < number("probability", probability) < 1.0 or outliers > 0.0):
-        raise InputError("probability", probability, "a share between 0 and 1, without outliers")
-    middle = None if center is None else array("center", center, (d,))
-    about = rows[0] + (rows - rows[0]).mean(axis=0) if middle is None else middle  # exact where all are the same
-    extent = np.max(np.abs(rows - about), axis=0)
-    varies = extent > ROUNDING * np.max(np.abs(rows), axis=0)
-    if not np.any(varies):
-        raise InputError("wrenches", f"{len(rows)} wrenches, all {rows[0].tolist()}", "wrenches that differ")
-    unit = np.where(varies, extent, 1.0)
-    scaled = np.where(varies, (rows - about) / unit, 0.0)
-    _, sizes, basis = np.linalg.svd(np.linalg.qr(scaled, mode="r"))
-    sizes = np.append(sizes, np.zeros(max(0, d - len(sizes)))) / np.sqrt(len(rows))
-    used = sizes > FLAT * sizes[0]
-    flat = basis[~used]
-    if len(flat):
-        warnings.warn(_flat_words(flat), UserWarning, stacklevel=3)
-    local = scaled @ basis[used].T
-    if probability is None:
-        found, excess = _trimmed(local, outliers, gap, middle is not None)
-        offset, axes = found
-    else:
-        offset = np.zeros(local.shape[1])
-        values, vectors = np.linalg.eigh(local.T @ local / max(len(local) - (middle is None), 1))
-        quantile = 2.0 * gammaincinv(0.5 * local.shape[1], probability)  # of chi squared; scipy.stats is slow to import
-        axes, excess = np.sqrt(quantile * values)[:, None] * vectors.T, None
-    task = TaskEllipsoid.from_axes((axes @ basis[used]) * unit, about + (offset @ basis[used]) * unit)
-    near = np.linalg.solve(axes.T, (local - offset).T)
-    return EllipsoidFit(task, np.sum(near**2, axis=0) <= 1.0 + 1e-9, excess, flat)
-
-
-def _trimmed(
-    local: FloatArray, outliers: float, gap: float, centred: bool
-) -> tuple[tuple[FloatArray, FloatArray], float]:
-    """Return centre and axes of the least ellipsoid around all but the outliers, and its gap."""
-    keep = len(local) - int(outliers * len(local))
-    center = np.zeros(local.shape[1]) if centred else None
-    chosen = np.arange(len(local))
-    if keep < len(local):
-        away = local if centred else local - np.median(local, axis=0)
-        for _ in range(SWEEPS):  # concentration steps: the share nearest to its own mean in its own covariance
-            far = np.einsum("ij,jk,ik->i", away, np.linalg.pinv(away[chosen].T @ away[chosen]), away)
-            nearest = np.sort(np.argsort(far, kind="stable")[:keep])
-            if np.array_equal(nearest, chosen):
-                break
-            chosen = nearest
-            away = local if centred else local - local[chosen].mean(axis=0)
-        least = np.inf
-        for _ in range(SWEEPS):  # the same with the least ellipsoid itself, while that shrinks
-            found = min_volume_ellipsoid(_spanning(local[chosen], centred), max(gap, 1e-3), center)
-            volume = float(np.prod(np.linalg.norm(found.axes, axis=1)))
-            if volume > (1.0 - SHRINKS) * least:
-                break
-            least = volume
-            far = np.sum(np.linalg.solve(found.axes.T, (local - found.center).T) ** 2, axis=0)
-            nearest = np.sort(np.argsort(far, kind="stable")[:keep])
-            if np.array_equal(nearest, chosen):
-                break
-            chosen = nearest
-    found = min_volume_ellipsoid(_spanning(local[chosen], centred), gap, center)
-    if found.gap > gap:
-        text = f"the ellipsoid's volume is only known to be within {found.gap:.2g} of the least, not {gap:.2g}"
-        warnings.warn(text, UserWarning, stacklevel=4)
-    return (found.center, found.axes), found.gap
-
-
-def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
-    """Refuse to go on with wrenches that no longer differ in every direction."""
-    away = kept if centred else kept - kept.mean(axis=0)
-    sizes = np.linalg.svd(np.linalg.qr(away, mode="r"))[1]
-    if len(sizes) < kept.shape[1] or sizes[-1] <= FLAT * sizes[0]:
-        given = f"a share that leaves {len(kept)} wrenches, which do not differ in every direction"
-        raise InputError("outliers", given, "fewer outliers, or more wrenches that differ")
-    return kept
-
-
-def _rows(wrenches: ArrayLike) -> FloatArray:
-    """Return wrenches as an array; refuse rows that are not finite by name."""
-    try:
-        if np.asarray(wrenches).dtype.kind not in "iuf":
-            raise TypeError
-        given = np.asarray(wrenches, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError("wrenches", wrenches, "numbers of shape (m, 3) or (m, 6)") from None
-    if given.ndim != 2 or given.shape[1] not in (3, 6) or not len(given):
-        raise InputError("wrenches", f"shape {given.shape}", "shape (m, 3) or (m, 6), at least one wrench")
-    bad = np.flatnonzero(~np.all(np.isfinite(given), axis=1))
-    if len(bad):
-        raise InputError("wrenches", bad_rows(bad), "finite numbers in every row")
-    return array("wrenches", given, (None, None))
-
-
-def bad_rows(rows: NDArray[np.intp]) -> str:
-    """Return how many rows are not finite, and which."""
-    named = ", ".join(map(str, rows[:MOST_NAMED])) + (", ..." if len(rows) > MOST_NAMED else "")
-    return f"{len(rows)} row{'s' * (len(rows) > 1)} with NaN or infinity ({named})"
-
-
-def _flat_words(flat: FloatArray) -> str:
-    """Return a sentence on the directions in which the wrenches do not differ."""
-    names = NAMES[flat.shape[1]]
-    words = []
-    for row in flat:
-        parts = [f"{v:+.2g} {n}" for v, n in zip(row, names, strict=True) if abs(v) > 1e-3]
-        words.append(parts[0].split(" ")[1] if len(parts) == 1 else " ".join(parts))
-    return f"the wrenches do not differ along {'; '.join(words)} (over their extents): the ellipsoid is flat there"
+    return EllipsoidFit.of(enclose(wrenches, outliers, probability, center, gap))

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import LARGEST, FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.learnt.fit import EllipsoidFit, bad_rows, fit_ellipsoid
+from nlpgrasp.tasks.learnt.enclosing import GAP, bad_rows, enclose
+from nlpgrasp.tasks.learnt.fit import EllipsoidFit
 
 FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
 TORQUES = {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3, "lbfin": 0.1129848290276167}
@@ -106,7 +107,7 @@ class WrenchRecording:
         self, *, outliers: float = 0.0, probability: float | None = None, center: ArrayLike | None = None
     ) -> EllipsoidFit:
         """Return the ellipsoid fitted to the recording, about the body frame's origin; see ``fit_ellipsoid``."""
-        found = fit_ellipsoid(self.wrenches, outliers=outliers, probability=probability, center=center)
+        found = EllipsoidFit.of(enclose(self.wrenches, outliers, probability, center, GAP))
         return replace(found, task=found.task.given_about(np.zeros(3)))
 
 
