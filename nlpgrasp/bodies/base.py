@@ -6,15 +6,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
-Expression = Any  # casadi.SX or casadi.MX
 TINY = 1e-24  # under a root, for its derivative at zero
 
 
@@ -63,7 +62,7 @@ class Body(ABC):
         """Return the faces; called once."""
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the body as JSON data."""
 
     @cached_property
@@ -82,9 +81,13 @@ class Body(ABC):
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0]) / 2.0)
 
     @property
-    def symbol(self) -> type:
+    def symbol(self) -> type[ca.SX] | type[ca.MX]:
         """The CasADi type the surface is stated in: ``casadi.SX``, or ``casadi.MX`` for splines."""
         return ca.SX
+
+    def point(self) -> Expression:
+        """Return a symbol for a point of the body's frame, (space,), of the type the surface is stated in."""
+        return self.symbol.sym("p", self.space)
 
     def distance(self, p: Expression) -> Expression:
         """Return the signed distance of a CasADi point to the body, metres, negative inside.
@@ -100,7 +103,7 @@ class Body(ABC):
     @cached_property
     def distance_function(self) -> ca.Function:
         """The compiled ``distance``."""
-        p = self.symbol.sym("p", self.space)  # type: ignore[attr-defined]
+        p = self.point()
         return ca.Function("distance", [p], [self.distance(p)], ["p"], ["d"])
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
@@ -183,19 +186,19 @@ class Body(ABC):
                 break
         return np.concatenate(found)[:count]
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Keep what defines the body; compiled functions are made again where it is unpickled."""
         made = ("faces", "_functions", "centroid", "distance_function", "_tree")
         return {k: v for k, v in self.__dict__.items() if k not in made}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
 
     @cached_property
     def _functions(self) -> dict[str, ca.Function]:
         result = {}
         for face in self.faces:
-            p = self.symbol.sym("p", self.space)  # type: ignore[attr-defined]
+            p = self.point()
             h = face.surface(p)
             gradient = ca.gradient(h, p)
             slope = ca.norm_2(gradient)

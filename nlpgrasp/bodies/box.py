@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Expression, Face, intersection
+from nlpgrasp.bodies.base import Body, Face, intersection
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 
 
@@ -55,7 +55,7 @@ class Box(Body):
         half = np.asarray(self.extents, dtype=float) / 2.0
         return intersection([ca.fabs(p[i]) - half[i] for i in range(3)])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the extents."""
         return {"type": "box", "extents": list(np.asarray(self.extents, dtype=float))}
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, Body, Expression, Face, intersection
+from nlpgrasp.bodies.base import TINY, Body, Face, intersection
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 
 
@@ -63,6 +63,6 @@ class Cylinder(Body):
         around = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.radius
         return intersection([around, ca.fabs(p[2]) - self.height / 2.0])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return radius and height."""
         return {"type": "cylinder", "radius": self.radius, "height": self.height}

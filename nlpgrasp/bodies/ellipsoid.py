@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import TINY, Body, Expression, Face
+from nlpgrasp.bodies.base import TINY, Body, Face
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 
 
@@ -57,6 +57,6 @@ class Ellipsoid(Body):
         gauge = ca.sqrt(ca.sumsqr(p / axes) + TINY)
         return (gauge - 1.0) * gauge / ca.sqrt(ca.sumsqr(p / axes**2) + TINY)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the semi-axes."""
         return {"type": "ellipsoid", "semi_axes": list(np.asarray(self.semi_axes, dtype=float))}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Expression, Face, grid_centroid
+from nlpgrasp.bodies.base import Body, Face, grid_centroid
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, read_only
 from nlpgrasp.errors import InputError
 
@@ -41,7 +41,7 @@ class Implicit(Body):
         self.h = h
         self._box = read_only(box)
         try:
-            value = h(self.symbol.sym("p", self.space))  # type: ignore[attr-defined]
+            value = h(self.point())
         except Exception as error:
             raise InputError(f"{name}.h", f"{type(error).__name__}: {error}", "CasADi operations on p only") from None
         if getattr(value, "shape", None) != (1, 1):
@@ -69,7 +69,7 @@ class Implicit(Body):
         """Return the one face."""
         return (Face("surface", self.h),)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the expression as text, for reading, and the box."""
         text = str(self.h(ca.SX.sym("p", self.space)))
         return {

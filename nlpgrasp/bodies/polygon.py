@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import TINY, Body, Expression, Face
+from nlpgrasp.bodies.base import TINY, Body, Face
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
@@ -59,7 +59,7 @@ class Polygon(Body):
         """Return the exact signed distance."""
         return polygon_distance(self.corners, p)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the vertices."""
         return {"type": "polygon", "vertices": self.corners.tolist()}
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Expression, Face, intersection
+from nlpgrasp.bodies.base import Body, Face, intersection
 from nlpgrasp.bodies.polygon import edge_face, polygon_centroid, polygon_distance, simple_polygon
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 
@@ -79,6 +79,6 @@ class Prism(Body):
         """Return the exact signed distance."""
         return intersection([polygon_distance(self.corners, p), ca.fabs(p[2]) - self.height / 2.0])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return polygon and height."""
         return {"type": "prism", "polygon": self.corners.tolist(), "height": self.height}

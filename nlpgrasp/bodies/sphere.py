@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, Body, Expression, Face
+from nlpgrasp.bodies.base import TINY, Body, Face
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 
 
@@ -50,6 +50,6 @@ class Sphere(Body):
         """Return ``|p| - r``."""
         return ca.sqrt(ca.sumsqr(p) + TINY) - self.radius
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the radius."""
         return {"type": "sphere", "radius": self.radius}

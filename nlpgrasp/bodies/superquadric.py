@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.bodies.base import Body, Face
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 
@@ -69,7 +69,7 @@ class Superquadric(Body):
 
         return (Face("surface", surface),)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return semi-axes and exponents."""
         exponents = list(np.asarray(self.exponents, dtype=float))
         return {

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, Body, Expression, Face
+from nlpgrasp.bodies.base import TINY, Body, Face
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 
@@ -66,6 +66,6 @@ class Torus(Body):
         ring = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.major_radius
         return ca.sqrt(ring**2 + p[2] ** 2 + TINY) - self.minor_radius
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return both radii."""
         return {"type": "torus", "major_radius": self.major_radius, "minor_radius": self.minor_radius}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
@@ -29,14 +29,14 @@ class Triangles:
     vertices: FloatArray
     faces: NDArray[np.int64]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the triangles as JSON data, rounded: they are for looking at."""
         largest = float(np.max(np.abs(self.vertices), initial=1e-12))
         decimals = DIGITS - 1 - int(np.floor(np.log10(largest)))
         return {"vertices": np.round(self.vertices, decimals).tolist(), "faces": self.faces.tolist()}
 
     @classmethod
-    def from_dict(cls, data: Any, name: str) -> Triangles:
+    def from_dict(cls, data: object, name: str) -> Triangles:
         """Return the triangles of JSON data; those that are none are refused."""
         if not isinstance(data, Mapping):
             raise InputError(name, data, "vertices and faces")
@@ -62,13 +62,13 @@ class Drawing:
     body: Triangles
     links: tuple[tuple[str, Triangles], ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the drawing as JSON data."""
         links = [{"link": name, **shape.to_dict()} for name, shape in self.links]
         return {"body": self.body.to_dict(), "links": links}
 
     @classmethod
-    def from_dict(cls, data: Any, name: str) -> Drawing | None:
+    def from_dict(cls, data: object, name: str) -> Drawing | None:
         """Return the drawing of JSON data, None for none."""
         if data is None:
             return None

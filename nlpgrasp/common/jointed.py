@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
 
@@ -30,5 +31,5 @@ class PosedHand(JointedHand, Protocol):
     def count(self) -> int:
         """Number of fingertips."""
 
-    def values_of(self, posture: Mapping[str, Any]) -> dict[str, FloatArray]:
+    def values_of(self, posture: Json) -> dict[str, FloatArray]:
         """Return values of the hand's variables, by name, in a posture as ``GraspSolution.hand`` holds it."""

@@ -5,13 +5,17 @@ from __future__ import annotations
 import os
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from nlpgrasp.common.files import write_bytes
 from nlpgrasp.errors import InputError, MissingExtraError
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-def pyplot(what: str) -> Any:
+
+def pyplot(what: str) -> ModuleType:
     """Return matplotlib's pyplot, drawing to files alone.
 
     Raises
@@ -31,7 +35,7 @@ def pyplot(what: str) -> Any:
     return plt
 
 
-def write_figure(plt: Any, figure: Any, path: str | Path, dpi: int = 130) -> Path:
+def write_figure(plt: ModuleType, figure: Figure, path: str | Path, dpi: int = 130) -> Path:
     """Write a figure as PNG, whole or not at all, and close it; return the path.
 
     Raises

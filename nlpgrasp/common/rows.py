@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
-Expression = Any  # casadi.SX
+from nlpgrasp.common.types import Expression, Json
+
+if TYPE_CHECKING:  # certificates reach this file, and no CasADi
+    import casadi as ca
 
 
 @runtime_checkable
@@ -20,10 +23,10 @@ class Solid(Protocol):
         """2 or 3."""
 
     @property
-    def distance_function(self) -> Any:
+    def distance_function(self) -> ca.Function:
         """A ``casadi.Function`` from a point to the signed distance, metres."""
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the body as JSON data."""
 
 
@@ -73,7 +76,7 @@ class Clearance:
     """
 
     name: str
-    distance: Any
+    distance: ca.Function
     point: Expression
     lower: float
     scale: float = 1.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +14,7 @@ LARGEST = 1e100  # a larger number overflows when it is squared a few times
 SMALLEST = 1e-100  # and the reciprocal of a smaller one does
 
 
-def number(field: str, value: Any, *, above: float | None = None, at_least: float | None = None) -> float:
+def number(field: str, value: object, *, above: float | None = None, at_least: float | None = None) -> float:
     """Return ``value`` as a finite float, or raise ``InputError`` naming ``field``.
 
     Parameters
@@ -34,8 +33,7 @@ def number(field: str, value: Any, *, above: float | None = None, at_least: floa
         allowed = f"a number of at least {at_least:g}"
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(field, repr(value), allowed)
-    size: Any = abs(value)
-    if not size <= LARGEST:  # false for NaN
+    if not -LARGEST <= value <= LARGEST:  # false for NaN
         raise InputError(field, value, allowed)
     result = float(value)
     if above is not None and above < result < above + SMALLEST:
@@ -45,7 +43,7 @@ def number(field: str, value: Any, *, above: float | None = None, at_least: floa
     return result
 
 
-def integer(field: str, value: Any, *, at_least: int, at_most: int = 10**9) -> int:
+def integer(field: str, value: object, *, at_least: int, at_most: int = 10**9) -> int:
     """Return ``value`` as an int within inclusive limits, or raise ``InputError``."""
     allowed = f"a whole number from {at_least} to {at_most}"
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not at_least <= value <= at_most:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import array, number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
@@ -53,6 +53,6 @@ class Approach(PlacementConstraint):
         along = ca.dot(placement.palm.approach, ca.DM(np.asarray(self.direction)))
         return [Row("approach, palm", along, float(np.cos(self.angle)), unit="cos")]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return direction and angle."""
         return {"type": "approach", "direction": list(np.asarray(self.direction, float)), "angle": self.angle}

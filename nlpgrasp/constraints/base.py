@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
 
 from nlpgrasp.common.rows import Clearance, Placement, Row
+from nlpgrasp.common.types import Json
 
 
 class PlacementConstraint(ABC):
@@ -29,5 +29,5 @@ class PlacementConstraint(ABC):
         return 0.0
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the constraint as JSON data."""

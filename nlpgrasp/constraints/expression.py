@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
@@ -35,9 +36,9 @@ class Constraint(PlacementConstraint):
     """
 
     name: str
-    expression: Callable[[list[Any], list[Any]], Any]
-    lower: Any = -np.inf
-    upper: Any = np.inf
+    expression: Callable[[list[Expression], list[Expression]], Expression]
+    lower: ArrayLike = -np.inf
+    upper: ArrayLike = np.inf
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -55,7 +56,7 @@ class Constraint(PlacementConstraint):
             given = f"{low.tolist()} to {high.tolist()}"
             raise InputError(f"Constraint {self.name!r}", given, "lower limits below upper limits")
 
-    def _limit(self, value: Any) -> FloatArray:
+    def _limit(self, value: ArrayLike) -> FloatArray:
         try:
             return np.array(value, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -83,7 +84,7 @@ class Constraint(PlacementConstraint):
         label = [self.name] if count == 1 else [f"{self.name}[{i}]" for i in range(count)]
         return [Row(label[i], value[i], float(lower[i]), float(upper[i])) for i in range(count)]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return name and limits; the expression stays in the script."""
         lower, upper = ([v if np.isfinite(v) else None for v in np.ravel(x).tolist()] for x in (self.lower, self.upper))
         return {"type": "expression", "name": self.name, "lower": lower, "upper": upper}

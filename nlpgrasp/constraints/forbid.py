@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import names
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.regions import ExpressionRegion, Region
@@ -24,7 +24,7 @@ class Forbid(PlacementConstraint):
         positive inside the forbidden region.
     """
 
-    faces_or_region: str | Iterable[str] | Region | Callable[[Any], Any]
+    faces_or_region: str | Iterable[str] | Region | Callable[[Expression], Expression]
 
     def __post_init__(self) -> None:
         what = self.faces_or_region
@@ -59,7 +59,7 @@ class Forbid(PlacementConstraint):
             for i, p in enumerate(placement.positions)
         ]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the faces or the region."""
         if self.region is not None:
             return {"type": "forbid", "region": self.region.to_dict()}

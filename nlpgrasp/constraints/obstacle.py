@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.rows import Clearance, Placement, Row, Solid
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
@@ -72,20 +72,21 @@ class Obstacle(PlacementConstraint):
 
     def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
         """Return one row a fingertip and one a link's sphere."""
-        parts = [(f"{self.name}, finger {i}", tip, r) for i, (tip, r) in _counted(placement)]
+        tips = zip(placement.tips, placement.radii, strict=True)
+        parts = [(f"{self.name}, finger {i}", tip, radius) for i, (tip, radius) in enumerate(tips)]
         parts += [(f"{self.name}, {s.name}", s.centre, s.radius) for s in placement.links]
         return [
             Clearance(name, self.body.distance_function, self._local(point), radius + self.clearance, placement.size)
             for name, point, radius in parts
         ]
 
-    def _local(self, point: Any) -> Any:
+    def _local(self, point: Expression) -> Expression:
         """Return a point in the obstacle's frame."""
         if self.position is not None:
             point = point - ca.DM(np.asarray(self.position))
         return point if self.quaternion is None else ca.mtimes(ca.DM(self.rotation.T), point)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the body, its pose and the clearance."""
         return {
             "type": "obstacle",
@@ -95,10 +96,6 @@ class Obstacle(PlacementConstraint):
             "position": None if self.position is None else list(np.asarray(self.position, float)),
             "quaternion_wxyz": None if self.quaternion is None else list(np.asarray(self.quaternion, float)),
         }
-
-
-def _counted(placement: Placement) -> Any:
-    return enumerate(zip(placement.tips, placement.radii, strict=True))
 
 
 def _listed(field: str, value: ArrayLike, size: int) -> tuple[float, ...]:

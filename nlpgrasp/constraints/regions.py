@@ -5,16 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import array, number
 from nlpgrasp.errors import InputError
-
-Expression = Any
 
 
 class Region(ABC):
@@ -27,7 +26,7 @@ class Region(ABC):
         """Return an expression of a point that is positive inside the region and negative outside."""
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the region as JSON data."""
 
     def dimension(self) -> int | None:
@@ -66,7 +65,7 @@ class HalfSpace(Region):
         """Return the length of the normal."""
         return int(np.size(self.normal))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return normal and offset."""
         return {
             "type": "half_space",
@@ -108,7 +107,7 @@ class BoxRegion(Region):
         """Return the length of the corners."""
         return int(np.size(self.lower))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return both corners."""
         return {
             "type": "box_region",
@@ -153,6 +152,6 @@ class ExpressionRegion(Region):
         except (RuntimeError, NotImplementedError):
             return str(self.expression(ca.SX.sym("p", 2)))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the expression as text, for reading."""
         return {"type": "expression_region", "expression": self._text()}

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.workspace import check_fingers, finger_numbers
@@ -65,7 +65,7 @@ class Spread(PlacementConstraint):
             if self.fingers is None or {i, j} <= set(self.fingers)
         ]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return both limits, and the fingers."""
         fingers = None if self.fingers is None else list(self.fingers)
         return {"type": "spread", "min": self.min, "max": self.max, "fingers": fingers}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import array, number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.workspace import check_fingers, finger_numbers
@@ -70,7 +70,7 @@ class Symmetric(PlacementConstraint):
             for c, axis in zip(range(apart.shape[0]), "xyz", strict=False)
         ]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return fingers, plane and tolerance."""
         return {
             "type": "symmetric",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.constraints.base import PlacementConstraint
 
@@ -40,6 +40,6 @@ class Table(PlacementConstraint):
             for s in placement.links
         ]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return height and clearance."""
         return {"type": "table", "height": self.height, "clearance": self.clearance}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.regions import BoxRegion, ExpressionRegion, Region
 from nlpgrasp.errors import InputError
@@ -28,25 +28,31 @@ class Workspace(PlacementConstraint):
         Constrain the palm's origin, of a hand that has one.
     """
 
-    region: Region | Callable[[Any], Any]
+    region: Region | Callable[[Expression], Expression]
     fingers: Sequence[int] | None = None
     palm: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.region, Region):
-            if not callable(self.region):
-                raise InputError("Workspace.region", self.region, "a region or a function of a point")
-            object.__setattr__(self, "region", ExpressionRegion(self.region, "Workspace.region"))
+        object.__setattr__(self, "region", self._region)
         if not isinstance(self.palm, bool) or (self.palm and self.fingers is not None):
             raise InputError("Workspace.palm", self.palm, "True or False, and no fingers with True")
         if self.fingers is not None:
             object.__setattr__(self, "fingers", finger_numbers("Workspace.fingers", self.fingers))
 
+    @property
+    def _region(self) -> Region:
+        """The region, a function of a point as a region too."""
+        if isinstance(self.region, Region):
+            return self.region
+        if not callable(self.region):
+            raise InputError("Workspace.region", self.region, "a region or a function of a point")
+        return ExpressionRegion(self.region, "Workspace.region")
+
     def check(self, space: int, size: float, contacts: int) -> None:
         """Refuse a region of another dimension than the body's, and fingers there are not."""
-        assert isinstance(self.region, Region)  # noqa: S101  (for the type checker)
-        if self.region.dimension() not in (None, space):
-            raise InputError("Workspace.region", f"{self.region.dimension()} coordinates", f"{space} coordinates")
+        dimension = self._region.dimension()
+        if dimension not in (None, space):
+            raise InputError("Workspace.region", f"{dimension} coordinates", f"{space} coordinates")
         check_fingers("Workspace.fingers", self.fingers, contacts)
 
     def rows(self, placement: Placement) -> list[Row]:
@@ -60,22 +66,20 @@ class Workspace(PlacementConstraint):
             row for i in used for row in self._inside(f"workspace, finger {i}", placement.positions[i], placement.size)
         ]
 
-    def _inside(self, name: str, p: Any, size: float) -> list[Row]:
-        region = self.region
+    def _inside(self, name: str, p: Expression, size: float) -> list[Row]:
+        region = self._region
         if isinstance(region, BoxRegion):
             limits = zip("xyz", np.asarray(region.lower), np.asarray(region.upper), strict=False)
             return [
                 Row(f"{name}, {axis}", p[i], float(low), float(high), size, "m")
                 for i, (axis, low, high) in enumerate(limits)
             ]
-        assert isinstance(region, Region)  # noqa: S101  (for the type checker)
         return [Row(name, region.inside(p), 0.0, scale=size, unit=region.unit)]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the region, and what has to be in it."""
-        assert isinstance(self.region, Region)  # noqa: S101  (for the type checker)
         fingers = None if self.fingers is None else list(self.fingers)
-        return {"type": "workspace", "region": self.region.to_dict(), "fingers": fingers, "palm": self.palm}
+        return {"type": "workspace", "region": self._region.to_dict(), "fingers": fingers, "palm": self.palm}
 
 
 def finger_numbers(field: str, fingers: Sequence[int]) -> tuple[int, ...]:

@@ -6,15 +6,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.rows import LinkSphere, PalmPose, Placement, Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
-Expression = Any  # casadi.SX
 Values = dict[str, FloatArray]
 
 
@@ -136,10 +135,10 @@ class Hand(ABC):
         """Return the palm's pose, where the hand has one."""
         return None
 
-    def describe(self, values: Values) -> dict[str, Any]:
+    def describe(self, values: Values) -> Json:
         """Return values of the variables as the JSON data of a solution."""
         return {name: np.asarray(v).tolist() for name, v in values.items()}
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the hand as JSON data."""

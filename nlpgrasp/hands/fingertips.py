@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.base import Expression, Hand, HandVariable
+from nlpgrasp.hands.base import Hand, HandVariable
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,8 @@ class Fingertips(Hand):
         object.__setattr__(self, "count", integer("Fingertips.count", self.count, at_least=1))
         object.__setattr__(self, "radius", number("Fingertips.radius", self.radius, at_least=0.0))
         if self.spread is not None:
-            pair = (0.0, self.spread) if np.ndim(self.spread) == 0 else tuple(self.spread)  # type: ignore[arg-type]
+            given = self.spread
+            pair = tuple(given) if isinstance(given, Iterable) and np.ndim(given) else (0.0, given)
             if len(pair) != 2:
                 raise InputError("Fingertips.spread", self.spread, "one distance, or a least and a greatest one")
             low = number("Fingertips.spread", pair[0], at_least=0.0)
@@ -82,15 +83,15 @@ class Fingertips(Hand):
                 )
                 for i, tip in enumerate(tips)
             ]
-        low, high = self.spread if self.spread is not None else (0.0, np.inf)  # type: ignore[misc]
-        low = max(float(low), 2.0 * self.radius)
+        low, high = (0.0, np.inf) if self.spread is None else (float(v) for v in np.ravel(self.spread))
+        low = max(low, 2.0 * self.radius)
         if low > 0.0 or np.isfinite(high):
             rows += [
                 Row(
                     f"fingertip distance, fingers {i} and {j}",
                     ca.sumsqr(p - q),
                     low**2,
-                    float(high) ** 2,
+                    high**2,
                     size2,
                     unit="m2",
                 )
@@ -98,9 +99,9 @@ class Fingertips(Hand):
             ]
         return rows
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the settings."""
-        spread = None if self.spread is None else list(self.spread)  # type: ignore[arg-type]
+        spread = None if self.spread is None else [float(v) for v in np.ravel(self.spread)]
         return {
             "type": "fingertips",
             "count": self.count,

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.base import Expression, Hand, HandVariable
+from nlpgrasp.hands.base import Hand, HandVariable
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ class ParallelJaw(Hand):
     opening: float
     closed: float = 0.0
     tilt: float = 0.05
+    count: int = field(default=2, init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "closed", number("ParallelJaw.closed", self.closed, at_least=0.0))
@@ -42,11 +43,6 @@ class ParallelJaw(Hand):
         if tilt >= np.pi / 2.0:
             raise InputError("ParallelJaw.tilt", self.tilt, "an angle below a right angle")
         object.__setattr__(self, "tilt", tilt)
-
-    @property
-    def count(self) -> int:  # type: ignore[override]  # fixed, where other hands have a field
-        """2."""
-        return 2
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
@@ -71,6 +67,6 @@ class ParallelJaw(Hand):
             Row("facing, jaw 1", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size),
         ]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the settings."""
         return {"type": "parallel_jaw", "opening": self.opening, "closed": self.closed, "tilt": self.tilt}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,6 +13,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp.functions import ProgramFunctions
 from nlpgrasp.nlp.program import Program
 
+Option = bool | int | float | str | ca.Function
 LOOSE = 1e-7  # solver units, of equations that outnumber the unknowns
 
 
@@ -60,9 +60,9 @@ class CompiledProgram:
         Options of IPOPT, without the ``ipopt.`` prefix.
     """
 
-    def __init__(self, program: Program, ipopt: dict[str, Any]) -> None:
+    def __init__(self, program: Program, ipopt: dict[str, Option]) -> None:
         self.program = program
-        self._options: dict[str, Any] = {f"ipopt.{key}": value for key, value in ipopt.items()}
+        self._options: dict[str, Option] = {f"ipopt.{key}": value for key, value in ipopt.items()}
         self._options |= {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "record_time": True}
 
     @cached_property

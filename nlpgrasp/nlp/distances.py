@@ -6,8 +6,6 @@ distance's own derivatives are evaluated as ``MX`` (a spline's) and enter ``SX``
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
 from nlpgrasp.nlp.program import Program
@@ -25,7 +23,7 @@ class DistanceRows:
         All points, one column of 3 coordinates each after the other.
     """
 
-    def __init__(self, program: Program, points: Any) -> None:
+    def __init__(self, program: Program, points: ca.MX) -> None:
         self._parts = []
         done = 0
         for part in program.distance_parts:
@@ -34,7 +32,7 @@ class DistanceRows:
             self._parts.append((part.function, here, ca.DM(part.scales).T))
             done += count
 
-    def first(self) -> tuple[Any, Any]:
+    def first(self) -> tuple[ca.MX, ca.MX]:
         """Return the rows (m,) and their gradients with respect to the points (3 m,)."""
         values, slopes = [ca.MX(0, 1)], [ca.MX(0, 1)]
         for function, points, scales in self._parts:
@@ -46,7 +44,7 @@ class DistanceRows:
             slopes.append(ca.vec(slope / ca.repmat(scales, 3, 1)))
         return ca.vertcat(*values), ca.vertcat(*slopes)
 
-    def second(self, multipliers: Any) -> tuple[Any, Any]:
+    def second(self, multipliers: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return gradients (3 m,) and upper triangles of the Hessians (6 m,), times the rows' multipliers."""
         slopes, bends = [ca.MX(0, 1)], [ca.MX(0, 1)]
         done = 0
@@ -63,14 +61,14 @@ class DistanceRows:
         return ca.vertcat(*slopes), ca.vertcat(*bends)
 
 
-def chain_first(along: Any, slopes: Any, count: int) -> Any:
+def chain_first(along: ca.SX, slopes: ca.SX, count: int) -> ca.SX:
     """Return the rows' Jacobian from that of the points (3 m, n) and the distances' gradients (3 m,)."""
     if not count:
         return ca.SX(0, along.shape[1])
     return ca.vertcat(*[ca.mtimes(slopes[3 * i : 3 * i + 3].T, along[3 * i : 3 * i + 3, :]) for i in range(count)])
 
 
-def chain_second(along: Any, bends: Any, count: int) -> Any:
+def chain_second(along: ca.SX, bends: ca.SX, count: int) -> ca.SX:
     """Return ``sum J^T d'' J`` from the points' Jacobian (3 m, n) and the distances' weighted Hessians (6 m,)."""
     total = ca.SX(along.shape[1], along.shape[1])
     for i in range(count):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import accumulate
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -19,7 +18,7 @@ from nlpgrasp.problem.problem import GraspProblem
 LARGEST, LARGEST_OTHERWISE = 1.1, 50.0  # solver units: the L2 ball's own bound, and a wide one
 
 
-def add_forces(program: Program, problem: GraspProblem, scaling: Scaling, direction: int) -> list[Any]:
+def add_forces(program: Program, problem: GraspProblem, scaling: Scaling, direction: int) -> list[ca.SX]:
     """Add one copy of all finger forces, in solver units; return each contact's in newtons, as columns."""
     sizes = [m.variables(problem.body.space) for m in problem.models]
     most = LARGEST if isinstance(problem.budget, L2Budget) else LARGEST_OTHERWISE
@@ -28,8 +27,8 @@ def add_forces(program: Program, problem: GraspProblem, scaling: Scaling, direct
 
 
 def symbolic_wrench(
-    models: Sequence[ContactModel], contacts: ContactSymbols, forces: Sequence[Any], length: float
-) -> Any:
+    models: Sequence[ContactModel], contacts: ContactSymbols, forces: Sequence[ca.SX], length: float
+) -> ca.SX:
     """Return the wrench of the finger forces about the torque origin, in solver units (d,).
 
     Parameters
@@ -41,7 +40,7 @@ def symbolic_wrench(
     length : float
         Metres a solver unit of length; torques come out divided by it.
     """
-    total: Any = 0.0
+    total = ca.SX(0.0)
     for model, p, n, x in zip(models, contacts.positions, contacts.normals, forces, strict=True):
         force, own = model.split(x, n)
         moment = p[0] * force[1] - p[1] * force[0] if p.shape[0] == 2 else ca.cross(p, force)
@@ -56,7 +55,7 @@ def add_membership(
     problem: GraspProblem,
     scaling: Scaling,
     contacts: ContactSymbols,
-    forces: Sequence[Any],
+    forces: Sequence[ca.SX],
     direction: int,
 ) -> None:
     """Add "each force is in its cone" and "all forces together are within the budget" for one direction."""

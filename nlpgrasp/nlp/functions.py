@@ -8,7 +8,6 @@ derivatives by the chain rule are SX again once the spline's own derivatives are
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 
@@ -38,7 +37,7 @@ class ProgramFunctions:
         return faces and not self.program.distance_parts
 
     @cached_property
-    def nlp(self) -> dict[str, Any]:
+    def nlp(self) -> dict[str, ca.SX] | dict[str, ca.MX]:
         """The program as CasADi's ``nlpsol`` takes it: minimise minus the objective."""
         z, theta = self.program.z, self.program.theta
         if self.is_scalar:
@@ -102,14 +101,14 @@ class ProgramFunctions:
         return DistanceRows(self.program, places(self._x))
 
     @cached_property
-    def _rows(self) -> Any:
+    def _rows(self) -> ca.MX:
         """All rows at ``x``, as ``MX``."""
         smooth = ca.Function("rows", [self.program.z, self.program.theta], [self.program.g, self._linear])
         rows, linear = smooth(self._x, self._p)
         faces = [part.function(self._x[part.position.range]) for part in self.program.face_parts]
         return ca.vertcat(rows, self._distances.first()[0], linear + ca.vertcat(*faces))
 
-    def _scalar_rows(self) -> Any:
+    def _scalar_rows(self) -> ca.SX:
         z = self.program.z
         faces = [part.function(z[part.position.range]) + part.linear for part in self.program.face_parts]
         return ca.vertcat(self.program.g, *faces)
@@ -128,13 +127,13 @@ def _bend(part: FacePart) -> ca.Function:
     return ca.Function("face_hess", [q, weight], [ca.triu(ca.hessian(ca.dot(weight, part.function(q)), q)[0])])
 
 
-def _embed(block: Any, part: FacePart, width: int) -> Any:
+def _embed(block: ca.MX, part: FacePart, width: int) -> ca.MX:
     """Return a block (rows, space) at the position's columns of a sparse (rows, width) matrix."""
     rows, where = block.shape[0], part.position
     return ca.horzcat(ca.MX(rows, where.start), block, ca.MX(rows, width - where.stop))
 
 
-def _embed_square(block: Any, part: FacePart, width: int) -> Any:
+def _embed_square(block: ca.MX, part: FacePart, width: int) -> ca.MX:
     """Return a block as a diagonal block of a sparse (width, width) matrix."""
     where = part.position
     return ca.diagcat(ca.MX(where.start, where.start), block, ca.MX(width - where.stop, width - where.stop))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -68,8 +67,8 @@ class Scaling:
 class ContactSymbols:
     """Scaled positions and inward normals of the contacts, as ``SX`` columns."""
 
-    positions: list[Any]
-    normals: list[Any]
+    positions: list[ca.SX]
+    normals: list[ca.SX]
 
 
 def add_placement(program: Program, problem: GraspProblem, scaling: Scaling) -> ContactSymbols:
@@ -146,7 +145,7 @@ def _add_choice(program: Program, problem: GraspProblem, scaling: Scaling, conta
     functions = [_scaled_face(problem, name, scaling) for name in names]
     most = max(extents for _, extents in functions)
     chosen = program.parameter(f"face {i}", len(names)) if len(names) > 1 else ca.SX(1)
-    total: Any = 0.0
+    total = ca.SX(0.0)
     for j, (function, extents) in enumerate(functions):
         parts = function(contacts.positions[i])
         padded = ca.vertcat(parts[: 1 + extents], -ca.SX.ones(most - extents), parts[1 + extents :])
@@ -168,7 +167,7 @@ def _face_rows(i: int, extents: int, space: int) -> list[tuple[str, int, float]]
 def _scaled_face(problem: GraspProblem, name: str, scaling: Scaling) -> tuple[ca.Function, int]:
     """Return ``p_scaled -> [h, extents, outward normal]`` in solver units, and the number of extents."""
     body = problem.body
-    p = body.symbol.sym("p", body.space)  # type: ignore[attr-defined]
+    p = body.point()
     h, _, normal, extent = body.surface_function(name)(scaling.origin + scaling.length * p)
     rows = ca.vertcat(h / scaling.length, extent / scaling.length, normal)
     return ca.Function("face", [p], [rows]), int(extent.shape[0])

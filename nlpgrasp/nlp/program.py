@@ -7,7 +7,6 @@ block of rows has a name, so that a report says "friction, finger 2, direction 1
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -52,7 +51,7 @@ class FacePart:
 
     function: ca.Function  # p (space,) scaled -> rows
     position: Block
-    linear: Any  # SX, as many as rows
+    linear: ca.SX  # as many as rows
 
 
 @dataclass
@@ -60,7 +59,7 @@ class DistancePart:
     """Rows ``distance(point(z)) / scale`` through a body's distance, kept apart for the same reason."""
 
     function: ca.Function  # point (space,) metres -> metres
-    points: list[Any]  # SX columns of the variables
+    points: list[ca.SX]  # columns of the variables
     scales: list[float]
 
 
@@ -75,34 +74,34 @@ class Program:
     face_parts: list[FacePart] = field(default_factory=list)
     contained: int = 0  # rows of containment come first, this many
     placement: slice = field(default_factory=lambda: slice(0, 0))  # rows of constraints and hand; faces follow them
-    objective: Any = None
-    _z: list[Any] = field(default_factory=list)
-    _theta: list[Any] = field(default_factory=list)
-    _g: list[Any] = field(default_factory=list)
+    objective: ca.SX = field(default_factory=ca.SX)
+    _z: list[ca.SX] = field(default_factory=list)
+    _theta: list[ca.SX] = field(default_factory=list)
+    _g: list[ca.SX] = field(default_factory=list)
     _bounds: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     _limits: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
 
-    def variable(self, name: str, size: int, lower: ArrayLike, upper: ArrayLike, scale: float = 1.0) -> Any:
+    def variable(self, name: str, size: int, lower: ArrayLike, upper: ArrayLike, scale: float = 1.0) -> ca.SX:
         """Add variables and return their symbols (size,)."""
         symbol = ca.SX.sym(name.replace(" ", "_"), size)
         self._append(self.variables, self._z, name, symbol, scale)
         self._bounds.append((_filled(lower, size), _filled(upper, size)))
         return symbol
 
-    def parameter(self, name: str, size: int) -> Any:
+    def parameter(self, name: str, size: int) -> ca.SX:
         """Add parameters and return their symbols (size,)."""
         symbol = ca.SX.sym(name.replace(" ", "_"), size)
         self._append(self.parameters, self._theta, name, symbol, 1.0)
         return symbol
 
-    def constrain(self, name: str, expression: Any, lower: float, upper: float, scale: float = 1.0) -> None:
+    def constrain(self, name: str, expression: ca.SX, lower: float, upper: float, scale: float = 1.0) -> None:
         """Add rows ``lower <= expression <= upper``, limits in the user's units, divided by ``scale``."""
         rows = ca.vec(expression) / scale
         self._append(self.rows, self._g, name, rows, scale)
         size = rows.shape[0]
         self._limits.append((_filled(lower / scale, size), _filled(upper / scale, size)))
 
-    def constrain_distance(self, name: str, function: ca.Function, point: Any, lower: float, scale: float) -> None:
+    def constrain_distance(self, name: str, function: ca.Function, point: ca.SX, lower: float, scale: float) -> None:
         """Add the row ``lower <= function(point)``, divided by ``scale``; call these after ``constrain``."""
         if not self.distance_parts or self.distance_parts[-1].function is not function:
             self.distance_parts.append(DistancePart(function, [], []))
@@ -114,7 +113,7 @@ class Program:
         self._limits.append((_filled(lower / scale, 1), _filled(np.inf, 1)))
 
     def constrain_face(
-        self, names: list[tuple[str, int, float, float]], function: ca.Function, position: str, linear: Any
+        self, names: list[tuple[str, int, float, float]], function: ca.Function, position: str, linear: ca.SX
     ) -> None:
         """Add rows ``function(position) + linear`` given as (name, size, lower, upper); call these last."""
         for name, size, lower, upper in names:
@@ -137,7 +136,7 @@ class Program:
         return [(b.name.removeprefix(HAND), b) for b in self.variables if b.name.startswith(HAND)]
 
     @property
-    def hand_symbols(self) -> dict[str, Any]:
+    def hand_symbols(self) -> dict[str, ca.SX]:
         """The hand's variables in the hand's units, by their own names."""
         return {name: b.scale * self.z[b.range] for name, b in self.hand_blocks}
 
@@ -151,17 +150,17 @@ class Program:
         return block.name if block.stop - block.start == 1 else f"{block.name} [{row - block.start}]"
 
     @property
-    def z(self) -> Any:
+    def z(self) -> ca.SX:
         """All variables, one column."""
         return ca.vertcat(*self._z)
 
     @property
-    def theta(self) -> Any:
+    def theta(self) -> ca.SX:
         """All parameters, one column."""
         return ca.vertcat(*self._theta) if self._theta else ca.SX(0, 1)
 
     @property
-    def g(self) -> Any:
+    def g(self) -> ca.SX:
         """All rows that are SX expressions, one column; rows through distances and face rows follow them."""
         return ca.vertcat(*self._g) if self._g else ca.SX(0, 1)
 
@@ -171,7 +170,7 @@ class Program:
         return sum(len(part.points) for part in self.distance_parts)
 
     @property
-    def points(self) -> Any:
+    def points(self) -> ca.SX:
         """Their points, one after another, one column."""
         return ca.vertcat(ca.SX(0, 1), *[point for part in self.distance_parts for point in part.points])
 
@@ -186,7 +185,7 @@ class Program:
         return _stacked(self._limits)
 
     @staticmethod
-    def _append(blocks: list[Block], symbols: list[Any], name: str, symbol: Any, scale: float) -> None:
+    def _append(blocks: list[Block], symbols: list[ca.SX], name: str, symbol: ca.SX, scale: float) -> None:
         start = blocks[-1].stop if blocks else 0
         blocks.append(Block(name, start, start + symbol.shape[0], scale))
         symbols.append(symbol)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,6 +13,8 @@ from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem.problem import GraspProblem
 
 SMOOTHING = 1e-12  # under the root of |z_t|^2, for its derivative at zero
+
+Work = tuple[ca.SX, ca.SX, ca.SX]  # of a contact: along its normal, across it, about it
 
 
 def support_program(
@@ -105,7 +106,7 @@ def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function
     return None if found is None else (ca.Function("pieces", inputs, [ca.vertcat(*found)]), 1)
 
 
-def _work(problem: GraspProblem, scaling: Scaling) -> tuple[list[Any], list[tuple[Any, Any, Any]]]:
+def _work(problem: GraspProblem, scaling: Scaling) -> tuple[list[ca.SX], list[Work]]:
     """Return symbols (y, positions, normals), and each contact's work per unit of force along the twist y.
 
     ``G_i^T y`` is the velocity of the contact point under the twist y: its part along the normal, the size of
@@ -115,11 +116,11 @@ def _work(problem: GraspProblem, scaling: Scaling) -> tuple[list[Any], list[tupl
     y = ca.SX.sym("y", problem.dimension)
     positions = [ca.SX.sym("p", space) for _ in problem.models]
     normals = [ca.SX.sym("n", space) for _ in problem.models]
-    work: list[tuple[Any, Any, Any]] = []
+    work: list[Work] = []
     for p, n in zip(positions, normals, strict=True):
         if space == 2:
             velocity = ca.vertcat(y[0] - y[2] * p[1], y[1] + y[2] * p[0])
-            spin: Any = 0.0
+            spin = ca.SX(0.0)
         else:
             velocity = y[:3] + ca.cross(y[3:], p)
             spin = ca.sqrt((ca.dot(y[3:], n) / scaling.length) ** 2 + SMOOTHING)

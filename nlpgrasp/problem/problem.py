@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.bodies import Body
 from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.common.spatial import wrench_dimension
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.contacts import ContactModel
@@ -158,7 +158,7 @@ class GraspProblem:
         """Dimension of wrench space: 3 or 6."""
         return wrench_dimension(self.body.space)
 
-    def unchecked(self, **changes: Any) -> GraspProblem:
+    def unchecked(self, **changes: object) -> GraspProblem:
         """Return the problem with other parts, without checking it again."""
         result = copy(self)
         for name, value in changes.items():
@@ -176,7 +176,7 @@ class GraspProblem:
             forbidden |= set(names)
         return tuple(name for name in chosen if name not in forbidden)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the problem as JSON data."""
         return {
             "body": self.body.to_dict(),

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import casadi as ca
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.rows import Clearance, LinkSphere, Placement, Row
+from nlpgrasp.common.types import Expression
 from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.hands import Hand
 
-Expression = Any  # casadi.SX
 CLEARANCE = "clearance from the body"
 
 

@@ -13,6 +13,7 @@ import scipy
 import trimesh
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
@@ -99,12 +100,12 @@ def answer(
     )
 
 
-def _hand_data(problem: GraspProblem, best: StartResult, after: Aftermath) -> dict[str, Any] | None:
+def _hand_data(problem: GraspProblem, best: StartResult, after: Aftermath) -> Json | None:
     """Return the hand in the grasp, and where it is just before."""
     hand = problem.hand
     if hand is None or best.hand is None:
         return None
-    data = hand.describe(best.hand)
+    data = dict(hand.describe(best.hand))
     if after.pregrasp is not None:
         data["pregrasp"] = {"clearance": after.pregrasp.clearance, **hand.describe(after.pregrasp.hand)}
     if after.link_depth is not None:

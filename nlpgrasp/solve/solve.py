@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError, NoGraspError
 from nlpgrasp.problem.problem import GraspProblem
@@ -105,7 +105,7 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
     return replace(solution, solver=solver_record(options, seed, results, time.monotonic() - begun))
 
 
-def check_json(data: dict[str, Any]) -> None:
+def check_json(data: Json) -> None:
     """Refuse, before anything is solved, a problem whose result could not be written."""
     try:
         json.dumps(data, allow_nan=False)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import igl
 import numpy as np
 import trimesh
 
-from nlpgrasp.bodies.base import Body, Expression, Face
+from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.mesh.repair import read_mesh, usable_mesh
 from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, automatic_resolution, distance_spline
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 
 CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of links; margin over the size
@@ -101,7 +101,7 @@ class Mesh(Body):
         return np.asarray(self.mesh.center_mass, dtype=float)
 
     @property
-    def symbol(self) -> type:
+    def symbol(self) -> type[ca.MX]:
         """``casadi.MX``: a spline is not a scalar expression graph."""
         return ca.MX
 
@@ -151,7 +151,7 @@ class Mesh(Body):
         return np.asarray(positions), normals, np.sqrt(np.asarray(squared))
 
     @cached_property
-    def _tree(self) -> Any:
+    def _tree(self) -> igl.AABB:
         tree = igl.AABB()
         vertices = np.ascontiguousarray(self.mesh.vertices, dtype=float)
         tree.init(vertices, np.ascontiguousarray(self.mesh.faces))
@@ -162,7 +162,7 @@ class Mesh(Body):
         points, triangles = trimesh.sample.sample_surface(self.mesh, count, seed=rng)
         return np.asarray(points), np.asarray(self.mesh.face_normals)[triangles]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return source, fingerprint and settings; the triangles stay in their file."""
         digest = hashlib.sha256(np.ascontiguousarray(self.mesh.vertices, dtype=float).tobytes())
         digest.update(np.ascontiguousarray(self.mesh.faces, dtype=np.int64).tobytes())

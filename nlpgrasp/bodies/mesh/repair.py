@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import igl
 import numpy as np
@@ -44,7 +43,7 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     return result
 
 
-def usable_mesh(mesh: Any) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     """Return a closed copy of the mesh and what was mended, or refuse it in one sentence.
 
     Small holes are filled and an inside-out mesh is turned; both are listed. What stays open is accepted

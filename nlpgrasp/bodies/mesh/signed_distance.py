@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import igl
@@ -36,12 +35,12 @@ class DistanceSpline:
     coefficients: FloatArray
     box: FloatArray
 
-    def expression(self, p: Any) -> Any:
+    def expression(self, p: ca.MX) -> ca.MX:
         """Return the spline at a CasADi ``MX`` point."""
         flat = ca.DM(self.coefficients.ravel(order="F"))
         return ca.bspline(p, flat, [list(k) for k in self.knots], [3, 3, 3], 1, {})
 
-    def everywhere(self, p: Any) -> Any:
+    def everywhere(self, p: ca.MX) -> ca.MX:
         """Return the spline at a CasADi ``MX`` point in its box, and a lower bound of the distance outside.
 
         With q the nearest point of the box and the body inside the box, the angle at q between p and any point

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array
 
-Expression = Any  # casadi.SX
 SLACK = 2e-4  # metres that spheres of a touching link stay behind its patch: the contact itself keeps them off
 TILT = np.sin(np.radians(20.0))  # a finger may lean this far over before its own link is in the way
 
@@ -85,7 +85,7 @@ class Tip(ABC):
         """Return how large spheres of the same link may be without getting in the patch's way, (m, 3) to (m,)."""
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the patch as JSON data."""
 
 

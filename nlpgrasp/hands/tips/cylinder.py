@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.tips.base import SLACK, Expression, Tip, Touch, equal
+from nlpgrasp.hands.tips.base import SLACK, Tip, Touch, equal
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,6 @@ class CylinderTip(Tip):
         off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)
         return np.asarray(np.maximum(self.radius - off - SLACK, 0.0))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return radius and ends."""
         return {"type": self.kind, "radius": self.radius, "start": list(self.ends[0]), "end": list(self.ends[1])}

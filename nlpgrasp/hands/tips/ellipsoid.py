@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal, frame_of
@@ -85,9 +86,10 @@ class EllipsoidTip(Tip):
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return the radii of a cone of 20 degrees around the smallest semi-axis."""
-        return np.asarray(min(self.semi_axes) + TILT * np.linalg.norm(centres - self.centre, axis=1))  # type: ignore[type-var, arg-type]
+        smallest = float(np.min(self.semi_axes))
+        return np.asarray(smallest + TILT * np.linalg.norm(centres - self.centre, axis=1))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return shape, pose and extent."""
         return {
             "type": self.kind,

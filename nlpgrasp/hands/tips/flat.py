@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips.base import SLACK, Tip, Touch, frame_of
@@ -76,7 +77,7 @@ class FlatTip(Tip):
         frame = self.frame
         return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2] - SLACK, 0.0))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return extents and pose."""
         return {
             "type": self.kind,

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.hands.tips.base import TILT, Expression, Tip, Touch, equal
+from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,6 @@ class SphereTip(Tip):
         """Return the radii of a cone of 20 degrees around the sphere."""
         return np.asarray(self.radius + TILT * np.linalg.norm(centres - self.centre, axis=1))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return radius and offset."""
         return {"type": self.kind, "radius": self.radius, "offset": list(self.centre)}

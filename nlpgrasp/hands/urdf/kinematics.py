@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import MissingExtraError
 from nlpgrasp.hands.urdf.robot import Robot
 
-Expression = Any  # casadi.SX
 ROUNDING = 1e-15  # constants of a rotation this small are zero
 
 

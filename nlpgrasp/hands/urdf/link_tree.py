@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.rows import PalmPose
+from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.tips import Tip
 from nlpgrasp.hands.urdf.kinematics import link_poses, rotation_of
 from nlpgrasp.hands.urdf.robot import Robot
 
-Expression = Any  # casadi.SX
 COMPILED = ("link_function", "contact_function", "_tip_function")
 MIDDLE = (0.1, 0.7)  # share of the joint ranges that random starts are drawn from
 
@@ -199,6 +198,6 @@ class LinkTree:
         tips = [ca.mtimes(poses[link], ca.vertcat(ca.DM(tip.centre), 1.0))[:3] for link, tip in self.tips]
         return ca.Function("tips", [q], [ca.vertcat(*tips)], {"cse": True})
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """Keep what defines the tree; compiled functions are made again where it is unpickled."""
         return {k: v for k, v in self.__dict__.items() if k not in COMPILED}

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from nlpgrasp.common.rows import PalmPose
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.base import Expression, Hand, Values
+from nlpgrasp.hands.base import Hand, Values
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
 
@@ -62,7 +62,7 @@ class LinkedHand(Hand):
         """Return random palm orientations and joint positions, the fingertips' middle at the points given."""
         return self.tree.draw(count, around, rng)
 
-    def describe(self, values: Values) -> dict[str, Any]:
+    def describe(self, values: Values) -> Json:
         """Return joint positions by name (those that follow others included) and the palm's pose."""
         quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
         return {
@@ -71,7 +71,7 @@ class LinkedHand(Hand):
             "fingertips": [link for link, _ in self.tree.tips],
         }
 
-    def values_of(self, posture: Mapping[str, Any]) -> Values:
+    def values_of(self, posture: Json) -> Values:
         """Return values of palm pose and joints in a posture as ``describe`` states it.
 
         Raises

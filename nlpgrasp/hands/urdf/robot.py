@@ -137,9 +137,7 @@ class Robot:
         """Return which free joint drives a moving joint, with multiplier and offset (chains are resolved)."""
         by_name = {j.name: j for j in self.joints}
         name, multiplier, offset = joint.name, 1.0, 0.0
-        while by_name[name].mimic is not None:
-            mimic = by_name[name].mimic
-            assert mimic is not None  # noqa: S101  (for the type checker)
+        while (mimic := by_name[name].mimic) is not None:
             multiplier, offset = multiplier * mimic.multiplier, multiplier * mimic.offset + offset
             name = mimic.joint
         return name, multiplier, offset

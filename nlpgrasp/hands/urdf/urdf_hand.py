@@ -8,16 +8,16 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import LinkSphere, Placement, Row
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.base import Expression, HandVariable
+from nlpgrasp.hands.base import HandVariable
 from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.spheres.self_collision import apart, colliding_pairs
@@ -200,7 +200,7 @@ class URDFHand(LinkedHand):
         """Spheres around each link, before those beside fingertips are made smaller."""
         return fits_of(self.robot, self.spheres_per_link)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return source, fingerprint, fingertips, limits and how closely the spheres fit."""
         return {
             "type": "urdf",

@@ -1,0 +1,15 @@
+"""Types that have no class of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+Expression: TypeAlias = Any
+"""A CasADi expression, column or scalar: ``SX`` in the program, ``MX`` where a mesh's spline takes part, ``DM`` with
+numbers in place of symbols. Constraints, hands and bodies are written once for all three, which share operators but no
+base class that says so; what is of one kind alone is typed as that kind."""
+
+Json: TypeAlias = Mapping[str, Any]
+"""A JSON object: what ``to_dict`` writes and ``from_dict`` reads. Files are checked against the schema when they are
+read, so that its entries need no further types."""
