@@ -2,25 +2,52 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.bodies import Body
 from nlpgrasp.common.rows import Clearance, Row
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands import Hand
 from nlpgrasp.problem.rows import placement_of
-
-if TYPE_CHECKING:
-    from nlpgrasp.problem.problem import GraspProblem
 
 SAMPLES = 300  # a face
 CLEARLY = 0.1  # of the body's size: a point this far off at every sample is no accident of sampling
 
 
-def check_placements(problem: GraspProblem) -> None:
+@dataclass(frozen=True)
+class Samples:
+    """Random points of one face.
+
+    Parameters
+    ----------
+    points : (m, space) array
+        Metres, body frame.
+    normals : (m, space) array
+        Unit, into the body.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+
+
+def check_placements(
+    body: Body, hand: Hand | None, constraints: Sequence[PlacementConstraint], faces: Sequence[tuple[str, ...]]
+) -> None:
     """Refuse constraints that leave some contact nowhere to go, or that cannot be evaluated.
+
+    Parameters
+    ----------
+    body : Body
+    hand : Hand or None
+    constraints : sequence of PlacementConstraint
+    faces : sequence of k tuples of str
+        The faces that each contact may use.
 
     Raises
     ------
@@ -28,21 +55,29 @@ def check_placements(problem: GraspProblem) -> None:
         Naming the contact and the constraints that exclude every sampled point of its faces by a wide margin,
         or a least distance between contacts that the faces are too small for.
     """
-    k, space, hand = len(problem.models), problem.body.space, problem.hand
-    p = [ca.SX.sym("p", space) for _ in range(k)]
-    n = [ca.SX.sym("n", space) for _ in range(k)]
-    symbols = {} if hand is None else hand.symbols(problem.body.bounds)
-    placement = placement_of(hand, p, n, symbols, problem.body.size)
-    found = [row for constraint in problem.constraints for row in constraint.rows(placement)]
+    k = len(faces)
+    p = [ca.SX.sym("p", body.space) for _ in range(k)]
+    n = [ca.SX.sym("n", body.space) for _ in range(k)]
+    symbols = {} if hand is None else hand.symbols(body.bounds)
+    placement = placement_of(hand, p, n, symbols, body.size)
+    found = [row for constraint in constraints for row in constraint.rows(placement)]
     converted = [row.as_row() if isinstance(row, Clearance) else row for row in found]
     rows = [row for row in converted if row is not None]
-    if not rows and problem.hand is None:
+    if not rows and hand is None:
         return
     rng = np.random.default_rng(0)
-    points = {name: problem.body.sample(name, SAMPLES, rng) for name in problem.body.face_names}
+    samples = {name: _sampled(body, name, rng) for name in body.face_names}
     for i in range(k):
-        _check_contact(problem, i, [r for r in rows if _only(r, p[i], n[i])], p[i], n[i], points)
-    _check_room(problem, points)
+        own = [row for row in rows if _only(row, p[i], n[i])]
+        used = {name: samples[name] for name in faces[i] if len(samples[name].points)}
+        if own and used:
+            _check_contact(i, own, (p[i], n[i]), used, body.size)
+    _check_room(constraints, faces, samples)
+
+
+def _sampled(body: Body, name: str, rng: np.random.Generator) -> Samples:
+    points = body.sample(name, SAMPLES, rng)
+    return Samples(points, -body.evaluate(name, points)[2])
 
 
 def _only(row: Row, p: ca.SX, n: ca.SX) -> bool:
@@ -53,43 +88,43 @@ def _only(row: Row, p: ca.SX, n: ca.SX) -> bool:
 
 
 def _check_contact(
-    problem: GraspProblem, i: int, rows: list[Row], p: ca.SX, n: ca.SX, points: dict[str, FloatArray]
+    i: int, rows: Sequence[Row], symbols: tuple[ca.SX, ca.SX], samples: Mapping[str, Samples], size: float
 ) -> None:
-    names = [name for name in problem.allowed_faces(i) if len(points[name])]
-    if not rows or not names:
-        return
-    where = np.concatenate([points[name] for name in names])
-    normals = np.concatenate([-problem.body.evaluate(name, points[name])[2] for name in names])
+    """Refuse rows of contact i, in its symbols p and n, that every sample of its faces breaks by far."""
+    where = np.concatenate([s.points for s in samples.values()])
+    normals = np.concatenate([s.normals for s in samples.values()])
     rows_of = ca.vertcat(*[r.expression for r in rows])
-    slopes_of = ca.vertcat(*[ca.norm_2(ca.gradient(r.expression, p)) for r in rows])
-    values, slopes = ca.Function("rows", [p, n], [rows_of, slopes_of]).map(len(where))(where.T, normals.T)
+    slopes_of = ca.vertcat(*[ca.norm_2(ca.gradient(r.expression, symbols[0])) for r in rows])
+    values, slopes = ca.Function("rows", list(symbols), [rows_of, slopes_of]).map(len(where))(where.T, normals.T)
     value, slope = np.asarray(values.full()), np.asarray(slopes.full())
     lower, upper = (np.array([getattr(r, key) for r in rows])[:, None] for key in ("lower", "upper"))
     with np.errstate(all="ignore"):
         beyond = np.maximum(lower - value, value - upper)
         # to first order, how far a contact would have to move; a row that is not a number is never satisfied
-        excess = np.where(beyond > 0.0, beyond / slope, np.where(np.isnan(value), np.inf, 0.0)) / problem.body.size
+        excess = np.where(beyond > 0.0, beyond / slope, np.where(np.isnan(value), np.inf, 0.0)) / size
     if np.min(np.max(excess, axis=0)) > CLEARLY:
         named = ", ".join(dict.fromkeys(rows[j].name for j in np.argmax(excess, axis=0)))
         raise InputError(
             "GraspProblem.constraints",
-            f"no point of {_some(names)} left for contact {i} by: {named}",
+            f"no point of {_some(list(samples))} left for contact {i} by: {named}",
             "constraints that leave every contact some part of the body",
         )
 
 
-def _check_room(problem: GraspProblem, points: dict[str, FloatArray]) -> None:
+def _check_room(
+    constraints: Sequence[PlacementConstraint], faces: Sequence[tuple[str, ...]], samples: Mapping[str, Samples]
+) -> None:
     """Refuse a least distance between contacts for which the faces are too small."""
-    least = max((c.least_distance() for c in problem.constraints), default=0.0)
-    k = len(problem.models)
+    least = max((c.least_distance() for c in constraints), default=0.0)
+    k = len(faces)
     if least <= 0.0 or k < 2:
         return
-    names = sorted({name for i in range(k) for name in problem.allowed_faces(i)})
-    cloud = np.concatenate([points[name] for name in names])
+    names = sorted({name for own in faces for name in own})
+    cloud = np.concatenate([samples[name].points for name in names])
     if not len(cloud):
         return
     # a cell of diagonal below the distance holds one contact; so does the whole cloud if it is that small
-    side = 0.85 * least / np.sqrt(problem.body.space)
+    side = 0.85 * least / np.sqrt(cloud.shape[1])
     cells = {tuple(c) for c in np.floor((cloud - cloud.min(axis=0)) / side).astype(int)}
     if len(cells) < k or 1.1 * np.linalg.norm(np.ptp(cloud, axis=0)) < least:
         raise InputError(

@@ -19,6 +19,7 @@ from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
 from nlpgrasp.problem.check import check_placements
+from nlpgrasp.problem.faces import allowed_faces
 from nlpgrasp.tasks import Task
 
 MOST_CONTACTS = 32
@@ -89,7 +90,8 @@ class GraspProblem:
         ):
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._check_constraints()
-        check_placements(self)
+        faces = [self.allowed_faces(i) for i in range(len(self.models))]
+        check_placements(self.body, self.hand, self.constraints, faces)
 
     def _set_contacts(self) -> None:
         given = self.contacts
@@ -167,14 +169,7 @@ class GraspProblem:
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return names of the faces contact ``contact`` may use."""
-        faces = self.models[contact].faces
-        chosen = self.body.select(faces, f"contacts[{contact}].faces")
-        forbidden: set[str] = set()
-        for item in self.constraints:
-            names = item.forbidden_faces()
-            self.body.select(names or None, "Forbid.faces_or_region")
-            forbidden |= set(names)
-        return tuple(name for name in chosen if name not in forbidden)
+        return allowed_faces(self.body, self.models, self.constraints, contact)
 
     def to_dict(self) -> Json:
         """Return the problem as JSON data."""
