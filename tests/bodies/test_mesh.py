@@ -142,3 +142,10 @@ def test_shared_meshes_load(shared_meshes, name, unit, rng):
     body = ng.Mesh.load(shared_meshes / name, unit=unit)
     p = body.sample("surface", 100, rng)
     assert np.max(body.closest(p)[2]) < 0.06 * body.size
+
+
+def test_the_unit_of_a_file_is_recorded(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box([100.0, 60.0, 40.0]).export(path)
+    assert ng.Mesh.load(path, unit="mm").to_dict()["unit"] == "mm"
+    assert ng.Mesh(trimesh.creation.box([0.1, 0.06, 0.04])).to_dict()["unit"] is None

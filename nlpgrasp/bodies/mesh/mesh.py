@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from functools import cached_property
 from pathlib import Path
 
@@ -12,8 +11,8 @@ import numpy as np
 import trimesh
 
 from nlpgrasp.bodies.base import Body, Face
-from nlpgrasp.bodies.mesh.repair import read_mesh, usable_mesh
 from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, automatic_resolution, distance_spline
+from nlpgrasp.common.mesh_file import mesh_digest, read_mesh, usable_mesh
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 
@@ -44,6 +43,8 @@ class Mesh(Body):
         The mesh as used.
     repairs : tuple of str
         What was mended, one sentence each.
+    unit : str or None
+        Of the file's coordinates, where ``load`` read one.
 
     Raises
     ------
@@ -60,6 +61,7 @@ class Mesh(Body):
     ) -> None:
         self.smoothing = number("Mesh.smoothing", smoothing, at_least=0.0)
         self.source = None if source is None else str(source)
+        self.unit: str | None = None
         self.mesh, self.repairs = usable_mesh(mesh)
         if resolution is None:
             resolution = automatic_resolution(np.ptp(self.mesh.bounds, axis=0))
@@ -83,7 +85,9 @@ class Mesh(Body):
         smoothing, resolution
             See the class.
         """
-        return cls(read_mesh(path, unit), smoothing, resolution, source=Path(path).name)
+        body = cls(read_mesh(path, unit), smoothing, resolution, source=Path(path).name)
+        body.unit = unit
+        return body
 
     @property
     def space(self) -> int:
@@ -163,13 +167,12 @@ class Mesh(Body):
         return np.asarray(points), np.asarray(self.mesh.face_normals)[triangles]
 
     def to_dict(self) -> Json:
-        """Return source, fingerprint and settings; the triangles stay in their file."""
-        digest = hashlib.sha256(np.ascontiguousarray(self.mesh.vertices, dtype=float).tobytes())
-        digest.update(np.ascontiguousarray(self.mesh.faces, dtype=np.int64).tobytes())
+        """Return source, its unit, fingerprint and settings; the triangles stay in their file."""
         return {
             "type": "mesh",
             "source": self.source,
-            "sha256": digest.hexdigest(),
+            "unit": self.unit,
+            "sha256": mesh_digest(self.mesh),
             "triangles": len(self.mesh.faces),
             "smoothing": self.smoothing,
             "resolution": self.resolution,

@@ -147,9 +147,16 @@ def _with_fingers(name: str, which: list[str]) -> str:
     return f"{name}, finger{'s' if several else ''} {', '.join(which)}"
 
 
+ALSO_RECORDED = {"unit", "approach", "link_spheres", "watched_pairs"}  # of body and hand, not in older files
+
+
 def asked_of(problem: Mapping[str, Any]) -> str:
     """Return a digest of a problem's JSON data; budgets are left out: of a hand they are stated in its posture."""
     parts = {k: problem.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
+    for name in ("body", "hand"):
+        part = parts[name]
+        if isinstance(part, Mapping):
+            parts[name] = {k: v for k, v in part.items() if k not in ALSO_RECORDED}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -201,7 +201,7 @@ class URDFHand(LinkedHand):
         return fits_of(self.robot, self.spheres_per_link)
 
     def to_dict(self) -> Json:
-        """Return source, fingerprint, fingertips, limits and how closely the spheres fit."""
+        """Return source, fingerprint, fingertips, limits, the spheres and how closely they fit."""
         return {
             "type": "urdf",
             "source": self.source,
@@ -212,6 +212,9 @@ class URDFHand(LinkedHand):
             "spheres": {link: fit.to_dict() for link, fit in self.fits.items()},
             "missing": list(self.robot.missing),
             "torque_limits": dict(self.torque_limits),
+            "approach": self.tree.approach.tolist(),
+            "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
+            "watched_pairs": len(self._pairs),
         }
 
     @cached_property

@@ -1,7 +1,12 @@
-"""Reading a triangle mesh, and refusing one that cannot be grasped."""
+"""Reading a triangle mesh, and refusing one that cannot be grasped.
+
+Bodies are made of what this reads, and an independent check reads the same file again: the digest tells whether both
+have the same triangles.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import igl
@@ -91,6 +96,13 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
         result.invert()
         notes.append("turned inside out: the triangles faced inwards")
     return result, tuple(notes)
+
+
+def mesh_digest(mesh: trimesh.Trimesh) -> str:
+    """Return the SHA-256 of a mesh's vertices (float64, metres) and faces (int64), as hexadecimal digits."""
+    digest = hashlib.sha256(np.ascontiguousarray(mesh.vertices, dtype=float).tobytes())
+    digest.update(np.ascontiguousarray(mesh.faces, dtype=np.int64).tobytes())
+    return digest.hexdigest()
 
 
 def _volume(mesh: trimesh.Trimesh) -> float:
