@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import nlpgrasp as ng
-from nlpgrasp.common.pyplot import pyplot, write_figure
+from nlpgrasp.common.extras.pyplot import pyplot, write_figure
 from nlpgrasp.report.solution.pictures import draw_grasp
 
 DOCS = Path(__file__).resolve().parent

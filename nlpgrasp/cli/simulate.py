@@ -9,8 +9,8 @@ import typer
 
 from nlpgrasp.cli.options import AsJson, File, writable
 from nlpgrasp.cli.progress import emit
-from nlpgrasp.common.mujoco import import_mujoco
-from nlpgrasp.common.pyplot import pyplot
+from nlpgrasp.common.extras.mujoco import import_mujoco
+from nlpgrasp.common.extras.pyplot import pyplot
 from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.simulation.strip import write_strip
 from nlpgrasp.solution.solution import GraspSolution

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.common.mujoco import import_mujoco
+from nlpgrasp.common.extras.mujoco import import_mujoco
 from nlpgrasp.errors import InputError
 from nlpgrasp.mjcf.scene import mjcf
 from nlpgrasp.solution.solution import GraspSolution

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.pyplot import pyplot
+from nlpgrasp.common.extras.pyplot import pyplot
 from nlpgrasp.common.validation import array
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.learnt.enclosing import NAMES

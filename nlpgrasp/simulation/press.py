@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.mujoco import import_mujoco
+from nlpgrasp.common.extras.mujoco import import_mujoco
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nlpgrasp.common.mujoco import import_mujoco
+from nlpgrasp.common.extras.mujoco import import_mujoco
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp

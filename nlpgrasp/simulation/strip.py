@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.common.pyplot import pyplot, write_figure
+from nlpgrasp.common.extras.pyplot import pyplot, write_figure
 from nlpgrasp.mjcf.parts import TIP
 from nlpgrasp.mjcf.scales import scales
 from nlpgrasp.report.solution.pictures import equal, shaded

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.common.pyplot import pyplot, write_figure
+from nlpgrasp.common.extras.pyplot import pyplot, write_figure
 from nlpgrasp.experiments.found.result import ExperimentResult
 from nlpgrasp.experiments.found.variation_result import VariationResult
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.common.pyplot import pyplot, write_figure
+from nlpgrasp.common.extras.pyplot import pyplot, write_figure
 from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches
 from nlpgrasp.report.solution.scene import FORCE, body_size, in_space
 from nlpgrasp.report.solution.wrench_space import shadows

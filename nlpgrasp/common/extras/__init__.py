@@ -1,0 +1,1 @@
+"""Packages that not every installation has: imported where they are needed, refused in one sentence."""
