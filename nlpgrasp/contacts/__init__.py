@@ -8,7 +8,6 @@ from nlpgrasp.contacts.plane import PlaneContact
 from nlpgrasp.contacts.point import PointContact
 from nlpgrasp.contacts.registry import contact_from_dict
 from nlpgrasp.contacts.soft import SoftContact
-from nlpgrasp.contacts.weaker import less_friction
 
 __all__ = [
     "BilateralContact",
@@ -19,5 +18,4 @@ __all__ = [
     "PointContact",
     "SoftContact",
     "contact_from_dict",
-    "less_friction",
 ]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -49,6 +49,27 @@ class ContactModel(ABC):
         (3, n_i) array in the plane, (6, n_i) in space
         """
         return np.eye(3 if space == 2 else 6)[:, list(self.axes(space))]
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """Those it has of ``friction`` and ``torsional_friction`` (metres), by the names of its fields."""
+        return {}
+
+    def with_coefficients(self, **values: float) -> Self:
+        """Return the contact with other coefficients, checked.
+
+        Raises
+        ------
+        InputError
+            On a value that the field does not allow.
+        """
+        changes: dict[str, Any] = {**values}
+        return replace(self, **changes)
+
+    def with_friction(self, factor: float) -> Self:
+        """Return the contact with friction and torsional friction times a factor; itself where it has neither."""
+        scaled = {name: factor * value for name, value in self.coefficients.items()}
+        return self.with_coefficients(**scaled) if scaled else self
 
     @property
     def needs_tangents(self) -> bool:

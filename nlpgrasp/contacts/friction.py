@@ -28,6 +28,11 @@ class FrictionContact(RangeContact):
         super().__post_init__()
         object.__setattr__(self, "friction", number("FrictionContact.friction", self.friction, above=0.0))
 
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """The coefficient of friction."""
+        return {"friction": self.friction}
+
     def axes(self, space: int) -> tuple[int, ...]:
         """Return normal and tangential forces: 3 in space, 2 in the plane."""
         return tuple(range(space))

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
-from nlpgrasp.contacts.pad import friction_fields, pressing_variables
+from nlpgrasp.contacts.pad import friction_coefficients, friction_fields, pressing_variables
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,11 @@ class LineContact(RangeContact):
         object.__setattr__(self, "friction", friction)
         object.__setattr__(self, "torsional_friction", torsion)
         object.__setattr__(self, "direction", direction_field("LineContact.direction", self.direction))
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """Those of friction and of torsional friction; none without friction."""
+        return friction_coefficients(self.friction, self.torsional_friction)
 
     def axes(self, space: int) -> tuple[int, ...]:
         """Return 2 components without friction, 5 with (3 in the plane)."""

@@ -21,6 +21,12 @@ def friction_fields(name: str, friction: Any, torsion: Any, mean_arm: float) -> 
     return checked, number(f"{name}.torsional_friction", torsion, above=0.0)
 
 
+def friction_coefficients(friction: float | None, torsion: float | None) -> dict[str, float]:
+    """Return the coefficients that there are, by their fields' names."""
+    both = {"friction": friction, "torsional_friction": torsion}
+    return {name: value for name, value in both.items() if value is not None}
+
+
 def pressing_variables(normal: FloatArray, rough: bool, size: int) -> FloatArray:
     """Return variables of unit force along the normal: the force itself where there is friction, or its size."""
     return np.concatenate([normal if rough else np.ones(1), np.zeros(size)])[:size]

@@ -11,7 +11,7 @@ from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
-from nlpgrasp.contacts.pad import friction_fields, pressing_variables
+from nlpgrasp.contacts.pad import friction_coefficients, friction_fields, pressing_variables
 from nlpgrasp.errors import InputError
 
 
@@ -70,6 +70,11 @@ class PlaneContact(RangeContact):
             return 2.0 / 3.0 * (self.radius or 0.0)
         a, b = self.extents
         return float(2.0 * np.hypot(a, b) + b**2 / a * np.arcsinh(a / b) + a**2 / b * np.arcsinh(b / a)) / 12.0
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """Those of friction and of torsional friction; none without friction."""
+        return friction_coefficients(self.friction, self.torsional_friction)
 
     def axes(self, space: int) -> tuple[int, ...]:
         """Return 3 components without friction, 6 with."""

@@ -45,6 +45,11 @@ class SoftContact(RangeContact):
         if not isinstance(self.model, str) or self.model not in MODELS:
             raise InputError("SoftContact.model", self.model, " or ".join(repr(m) for m in MODELS))
 
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """Those of friction and of torsional friction."""
+        return {"friction": self.friction, "torsional_friction": self.torsional_friction}
+
     def axes(self, space: int) -> tuple[int, ...]:
         """Return force and torsion; a planar body has no torsion about its in-plane normals."""
         if space == 2:

@@ -93,8 +93,8 @@ def add_fingertip(world: Element, grasp: Grasp, i: int, unit: Scales, stiffness:
 
 def add_contact(contact: Element, i: int, model: ContactModel) -> None:
     """Add the contact of a fingertip and its patch."""
-    friction = float(getattr(model, "friction", None) or 0.0)
-    torsion = float(getattr(model, "torsional_friction", None) or 0.0)
+    friction = model.coefficients.get("friction", 0.0)
+    torsion = model.coefficients.get("torsional_friction", 0.0)
     dimension, coefficients = 1, [1.0] * 5
     if friction:
         dimension = 4 if torsion else 3

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.budgets import ForceBudget, force_budget
+from nlpgrasp.common.frozen import unchecked
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
@@ -162,10 +162,7 @@ class GraspProblem:
 
     def unchecked(self, **changes: object) -> GraspProblem:
         """Return the problem with other parts, without checking it again."""
-        result = copy(self)
-        for name, value in changes.items():
-            object.__setattr__(result, name, value)
-        return result
+        return unchecked(self, **changes)
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return names of the faces contact ``contact`` may use."""

@@ -6,7 +6,6 @@ import numpy as np
 
 from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import less_friction
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -16,7 +15,7 @@ FARTHEST = 4.0  # times the offset of the file's worst placement that it is cont
 
 def slippery(grasp: Grasp, share: float) -> Grasp:
     """Return the grasp with this share less friction."""
-    models = less_friction(grasp.contacts, share)
+    models = [model.with_friction(1.0 - share) for model in grasp.contacts]
     return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.contacts import less_friction
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import delta, mu
@@ -93,7 +92,7 @@ def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceB
     stated = solution.robust
     if stated is None:
         return []
-    models = less_friction(grasp.contacts, stated.friction_share)
+    models = [model.with_friction(1.0 - stated.friction_share) for model in grasp.contacts]
     there = Grasp(stated.points, stated.normals, models, grasp.torque_origin)
     found = mu(there, task, rtol, force_budget=budget, seed=OTHER_SEED)
     off = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))

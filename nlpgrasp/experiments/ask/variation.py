@@ -112,9 +112,9 @@ def _with_fingers(base: GraspProblem, given: Changes, parts: dict[str, Any]) -> 
 
 
 def _with_friction(model: ContactModel, friction: float) -> ContactModel:
-    if not hasattr(model, "friction"):
+    if "friction" not in {field.name for field in fields(model)}:
         raise InputError("friction", f"a base problem with a {type(model).__name__}", "contacts with friction")
-    return replace(model, friction=friction)  # type: ignore[call-arg]
+    return model.with_coefficients(friction=friction)
 
 
 def _options(where: str, base: SolveOptions, given: Any) -> SolveOptions:

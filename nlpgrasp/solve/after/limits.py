@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
-from nlpgrasp.constraints import BoxRegion, Constraint, HalfSpace
-from nlpgrasp.hands import URDFHand
+from nlpgrasp.common.frozen import unchecked
+from nlpgrasp.constraints import BoxRegion, Constraint, HalfSpace, PlacementConstraint
+from nlpgrasp.hands import Hand, URDFHand
 from nlpgrasp.problem.problem import GraspProblem
 
 MILLIMETRE, DEGREE, TENTH = (1e-3, "1 mm"), (np.pi / 180.0, "1 degree"), (0.1, "0.1")
 STEPS = {"angle": DEGREE, "tilt": DEGREE, "friction": TENTH}
-Change = Callable[[float], Any]
+Item = TypeVar("Item")
+Number = tuple[str, float, Callable[[float], Item]]  # of an item: name, value, the item with the value larger by h
 NO_LIMITS = ("count", "tolerance", "palm", "length")
 
 
@@ -49,23 +50,25 @@ class Limit:
 def limits_of(problem: GraspProblem) -> list[Limit]:
     """Return all limits of constraints, hand and contacts."""
     result: list[Limit] = []
-    for i, item in enumerate(problem.constraints):
-        for name, value, new in _numbers(item):
-            result.append(_limit(problem, name, value, _constraint_change(problem, i, new)))
+    for i, constraint in enumerate(problem.constraints):
+        for name, value, new in _constraint_numbers(constraint):
+            result.append(_limit(name, value, _constraint_change(problem, i, new)))
     if problem.hand is not None:
-        for name, value, new in _numbers(problem.hand):
-            result.append(_limit(problem, name, value, _hand_change(problem, new)))
+        for name, value, of_hand in _hand_numbers(problem.hand):
+            result.append(_limit(name, value, _hand_change(problem, of_hand)))
     return result + _contact_limits(problem)
 
 
-def _limit(problem: GraspProblem, name: str, value: float, changed: Callable[[float], GraspProblem]) -> Limit:
+def _limit(name: str, value: float, changed: Callable[[float], GraspProblem]) -> Limit:
     step, unit = STEPS.get(name.split(".")[-1], MILLIMETRE)
     if name.startswith("Constraint"):
         step, unit = 0.01 * max(abs(value), 1e-3), f"{0.01 * max(abs(value), 1e-3):g}"
     return Limit(name, value, step, unit, changed)
 
 
-def _constraint_change(problem: GraspProblem, i: int, new: Callable[[float], Any]) -> Callable[[float], GraspProblem]:
+def _constraint_change(
+    problem: GraspProblem, i: int, new: Callable[[float], PlacementConstraint]
+) -> Callable[[float], GraspProblem]:
     def changed(h: float) -> GraspProblem:
         constraints = list(problem.constraints)
         constraints[i] = new(h)
@@ -74,25 +77,35 @@ def _constraint_change(problem: GraspProblem, i: int, new: Callable[[float], Any
     return changed
 
 
-def _hand_change(problem: GraspProblem, new: Callable[[float], Any]) -> Callable[[float], GraspProblem]:
+def _hand_change(problem: GraspProblem, new: Callable[[float], Hand]) -> Callable[[float], GraspProblem]:
     return lambda h: problem.unchecked(hand=new(h))
 
 
-def _numbers(item: Any) -> list[tuple[str, float, Change]]:
-    """Return name, value and a way to change each number of a constraint or a hand."""
-    label = type(item).__name__
-    if isinstance(item, URDFHand):
-        return [(f"{label}.clearance", item.clearance, lambda h: item.with_clearance(item.clearance + h))]
-    if isinstance(item, Constraint):
-        pairs = [(name, np.asarray(getattr(item, name), dtype=float)) for name in ("lower", "upper")]
-        return [
-            (f"Constraint {item.name!r}.{name}", float(value), _field_change(item, name, float(value)))
-            for name, value in pairs
-            if value.size == 1 and np.isfinite(value)
-        ]
+def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConstraint]]:
+    """Return name, value and a way to change each number of a constraint."""
+    if not isinstance(item, Constraint):
+        return _field_numbers(item)
+    pairs = [(name, np.asarray(getattr(item, name), dtype=float)) for name in ("lower", "upper")]
+    return [
+        (f"Constraint {item.name!r}.{name}", float(value), _field_change(item, name, float(value)))
+        for name, value in pairs
+        if value.size == 1 and np.isfinite(value)
+    ]
+
+
+def _hand_numbers(hand: Hand) -> list[Number[Hand]]:
+    """Return name, value and a way to change each number of a hand."""
+    if isinstance(hand, URDFHand):
+        return [("URDFHand.clearance", hand.clearance, lambda h: hand.with_clearance(hand.clearance + h))]
+    return _field_numbers(hand)
+
+
+def _field_numbers(item: Item) -> list[Number[Item]]:
+    """Return the numbers among a dataclass's fields, and in the regions and ranges it holds."""
     if not is_dataclass(item):
         return []
-    result: list[tuple[str, float, Change]] = []
+    label = type(item).__name__
+    result: list[Number[Item]] = []
     for field in fields(item):
         value, name = getattr(item, field.name), f"{label}.{field.name}"
         if field.name in NO_LIMITS or isinstance(value, bool | str):
@@ -100,9 +113,8 @@ def _numbers(item: Any) -> list[tuple[str, float, Change]]:
         if isinstance(value, float):
             result.append((name, value, _field_change(item, field.name, value)))
         elif isinstance(value, HalfSpace):
-            result.append(
-                (f"{name}.offset", float(value.offset), _part_change(item, field.name, value, "offset", None))
-            )
+            change = _part_change(item, field.name, value, "offset", None)
+            result.append((f"{name}.offset", float(value.offset), change))
         elif isinstance(value, BoxRegion):
             for side in ("lower", "upper"):
                 for axis, number in enumerate(np.asarray(getattr(value, side), dtype=float)):
@@ -116,48 +128,46 @@ def _numbers(item: Any) -> list[tuple[str, float, Change]]:
     return result
 
 
-def _field_change(item: Any, name: str, value: float) -> Change:
-    return lambda h: _bent(item, name, value + h)
+def _field_change(item: Item, name: str, value: float) -> Callable[[float], Item]:
+    return lambda h: unchecked(item, **{name: value + h})
 
 
-def _entry_change(item: Any, name: str, values: tuple[float, ...], place: int) -> Change:
-    return lambda h: _bent(item, name, tuple(v + h * (i == place) for i, v in enumerate(values)))
+def _entry_change(item: Item, name: str, values: tuple[float, ...], place: int) -> Callable[[float], Item]:
+    return lambda h: unchecked(item, **{name: tuple(v + h * (i == place) for i, v in enumerate(values))})
 
 
-def _part_change(item: Any, name: str, region: Any, side: str, axis: int | None) -> Change:
+def _part_change(
+    item: Item, name: str, region: HalfSpace | BoxRegion, side: str, axis: int | None
+) -> Callable[[float], Item]:
     """Return a way to change a number of a region that a constraint holds."""
 
-    def changed(h: float) -> Any:
+    def changed(h: float) -> Item:
         value = np.array(getattr(region, side), dtype=float)
         if axis is None:
-            return _bent(item, name, _bent(region, side, float(value + h)))
+            return unchecked(item, **{name: unchecked(region, **{side: float(value + h)})})
         value[axis] += h
-        return _bent(item, name, _bent(region, side, tuple(value.tolist())))
+        return unchecked(item, **{name: unchecked(region, **{side: tuple(value.tolist())})})
 
     return changed
-
-
-def _bent(item: Any, name: str, value: Any) -> Any:
-    """Return a frozen object with one field changed, without its checks."""
-    result = copy(item)
-    object.__setattr__(result, name, value)
-    return result
 
 
 def _contact_limits(problem: GraspProblem) -> list[Limit]:
     """Return friction and torsional friction, of all contacts together where they are alike."""
     result = []
     for name, (step, unit) in (("friction", TENTH), ("torsional_friction", MILLIMETRE)):
-        values = [getattr(model, name, None) for model in problem.models]
         groups: dict[float, list[int]] = {}
-        for i, value in enumerate(values):
-            if isinstance(value, float):
-                groups.setdefault(value, []).append(i)
+        for i, model in enumerate(problem.models):
+            if name in model.coefficients:
+                groups.setdefault(model.coefficients[name], []).append(i)
         for value, members in groups.items():
-            label = "all contacts" if len(members) == len(values) else f"contacts {', '.join(map(str, members))}"
+            label = (
+                "all contacts" if len(members) == len(problem.models) else f"contacts {', '.join(map(str, members))}"
+            )
 
             def changed(h: float, name: str = name, value: float = value, members: list[int] = members) -> GraspProblem:
-                models = [_bent(m, name, value + h) if i in members else m for i, m in enumerate(problem.models)]
+                models = [
+                    unchecked(m, **{name: value + h}) if i in members else m for i, m in enumerate(problem.models)
+                ]
                 return problem.unchecked(contacts=tuple(models))
 
             result.append(Limit(f"{name} of {label}", value, step, unit, changed, touches_contacts=True))

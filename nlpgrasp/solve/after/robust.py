@@ -15,7 +15,7 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel, less_friction
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality import mu
@@ -55,7 +55,7 @@ def robustness(
     friction_share : float
         Share by which friction may be less.
     """
-    models = less_friction(grasp.contacts, friction_share)
+    models = [model.with_friction(1.0 - friction_share) for model in grasp.contacts]
     places = [places_around(bench, faces[i], grasp.points[i], grasp.normals[i], offset) for i in range(len(grasp))]
     budget = bench.budget(grasp.points, hand)
     chosen, _ = worst_displacement(bench, models, places, budget, np.random.default_rng(0))

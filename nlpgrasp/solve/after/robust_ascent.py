@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel, less_friction
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.screening import sampled_ratios
@@ -54,7 +54,8 @@ def more_robust(
         How far contacts may be off, metres, and by which share friction may be less.
     """
     best = grasp, robustness(bench, faces, grasp, hand, offset, share)
-    ascent = _Ascent(bench, faces, less_friction(grasp.contacts, share), grasp.points, hand, offset)
+    models = [model.with_friction(1.0 - share) for model in grasp.contacts]
+    ascent = _Ascent(bench, faces, models, grasp.points, hand, offset)
     for step in STEPS:
         for _ in range(ROUNDS):
             ascent.look()

@@ -7,7 +7,6 @@ trust region. What is left is a least violated set: locally, so the status is lo
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 
 import clarabel
@@ -16,7 +15,6 @@ from scipy import sparse
 
 from nlpgrasp.common.conic import quiet_settings
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.findings import WhyNot
@@ -224,20 +222,10 @@ def _unreachable(bench: Workbench, results: list[StartResult]) -> WhyNot:
 def _with_friction(bench: Workbench, grasp: Grasp) -> list[str]:
     """Return how much more friction would make the best grasp found resist the task."""
     for factor in FACTORS:
-        models = [_rougher(m, factor) for m in grasp.contacts]
-        if any(m is None for m in models):
+        if not all("friction" in model.coefficients for model in grasp.contacts):
             break
-        rougher = Grasp(grasp.points, grasp.normals, [m for m in models if m is not None], grasp.torque_origin)
+        models = [m.with_coefficients(friction=factor * m.coefficients["friction"]) for m in grasp.contacts]
+        rougher = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin)
         if mu(rougher, bench.problem.task, 0.5, force_budget=bench.closure_budget).lower > 0.0:
             return [f"With friction {factor:g} times as large the best grasp found would resist the task."]
     return []
-
-
-def _rougher(model: ContactModel, factor: float) -> ContactModel | None:
-    """Return a contact with more friction, or None for one without."""
-    friction = getattr(model, "friction", None)
-    if not isinstance(friction, float):
-        return None
-    result = copy(model)
-    object.__setattr__(result, "friction", factor * friction)
-    return result
