@@ -74,7 +74,8 @@ from nlpgrasp.quality import (
 from nlpgrasp.report.fit import draw_fit
 from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
-from nlpgrasp.solution.solution import GraspSolution, Status
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve import SolveOptions, solve
 from nlpgrasp.studies import (
     ContactCurve,

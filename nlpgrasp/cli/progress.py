@@ -13,7 +13,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.solution import GraspSolution, StartRecord
+from nlpgrasp.solution.records import StartRecord
+from nlpgrasp.solution.solution import GraspSolution
 
 
 class Reporter:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from nlpgrasp.errors import InputError
 
@@ -51,7 +52,7 @@ def integer(field: str, value: object, *, at_least: int, at_most: int = 10**9) -
     return int(value)
 
 
-def array(field: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+def array(field: str, value: object, shape: tuple[int | None, ...]) -> FloatArray:
     """Return ``value`` as a finite float array of the given shape (``None`` matches any length).
 
     Raises
@@ -91,3 +92,12 @@ def names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | No
     if not result or not all(isinstance(item, str) for item in result):
         raise InputError(field, value, "a face name or several, or None for all faces")
     return result
+
+
+@contextmanager
+def within(place: str) -> Iterator[None]:
+    """Put a place, for example a file's name, before the field of an ``InputError`` raised inside."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}{error.field}", error.given, error.allowed) from None

@@ -76,13 +76,12 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution]) -> str:
             "cspace_position": dict(hand["joint_positions"]),
             "pregrasp_cspace_position": dict(opened["joint_positions"]),
         }
-    first = next(iter(solutions.values())).problem
-    palm = first["hand"].get("palm", "palm") if isinstance(first.get("hand"), Mapping) else "palm"
+    first = next(iter(solutions.values()))
     data = {
         "format": FORMAT,
         "format_version": VERSION,
-        "object_frame": first["body"].get("source") or first["body"].get("type", "body"),
-        "gripper_frame": palm,
+        "object_frame": first.body.get("source") or first.body.get("type", "body"),
+        "gripper_frame": first.palm,
         "grasps": grasps,
     }
     return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120))

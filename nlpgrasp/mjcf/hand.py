@@ -41,8 +41,7 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path) -> str:
     posture = solution.hand or {}
     if "palm_pose" not in posture or "joint_positions" not in posture:
         raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
-    stated = solution.problem.get("hand")
-    palm = stated.get("palm", "palm") if isinstance(stated, Mapping) else "palm"
+    palm = solution.palm
     spec = mujoco.MjSpec.from_string(mjcf(solution, fingertips=False))
     hand = _read(mujoco, urdf)
     names = {j.name for j in hand.joints}

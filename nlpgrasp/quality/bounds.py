@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,24 @@ class Bounds:
     def gap(self) -> float:
         """``upper - lower`` relative to ``upper`` (0 when both are 0)."""
         return (self.upper - self.lower) / self.upper if self.upper > 0.0 else 0.0
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the interval as JSON data, with its torque scale where there is one and without its direction."""
+        data = {"lower": self.lower, "upper": self.upper}
+        return data if self.torque_scale is None else {**data, "torque_scale": self.torque_scale}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, float], name: str) -> Self:
+        """Return the interval that ``to_dict`` wrote.
+
+        Raises
+        ------
+        InputError
+            When it is empty; ``name`` is shown in the message.
+        """
+        if data["lower"] > data["upper"]:
+            raise InputError(name, f"lower {data['lower']} > upper {data['upper']}", "lower <= upper")
+        return cls(data["lower"], data["upper"], torque_scale=data.get("torque_scale"))
 
     def __contains__(self, value: float) -> bool:
         return self.lower <= value <= self.upper

@@ -11,9 +11,10 @@ both certified. Between them is an estimate from samples (``radial``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from math import factorial, gamma, pi
-from typing import overload
+from typing import Self, overload
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -51,6 +52,15 @@ class Volume(Bounds):
 
     value: float = 0.0
     error: float = 0.0
+
+    def to_dict(self) -> dict[str, float]:
+        """Return bounds, torque scale, estimate and error bar as JSON data."""
+        return {**super().to_dict(), "value": self.value, "error": self.error}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, float], name: str) -> Self:
+        """Return the volume that ``to_dict`` wrote, as ``Bounds.from_dict`` does."""
+        return replace(super().from_dict(data, name), value=data["value"], error=data["error"])
 
     def __str__(self) -> str:
         return f"{self.value:.5g} +- {self.error:.2g}, certified {super().__str__()}"

@@ -1,7 +1,9 @@
 """What was found: plain, frozen data, and its file."""
 
 from nlpgrasp.solution.findings import Conflict, Robustness, ShadowPrice, WhyNot
-from nlpgrasp.solution.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status, SurfaceMatch
+from nlpgrasp.solution.placed import SurfaceMatch
+from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status
+from nlpgrasp.solution.solution import GraspSolution
 
 __all__ = [
     "UNKNOWN",

@@ -6,45 +6,39 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn, cast
 
 import jsonschema
 
 from nlpgrasp.common.files import write_text
 from nlpgrasp.errors import InputError
-from nlpgrasp.solution.data import from_data, to_data
 from nlpgrasp.solution.schema import SCHEMA_NAME, solution_schema
-from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.schema.types import SolutionData
 
 LARGEST_FILE = 64 * 1024 * 1024
 DEEPEST = 50
 
 
-def save(solution: GraspSolution, path: str | Path) -> Path:
-    """Write the solution to ``path``: either the whole file is there afterwards or the old one is.
+def write(data: SolutionData, path: str | Path) -> Path:
+    """Write a solution's data to ``path``: either the whole file is there afterwards or the old one is.
 
     Raises
     ------
     InputError
         When the folder does not exist or cannot be written.
     """
-    return write_text(path, text_of(solution))
+    return write_text(path, text_of(data))
 
 
-def text_of(solution: GraspSolution) -> str:
-    """Return the solution as JSON text: indented for reading, but for the drawing, last and in one line."""
-    data = to_data(solution)
-    drawing = json.dumps(data.pop("drawing"), separators=(",", ":"), allow_nan=False)
-    return f'{json.dumps(data, indent=1, allow_nan=False)[:-2]},\n "drawing": {drawing}\n}}\n'
+def text_of(data: SolutionData) -> str:
+    """Return a solution's data as JSON text: indented for reading, but for the drawing, last and in one line."""
+    drawing = json.dumps(data.get("drawing"), separators=(",", ":"), allow_nan=False)
+    rest = json.dumps({k: v for k, v in data.items() if k != "drawing"}, indent=1, allow_nan=False)
+    return f'{rest[:-2]},\n "drawing": {drawing}\n}}\n'
 
 
-def load(path: str | Path) -> GraspSolution:
-    """Read a solution; every way a file can be wrong is an ``InputError`` naming the field."""
-    return from_data(read_data(path), str(path))
-
-
-def read_data(path: str | Path) -> dict[str, Any]:
-    """Return the validated JSON data of a solution file."""
+def read(path: str | Path) -> SolutionData:
+    """Return the validated data of a solution file; every way a file can be wrong is an ``InputError``."""
     file = Path(path)
     try:
         size = file.stat().st_size
@@ -60,7 +54,7 @@ def read_data(path: str | Path) -> dict[str, Any]:
     return parse(text, str(path))
 
 
-def parse(text: str, name: str) -> dict[str, Any]:
+def parse(text: str, name: str) -> SolutionData:
     """Return the validated data of a JSON text; ``name`` is shown in messages."""
     if depth(text) > DEEPEST:
         raise InputError(name, f"nesting deeper than {DEEPEST}", "a solution file (schema 1)")
@@ -75,15 +69,12 @@ def parse(text: str, name: str) -> dict[str, Any]:
     if data.get("schema") != SCHEMA_NAME:
         raise InputError(f"{name}: schema", data.get("schema", "nothing"), repr(SCHEMA_NAME))
     _refuse_infinite(data, name)
-    errors = sorted(_validator().iter_errors(data), key=lambda e: list(map(str, e.absolute_path)))
+    found = jsonschema.Draft202012Validator(solution_schema()).iter_errors(data)
+    errors = sorted(found, key=lambda e: list(map(str, e.absolute_path)))
     if errors:
         where = ".".join(str(part) for part in errors[0].absolute_path) or "top level"
         raise InputError(f"{name}: {where}", errors[0].message, "what schema 1 says (docs/json.md)")
-    return data
-
-
-def _validator() -> Any:
-    return jsonschema.Draft202012Validator(solution_schema())
+    return cast(SolutionData, data)
 
 
 def _refuse_constant(text: str) -> NoReturn:
@@ -96,7 +87,7 @@ def _bounded_int(text: str) -> int:
     return int(text)
 
 
-def _refuse_infinite(value: Any, name: str, where: str = "") -> None:
+def _refuse_infinite(value: object, name: str, where: str = "") -> None:
     """Refuse numbers too large for a float, which JSON reads as infinity."""
     if isinstance(value, float) and not math.isfinite(value):
         raise InputError(f"{name}: {where or 'top level'}", "a number too large for a float", "finite numbers")

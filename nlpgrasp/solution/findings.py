@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlpgrasp.common.validation import FloatArray
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.solution.schema.types import ConflictData, PriceData, RobustData, WhyNotData
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,15 @@ class ShadowPrice:
     step: float
     unit: str
     gain: float
+
+    def to_dict(self) -> PriceData:
+        """Return the price as JSON data."""
+        return {"name": self.name, "value": self.value, "step": self.step, "unit": self.unit, "gain": self.gain}
+
+    @classmethod
+    def from_dict(cls, data: PriceData) -> ShadowPrice:
+        """Return the price that ``to_dict`` wrote."""
+        return cls(**data)
 
     def __str__(self) -> str:
         what = f"{self.unit} more at" if self.unit.endswith("range") else f"{self.unit} more of"
@@ -58,6 +70,30 @@ class Robustness:
     mu: Bounds
     points: FloatArray
     normals: FloatArray
+
+    def to_dict(self) -> RobustData:
+        """Return the finding as JSON data."""
+        return {
+            "offset": self.offset,
+            "friction_share": self.friction_share,
+            "mu": self.mu.to_dict(),
+            "positions": self.points.tolist(),
+            "normals": self.normals.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: RobustData, name: str) -> Robustness:
+        """Return the finding that ``to_dict`` wrote.
+
+        Raises
+        ------
+        InputError
+            When its interval is empty or its arrays do not fit each other; ``name`` is shown in the message.
+        """
+        bounds = Bounds.from_dict(data["mu"], f"{name}.mu")
+        points = array(f"{name}.positions", data["positions"], (None, None))
+        normals = array(f"{name}.normals", data["normals"], points.shape)
+        return cls(data["offset"], data["friction_share"], bounds, points, normals)
 
     def __str__(self) -> str:
         friction = f"{self.friction_share:.0%} less friction"
@@ -87,6 +123,22 @@ class Conflict:
     bound: float
     relation: str
     unit: str = ""
+
+    def to_dict(self) -> ConflictData:
+        """Return the conflict as JSON data."""
+        return {
+            "name": self.name,
+            "row": self.row,
+            "value": self.value,
+            "bound": self.bound,
+            "relation": self.relation,
+            "unit": self.unit,
+        }
+
+    @classmethod
+    def from_dict(cls, data: ConflictData) -> Conflict:
+        """Return the conflict that ``to_dict`` wrote."""
+        return cls(**data)
 
     @property
     def excess(self) -> float:
@@ -127,6 +179,27 @@ class WhyNot:
     reasons: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
     locally_infeasible: bool = False
+
+    def to_dict(self) -> WhyNotData:
+        """Return the diagnosis as JSON data."""
+        return {
+            "conflicts": [conflict.to_dict() for conflict in self.conflicts],
+            "direction": None if self.direction is None else self.direction.tolist(),
+            "reasons": list(self.reasons),
+            "advice": list(self.advice),
+            "locally_infeasible": self.locally_infeasible,
+        }
+
+    @classmethod
+    def from_dict(cls, data: WhyNotData) -> WhyNot:
+        """Return the diagnosis that ``to_dict`` wrote."""
+        return cls(
+            tuple(Conflict.from_dict(conflict) for conflict in data["conflicts"]),
+            None if data["direction"] is None else np.array(data["direction"], dtype=float),
+            tuple(data["reasons"]),
+            tuple(data["advice"]),
+            data["locally_infeasible"],
+        )
 
     def __str__(self) -> str:
         return "\n".join([*self.reasons, *self.advice])

@@ -2,119 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from nlpgrasp.budgets import ForceBudget, budget_from_dict
 from nlpgrasp.common.drawing import Drawing
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, within
+from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
+from nlpgrasp.solution.file import read, write
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
-
-UNKNOWN = Bounds(0.0, float("inf"))
-
-
-class Status(Enum):
-    """How a solve, or one of its starts, ended. The value says what it means and what to do."""
-
-    SOLVED = "Solved: a grasp with a certified quality above zero, locally optimal at most."
-    NO_GRASP = (
-        "No grasp found: no start ended with a certified quality above zero. Try more starts, other faces, "
-        "more friction or fewer constraints; this is not a proof that none exists."
-    )
-    TIME_LIMIT = "Time limit: stopped before all starts were done; the result is the best grasp so far, if any."
-    INTERRUPTED = "Interrupted: stopped by the user; the result is the best grasp so far, if any."
-    LOCALLY_INFEASIBLE = (
-        "Locally infeasible: from no start could all constraints be kept at once; the result names those that "
-        "contradict each other. This is not a proof that they do everywhere."
-    )
-    FAILED = "Failed: every start ended with an error; the starts' messages in the result name it."
-
-
-@dataclass(frozen=True)
-class StartRecord:
-    """One start of the solve.
-
-    Parameters
-    ----------
-    index : int
-    status : Status
-    faces : tuple of str
-        The face each contact is on.
-    mu : Bounds
-        Certified, of the grasp this start found; ``[0, inf]`` when it found none.
-    violation : float
-        Largest violation of a constraint row, relative to the row's scale; inf when unknown.
-    iterations : int
-        IPOPT iterations of all its solves.
-    seconds : mapping
-        Wall time by stage: ``screen``, ``vertex``, ``exchange``, ``mesh``, ``certificate``.
-    message : str
-        The vertex solver's own word, or the error.
-    history : tuple of float
-        The least ratio found before the exchange and after each of its rounds: how mu rose, from above.
-    """
-
-    index: int
-    status: Status
-    faces: tuple[str, ...] = ()
-    mu: Bounds = UNKNOWN
-    violation: float = float("inf")
-    iterations: int = 0
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    message: str = ""
-    history: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class ConstraintReport:
-    """One scalar constraint at the solution.
-
-    Parameters
-    ----------
-    name : str
-    value : float
-        In the constraint's own unit (squared metres where the constraint is on a squared distance).
-    lower, upper : float
-        Limits, infinite for none.
-    multiplier : float
-        ``d mu / d limit`` of the active limit at the last solve, 0 when none is active.
-    active : bool
-        Within 1e-4 of its scale from a limit.
-    """
-
-    name: str
-    value: float
-    lower: float
-    upper: float
-    multiplier: float
-    active: bool
-
-
-@dataclass(frozen=True)
-class SurfaceMatch:
-    """How far the solver's smooth surface is from the mesh at each contact.
-
-    Parameters
-    ----------
-    distances : (k,) array
-        From the solver's contact to the nearest point of the mesh, metres.
-    angles : (k,) array
-        Between the solver's normal and the mesh's at the final contact, radians.
-    moved : (k,) array
-        From the solver's contact to the final contact, metres: more than the distance where a contact slid
-        over the mesh to a better triangle.
-    """
-
-    distances: FloatArray
-    angles: FloatArray
-    moved: FloatArray
+from nlpgrasp.solution.placed import HeldWrench, PlacedGrasp, SurfaceMatch
+from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status
+from nlpgrasp.solution.schema import SCHEMA_NAME
+from nlpgrasp.solution.schema.types import MuData, QualityData, SolutionData, SolverData
+from nlpgrasp.tasks import Task, task_from_dict
 
 
 @dataclass(frozen=True)
@@ -164,7 +74,7 @@ class GraspSolution:
 
     status: Status
     name: str
-    problem: Mapping[str, Any]
+    problem: Json
     grasp: Grasp | None = None
     faces: tuple[str, ...] = ()
     mu: Bounds = UNKNOWN
@@ -177,22 +87,160 @@ class GraspSolution:
     prices: tuple[ShadowPrice, ...] = ()
     robust: Robustness | None = None
     why_not: WhyNot | None = None
-    hand: Mapping[str, Any] | None = None
+    hand: Json | None = None
     surface: SurfaceMatch | None = None
     drawing: Drawing | None = None
     starts: tuple[StartRecord, ...] = ()
-    solver: Mapping[str, Any] = field(default_factory=dict)
+    solver: SolverData = field(default_factory=SolverData)
 
     @property
     def success(self) -> bool:
         """Whether a grasp with a certified quality above zero was found."""
         return self.grasp is not None and self.mu.lower > 0.0
 
+    @cached_property
+    def task(self) -> Task:
+        """Task that was asked for, about the grasp's torque origin."""
+        return task_from_dict(self.problem["task"])
+
+    @cached_property
+    def budget(self) -> ForceBudget:
+        """Meaning of one unit of finger force; of a hand's torques, in the posture found."""
+        return budget_from_dict(self.problem["force_budget"])
+
+    @property
+    def body(self) -> Json:
+        """The body as JSON data: its type and parameters."""
+        return dict(self.problem["body"])
+
+    @property
+    def palm(self) -> str:
+        """The link at the root of the hand that was asked for; ``"palm"`` where it is not stated."""
+        hand = self.problem.get("hand")
+        return str(hand.get("palm", "palm")) if isinstance(hand, Mapping) else "palm"
+
+    @property
+    def label(self) -> str:
+        """The measure that ``mu`` holds, in words: ``"mu"`` or ``"mu-tilde"``."""
+        return "mu-tilde" if self.kind == "mu_tilde" else "mu"
+
+    def require_grasp(self) -> Grasp:
+        """Return the grasp.
+
+        Raises
+        ------
+        InputError
+            Where none was found.
+        """
+        if self.grasp is None:
+            raise InputError("solution", "no grasp", "a solution with a grasp")
+        return self.grasp
+
+    def require_drawing(self) -> Drawing:
+        """Return the drawing of the grasp.
+
+        Raises
+        ------
+        InputError
+            Where no grasp was found, or an earlier version made the file.
+        """
+        if self.grasp is None or self.drawing is None:
+            raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
+        return self.drawing
+
+    def to_dict(self) -> SolutionData:
+        """Return the solution as JSON data, schema 1 (docs/json.md)."""
+        placed = None if self.grasp is None else PlacedGrasp(self.grasp, self.faces, self.surface)
+        solver: SolverData = {**self.solver, "starts": [start.to_dict() for start in self.starts]}
+        versions = solver.pop("versions", {})
+        return {
+            "schema": SCHEMA_NAME,
+            "created_by": dict(versions),
+            "status": self.status.name.lower(),
+            "message": self.status.value,
+            "name": self.name,
+            "problem": dict(self.problem),
+            "grasp": None if placed is None else placed.to_dict(),
+            "hand": None if self.hand is None else dict(self.hand),
+            "quality": self._quality(),
+            "forces": [held.to_dict() for held in self._held()],
+            "constraints": [report.to_dict() for report in self.constraints],
+            "shadow_prices": [price.to_dict() for price in self.prices],
+            "why_not": None if self.why_not is None else self.why_not.to_dict(),
+            "drawing": None if self.drawing is None else self.drawing.to_dict(),
+            "solver": solver,
+        }
+
+    def _quality(self) -> QualityData:
+        """Return the measures as JSON data."""
+        direction = self.mu.worst_direction
+        mu: MuData = {
+            "lower": self.mu.lower,
+            "upper": self.mu.upper,
+            "kind": self.kind,
+            "worst_direction": None if direction is None else direction.tolist(),
+        }
+        return {
+            "mu": mu if math.isfinite(self.mu.upper) else None,
+            "delta": None if self.delta is None else self.delta.to_dict(),
+            "nu": None if self.nu is None else self.nu.to_dict(),
+            "robust": None if self.robust is None else self.robust.to_dict(),
+        }
+
+    def _held(self) -> list[HeldWrench]:
+        """Return wrenches, forces and moments together."""
+        moments = self.moments if len(self.moments) else [None] * len(self.forces)
+        return [HeldWrench(w, f, m) for (w, f), m in zip(self.forces, moments, strict=True)]
+
+    @classmethod
+    def from_dict(cls, data: SolutionData, name: str = "solution") -> GraspSolution:
+        """Return the solution that ``to_dict`` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            Of schema 1.
+        name : str
+            Of the data, for messages: a file's path.
+
+        Raises
+        ------
+        InputError
+            When numbers contradict each other.
+        """
+        placed = None if data["grasp"] is None else PlacedGrasp.from_dict(data["grasp"], f"{name}: grasp")
+        quality, why_not, robust = data["quality"], data.get("why_not"), data["quality"].get("robust")
+        delta, nu = quality.get("delta"), quality.get("nu")
+        _check_problem(data["problem"], None if placed is None else placed.grasp, name)
+        mu = _mu_of(quality["mu"], None if placed is None else placed.grasp, f"{name}: quality.mu")
+        held = [HeldWrench.from_dict(entry, name) for entry in data.get("forces", [])]
+        starts, solver = _solver_of(data, name)
+        return cls(
+            status=Status[data["status"].upper()],
+            name=data["name"],
+            problem=data["problem"],
+            grasp=None if placed is None else placed.grasp,
+            faces=() if placed is None else placed.faces,
+            mu=mu,
+            kind="mu" if quality["mu"] is None else quality["mu"]["kind"],
+            delta=None if delta is None else Bounds.from_dict(delta, f"{name}: quality.delta"),
+            nu=None if nu is None else Volume.from_dict(nu, f"{name}: quality.nu"),
+            forces=tuple((entry.wrench, entry.forces) for entry in held),
+            moments=_moments_of(held, name),
+            constraints=tuple(map(ConstraintReport.from_dict, data.get("constraints", []))),
+            prices=tuple(map(ShadowPrice.from_dict, data.get("shadow_prices", []))),
+            robust=None if robust is None else Robustness.from_dict(robust, f"{name}: quality.robust"),
+            why_not=None if why_not is None else WhyNot.from_dict(why_not),
+            hand=data.get("hand"),
+            surface=None if placed is None else placed.surface,
+            drawing=Drawing.from_dict(data.get("drawing"), f"{name}: drawing"),
+            starts=starts,
+            solver=solver,
+        )
+
     def save(self, path: str | Path) -> Path:
         """Write the solution as JSON (schema 1), atomically; return the path."""
-        from nlpgrasp.solution.file import save
-
-        return save(self, path)
+        return write(self.to_dict(), path)
 
     @classmethod
     def load(cls, path: str | Path) -> GraspSolution:
@@ -203,15 +251,12 @@ class GraspSolution:
         InputError
             When the file is missing, not JSON, too large, too deeply nested, or not of schema 1.
         """
-        from nlpgrasp.solution.file import load
-
-        return load(path)
+        return cls.from_dict(read(path), str(path))
 
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.status.value}"]
         if self.grasp is not None:
-            label = "mu-tilde" if self.kind == "mu_tilde" else "mu"
-            lines.append(f"  {label} certified in {self.mu} (gap {self.mu.gap:.1%})")
+            lines.append(f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%})")
             for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
                 position, normal = (np.array2string(v, precision=5, suppress_small=True) for v in (p, n))
                 lines.append(f"  contact {i} on {face}: position {position} m, inward normal {normal}")
@@ -221,3 +266,46 @@ class GraspSolution:
         if self.why_not is not None:
             lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]
         return "\n".join(lines)
+
+
+def _check_problem(problem: Json, grasp: Grasp | None, name: str) -> None:
+    """Refuse a task or a force budget that is not one, or does not fit the grasp."""
+    with within(f"{name}: problem."):
+        task = task_from_dict(problem["task"])
+    if grasp is not None and task.dimension != grasp.dimension:
+        raise InputError(f"{name}: problem.task", f"dimension {task.dimension}", f"dimension {grasp.dimension}")
+    with within(f"{name}: problem."):
+        budget = budget_from_dict(problem["force_budget"])
+        if grasp is not None:
+            budget.check(grasp.contacts, grasp.space)
+
+
+def _mu_of(data: MuData | None, grasp: Grasp | None, field: str) -> Bounds:
+    """Return the certified interval with its direction."""
+    if data is None:
+        return UNKNOWN
+    stated, direction = data.get("worst_direction"), None
+    if stated is not None:
+        direction = array(f"{field}.worst_direction", stated, (None if grasp is None else grasp.dimension,))
+        if not np.any(direction):
+            raise InputError(f"{field}.worst_direction", "zero", "a direction")
+    bounds = Bounds.from_dict({"lower": data["lower"], "upper": data["upper"]}, field)
+    return replace(bounds, worst_direction=direction)
+
+
+def _moments_of(held: Sequence[HeldWrench], name: str) -> tuple[FloatArray, ...]:
+    """Return the moments, of all wrenches or of none."""
+    moments = tuple(entry.moments for entry in held if entry.moments is not None)
+    if moments and len(moments) != len(held):
+        raise InputError(f"{name}: forces", f"{len(moments)} entries with moments", "moments in all or in none")
+    return moments
+
+
+def _solver_of(data: SolutionData, name: str) -> tuple[tuple[StartRecord, ...], SolverData]:
+    """Return the starts and how the solve went; the JSON Schema says nothing of what is in them."""
+    solver: SolverData = {**data.get("solver", {})}
+    try:
+        starts = tuple(StartRecord.from_dict(start) for start in solver.pop("starts", []))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{name}: solver", f"{type(error).__name__}: {error}", "what schema 1 says") from None
+    return starts, {**solver, "versions": data.get("created_by", {})}

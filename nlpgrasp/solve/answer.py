@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -19,7 +18,9 @@ from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, finger_forces, mu, nu
-from nlpgrasp.solution.solution import GraspSolution, Status
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.schema.types import SolverData
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartResult
@@ -136,7 +137,7 @@ def _forces(
     return forces, tuple(c[:, space:] for c in each) if turning else ()
 
 
-def solver_record(options: SolveOptions, seed: int, results: Sequence[StartResult], seconds: float) -> dict[str, Any]:
+def solver_record(options: SolveOptions, seed: int, results: Sequence[StartResult], seconds: float) -> SolverData:
     """Return how the solve went, for the file: seed, effort, options, versions."""
     return {
         "seed": seed,

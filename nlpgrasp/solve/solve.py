@@ -14,7 +14,8 @@ from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError, NoGraspError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.solution import GraspSolution, StartRecord, Status
+from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import answer, best_of, solver_record
 from nlpgrasp.solve.options import SolveOptions

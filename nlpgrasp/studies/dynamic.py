@@ -19,7 +19,8 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
-from nlpgrasp.solution.solution import GraspSolution, Status
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.ascent.linear import improved
 from nlpgrasp.solve.ascent.state import ExchangeState, with_known
 from nlpgrasp.solve.ascent.weakest import weakest_directions

@@ -20,7 +20,7 @@ from nlpgrasp.experiments.found.table import COLUMNS
 from nlpgrasp.experiments.run.folder import Folder
 from nlpgrasp.quality import Bounds
 from nlpgrasp.report.experiment.plots import wilson
-from nlpgrasp.solution.solution import ConstraintReport
+from nlpgrasp.solution.records import ConstraintReport
 from tests.experiments.small import experiment
 
 

@@ -3,14 +3,16 @@
 import copy
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.drawing import Drawing, Triangles
-from nlpgrasp.solution.data import from_data, to_data
-from nlpgrasp.solution.file import parse
+from nlpgrasp.solution.file import parse, text_of
+
+EARLIER = sorted((Path(__file__).parent / "files").glob("*.json"))  # written before `best_start` was
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +32,13 @@ def solution():
 @pytest.fixture
 def data(solution):
     corner = Triangles(np.eye(4, 3), np.array([[0, 1, 2], [0, 1, 3]]))  # thousands of triangles would be attacked alike
-    return copy.deepcopy(to_data(replace(solution, drawing=Drawing(corner, (("thumb", corner),)))))
+    return copy.deepcopy(replace(solution, drawing=Drawing(corner, (("thumb", corner),))).to_dict())
 
 
 def test_round_trip_is_exact(solution, tmp_path):
     path = solution.save(tmp_path / "square.json")
     loaded = ng.GraspSolution.load(path)
-    assert to_data(loaded) == to_data(solution)
+    assert loaded.to_dict() == solution.to_dict()
     np.testing.assert_array_equal(loaded.grasp.points, solution.grasp.points)
     np.testing.assert_array_equal(loaded.grasp.G, solution.grasp.G)
     assert loaded.mu == solution.mu
@@ -65,6 +67,12 @@ def test_a_file_without_a_grasp_round_trips(tmp_path):
     assert not ng.verify(loaded)
 
 
+@pytest.mark.parametrize("path", EARLIER, ids=lambda path: path.stem)
+def test_an_earlier_file_is_written_again_to_the_letter(path):
+    solution = ng.GraspSolution.load(path)
+    assert text_of(solution.to_dict()) == path.read_text(encoding="utf-8")
+
+
 def test_a_failed_write_leaves_the_old_file(solution, tmp_path, monkeypatch):
     path = tmp_path / "kept.json"
     path.write_text("old")
@@ -86,7 +94,7 @@ def test_saving_to_a_missing_folder_is_refused(solution, tmp_path):
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])
 def test_truncated_files_are_refused(solution, tmp_path, share):
-    text = json.dumps(to_data(solution))
+    text = json.dumps(solution.to_dict())
     path = tmp_path / "cut.json"
     path.write_text(text[: int(share * len(text))])
     with pytest.raises(ng.InputError, match=r"cut\.json"):
@@ -145,7 +153,7 @@ def replaced(data, wrong):
 def message_of(data):
     """Return what reading and verifying the data is refused with, or None."""
     try:
-        ng.verify(from_data(parse(json.dumps(data), "f.json"), "f.json"), rtol=0.5)
+        ng.verify(ng.GraspSolution.from_dict(parse(json.dumps(data), "f.json"), "f.json"), rtol=0.5)
     except ng.InputError as error:
         return str(error)
     return None
@@ -160,13 +168,13 @@ def test_a_missing_entry_is_named(data):
 def test_a_task_of_another_dimension_is_named(data):
     data["problem"]["task"] = {"type": "ellipsoid", "center": [0.0] * 6, "axes": [[1.0] * 6]}
     with pytest.raises(ng.InputError, match=r"problem\.task: got dimension 6, expected dimension 3"):
-        from_data(parse(json.dumps(data), "f.json"), "f.json")
+        ng.GraspSolution.from_dict(parse(json.dumps(data), "f.json"), "f.json")
 
 
 def test_normals_that_are_not_unit_are_named(data):
     data["grasp"]["contacts"][1]["normal"] = [0.0, -2.0]
     with pytest.raises(ng.InputError, match=r"grasp\.Grasp\.normals: got length 2 at contact 1"):
-        from_data(parse(json.dumps(data), "f.json"), "f.json")
+        ng.GraspSolution.from_dict(parse(json.dumps(data), "f.json"), "f.json")
 
 
 @pytest.mark.parametrize(("content", "message"), [(b"\xff\xfe{}", "UTF-8"), (None, "a solution file that exists")])

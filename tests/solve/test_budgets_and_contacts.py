@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solution.data import to_data
 
 ONE = ng.SolveOptions(shadow_prices=False, workers=1)
 ELLIPSE = ng.PlanarImplicit(lambda p: (p[0] / 2.0) ** 2 + p[1] ** 2 - 1.0, [[-2.1, -1.1], [2.1, 1.1]])
@@ -21,7 +20,7 @@ def solved_and_verified(problem, path, starts=3):
     assert solution.status is ng.Status.SOLVED
     assert solution.mu.gap <= 0.011
     loaded = ng.GraspSolution.load(solution.save(path / "grasp.json"))
-    assert to_data(loaded) == to_data(solution)
+    assert loaded.to_dict() == solution.to_dict()
     check = ng.verify(path / "grasp.json")
     assert check, str(check)
     assert "forces" in [c.name for c in check.checks]

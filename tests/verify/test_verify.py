@@ -4,20 +4,19 @@ import json
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solution.data import from_data, to_data
 
 
 @pytest.fixture(scope="module")
 def data():
     problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))
     options = ng.SolveOptions(workers=1, exchange=False, rtol=0.05, final_rtol=0.02)
-    return to_data(ng.solve(problem, starts=1, options=options))
+    return ng.solve(problem, starts=1, options=options).to_dict()
 
 
 def verified(data, change):
     changed = copy.deepcopy(data)
     change(changed)
-    return ng.verify(from_data(json.loads(json.dumps(changed)), "f.json"), rtol=0.05)
+    return ng.verify(ng.GraspSolution.from_dict(json.loads(json.dumps(changed)), "f.json"), rtol=0.05)
 
 
 def failed(verification):

@@ -12,7 +12,8 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.found.wording import one_line
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import ShadowPrice
-from nlpgrasp.solution.solution import UNKNOWN, ConstraintReport, GraspSolution, StartRecord, Status
+from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status
+from nlpgrasp.solution.solution import GraspSolution
 
 NOTHING = Bounds(0.0, 0.0)
 

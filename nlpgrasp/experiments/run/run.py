@@ -19,7 +19,7 @@ from nlpgrasp.experiments.run.folder import Folder
 from nlpgrasp.experiments.run.local import run_local
 from nlpgrasp.experiments.run.plan import plan_of
 from nlpgrasp.experiments.run.work import Outcome, Packer
-from nlpgrasp.solution.data import from_data
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.workers.pool import cores
 
 Progress = Callable[[SolveRecord], None]
@@ -150,7 +150,7 @@ class _Run:
         failure = outcome.failure
         if outcome.text:
             try:
-                solution = from_data(json.loads(outcome.text), str(solve))
+                solution = GraspSolution.from_dict(json.loads(outcome.text), str(solve))
                 record = SolveRecord.of(solve.variation, solve.seed, solution)
             except InputError as error:
                 return SolveRecord(solve.variation, solve.seed, failure=one_line(error))

@@ -16,7 +16,7 @@ from nlpgrasp.experiments.ask.experiment import Experiment, SolveId
 from nlpgrasp.experiments.ask.variation import Case
 from nlpgrasp.experiments.found.wording import one_line
 from nlpgrasp.solution.file import text_of
-from nlpgrasp.solution.solution import Status
+from nlpgrasp.solution.records import Status
 from nlpgrasp.solve.solve import check_json, solve_again
 from nlpgrasp.solve.workbench.workbench import Workbench
 
@@ -101,7 +101,7 @@ def work(job: Job) -> Outcome:
             solution = solve_again(bench, starts, job.solve.seed)
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
-            return Outcome(text_of(solution))
+            return Outcome(text_of(solution.to_dict()))
         except BaseException as error:  # also what a script raises to end itself: it ends this solve alone
             return Outcome(failure=one_line(error))
 

@@ -13,7 +13,8 @@ from nlpgrasp.experiments.found.compare import Comparison
 from nlpgrasp.experiments.found.result import NOT_COMPARABLE
 from nlpgrasp.report.solution.wrench_space import shadows
 from nlpgrasp.report.svg import Curve, chart
-from nlpgrasp.solution.solution import GraspSolution, Status
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
 
 
 def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -8,7 +8,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solution.solution import ConstraintReport, StartRecord, Status, SurfaceMatch
+from nlpgrasp.solution.placed import SurfaceMatch
+from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
 
 
 @dataclass(frozen=True)

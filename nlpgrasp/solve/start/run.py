@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from nlpgrasp.quality import mu
-from nlpgrasp.solution.solution import StartRecord, Status
+from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steadied
 from nlpgrasp.solve.ascent.linear import improved
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first

@@ -9,7 +9,7 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.solution.solution import SurfaceMatch
+from nlpgrasp.solution.placed import SurfaceMatch
 from nlpgrasp.solve.ascent.state import ExchangeState
 from nlpgrasp.solve.surface.move_hand import hand_onto_mesh
 from nlpgrasp.solve.surface.slide import slide_onto_mesh

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nlpgrasp.solution.solution import ConstraintReport
+from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solve.ascent.state import ExchangeState
 from nlpgrasp.solve.surface.put import OnBody
 from nlpgrasp.solve.workbench.workbench import Workbench

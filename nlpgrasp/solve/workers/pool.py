@@ -18,7 +18,7 @@ from loky.process_executor import BrokenProcessPool
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.solution import StartRecord, Status
+from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartResult

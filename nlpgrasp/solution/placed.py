@@ -1,0 +1,146 @@
+"""The grasp on its body, and forces it exerts, as a solution file states them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray, array, within
+from nlpgrasp.contacts import contact_from_dict
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.solution.schema.types import ContactData, ForcesData, GraspData
+
+
+@dataclass(frozen=True)
+class SurfaceMatch:
+    """How far the solver's smooth surface is from the mesh at each contact.
+
+    Parameters
+    ----------
+    distances : (k,) array
+        From the solver's contact to the nearest point of the mesh, metres.
+    angles : (k,) array
+        Between the solver's normal and the mesh's at the final contact, radians.
+    moved : (k,) array
+        From the solver's contact to the final contact, metres: more than the distance where a contact slid
+        over the mesh to a better triangle.
+    """
+
+    distances: FloatArray
+    angles: FloatArray
+    moved: FloatArray
+
+    def at(self, i: int) -> dict[str, float]:
+        """Return what contact ``i``'s entry says of it."""
+        return {
+            "surface_distance": float(self.distances[i]),
+            "surface_angle": float(self.angles[i]),
+            "moved": float(self.moved[i]),
+        }
+
+    @classmethod
+    def of(cls, contacts: list[ContactData]) -> SurfaceMatch | None:
+        """Return what the contacts' entries say, None where one of them says nothing."""
+        if not all("surface_distance" in c and "surface_angle" in c and "moved" in c for c in contacts):
+            return None
+        return cls(
+            np.array([c["surface_distance"] for c in contacts], float),
+            np.array([c["surface_angle"] for c in contacts], float),
+            np.array([c["moved"] for c in contacts], float),
+        )
+
+
+@dataclass(frozen=True)
+class PlacedGrasp:
+    """A grasp, and where on the body it is.
+
+    Parameters
+    ----------
+    grasp : Grasp
+    faces : tuple of k str
+        The face each contact is on.
+    surface : SurfaceMatch or None
+        For meshes.
+    """
+
+    grasp: Grasp
+    faces: tuple[str, ...]
+    surface: SurfaceMatch | None = None
+
+    def to_dict(self) -> GraspData:
+        """Return the grasp as JSON data, contact by contact."""
+        return {
+            "dimension": self.grasp.dimension,
+            "torque_origin": self.grasp.torque_origin.tolist(),
+            "contacts": [self._contact(i) for i in range(len(self.grasp))],
+        }
+
+    def _contact(self, i: int) -> ContactData:
+        grasp = self.grasp
+        entries = {
+            "position": grasp.points[i].tolist(),
+            "normal": grasp.normals[i].tolist(),
+            "tangents": grasp.tangents[i].tolist(),
+            "face": self.faces[i],
+            **grasp.contacts[i].to_dict(),
+            **({} if self.surface is None else self.surface.at(i)),
+        }
+        return cast(ContactData, entries)  # and those of its contact model
+
+    @classmethod
+    def from_dict(cls, data: GraspData, name: str) -> PlacedGrasp:
+        """Return the grasp that ``to_dict`` wrote.
+
+        Raises
+        ------
+        InputError
+            When the numbers make no grasp, or one of another dimension; ``name`` is shown in the message.
+        """
+        contacts = data["contacts"]
+        with within(f"{name}."):
+            grasp = Grasp(
+                [c["position"] for c in contacts],
+                [c["normal"] for c in contacts],
+                [contact_from_dict(c) for c in contacts],
+                data["torque_origin"],
+                [c["tangents"] for c in contacts],
+            )
+        if grasp.dimension != data["dimension"]:
+            raise InputError(f"{name}.dimension", data["dimension"], f"{grasp.dimension}, as the positions say")
+        return cls(grasp, tuple(str(c.get("face", "")) for c in contacts), SurfaceMatch.of(contacts))
+
+
+@dataclass(frozen=True)
+class HeldWrench:
+    """A wrench and the least finger forces that produce it.
+
+    Parameters
+    ----------
+    wrench : (d,) array
+    forces : (k, space) array
+        Body frame, newtons.
+    moments : (k, d - space) array or None
+        About the contact points, newton-metres; None where no contact exerts any.
+    """
+
+    wrench: FloatArray
+    forces: FloatArray
+    moments: FloatArray | None = None
+
+    def to_dict(self) -> ForcesData:
+        """Return wrench, forces and, where there are any, moments as JSON data."""
+        data: ForcesData = {"direction": self.wrench.tolist(), "forces": self.forces.tolist()}
+        if self.moments is not None:
+            data["moments"] = self.moments.tolist()
+        return data
+
+    @classmethod
+    def from_dict(cls, data: ForcesData, name: str) -> HeldWrench:
+        """Return what ``to_dict`` wrote; arrays of other numbers of axes are refused under this name."""
+        wrench = array(f"{name}: direction", data["direction"], (None,))
+        forces = array(f"{name}: forces", data["forces"], (None, None))
+        moments = array(f"{name}: moments", data["moments"], (None, None)) if "moments" in data else None
+        return cls(wrench, forces, moments)

@@ -1,0 +1,153 @@
+"""How a solve and its starts ended, and what each constraint says at the answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.solution.schema.types import ConstraintData, StartData
+
+UNKNOWN = Bounds(0.0, math.inf)
+
+
+class Status(Enum):
+    """How a solve, or one of its starts, ended. The value says what it means and what to do."""
+
+    SOLVED = "Solved: a grasp with a certified quality above zero, locally optimal at most."
+    NO_GRASP = (
+        "No grasp found: no start ended with a certified quality above zero. Try more starts, other faces, "
+        "more friction or fewer constraints; this is not a proof that none exists."
+    )
+    TIME_LIMIT = "Time limit: stopped before all starts were done; the result is the best grasp so far, if any."
+    INTERRUPTED = "Interrupted: stopped by the user; the result is the best grasp so far, if any."
+    LOCALLY_INFEASIBLE = (
+        "Locally infeasible: from no start could all constraints be kept at once; the result names those that "
+        "contradict each other. This is not a proof that they do everywhere."
+    )
+    FAILED = "Failed: every start ended with an error; the starts' messages in the result name it."
+
+
+@dataclass(frozen=True)
+class StartRecord:
+    """One start of the solve.
+
+    Parameters
+    ----------
+    index : int
+    status : Status
+    faces : tuple of str
+        The face each contact is on.
+    mu : Bounds
+        Certified, of the grasp this start found; ``[0, inf]`` when it found none.
+    violation : float
+        Largest violation of a constraint row, relative to the row's scale; inf when unknown.
+    iterations : int
+        IPOPT iterations of all its solves.
+    seconds : mapping
+        Wall time by stage: ``screen``, ``vertex``, ``exchange``, ``mesh``, ``certificate``.
+    message : str
+        The vertex solver's own word, or the error.
+    history : tuple of float
+        The least ratio found before the exchange and after each of its rounds: how mu rose, from above.
+    """
+
+    index: int
+    status: Status
+    faces: tuple[str, ...] = ()
+    mu: Bounds = UNKNOWN
+    violation: float = math.inf
+    iterations: int = 0
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    message: str = ""
+    history: tuple[float, ...] = ()
+
+    def to_dict(self) -> StartData:
+        """Return the record as JSON data, None for what is not known."""
+        return {
+            "index": self.index,
+            "status": self.status.name.lower(),
+            "faces": list(self.faces),
+            "mu": self.mu.to_dict() if math.isfinite(self.mu.upper) else None,
+            "violation": _finite_or_none(self.violation),
+            "iterations": self.iterations,
+            "seconds": dict(self.seconds),
+            "message": self.message,
+            "history": list(self.history),
+        }
+
+    @classmethod
+    def from_dict(cls, data: StartData) -> StartRecord:
+        """Return the record that ``to_dict`` wrote.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError, AttributeError
+            On other data: the JSON Schema says nothing of starts.
+        """
+        mu = data.get("mu")
+        return cls(
+            index=int(data["index"]),
+            status=Status[str(data["status"]).upper()],
+            faces=tuple(map(str, data["faces"])),
+            mu=UNKNOWN if mu is None else Bounds(float(mu["lower"]), float(mu["upper"])),
+            violation=math.inf if data["violation"] is None else float(data["violation"]),
+            iterations=int(data["iterations"]),
+            seconds={str(stage): float(time) for stage, time in data["seconds"].items()},
+            message=str(data["message"]),
+            history=tuple(map(float, data.get("history", ()))),
+        )
+
+
+@dataclass(frozen=True)
+class ConstraintReport:
+    """One scalar constraint at the solution.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+        In the constraint's own unit (squared metres where the constraint is on a squared distance).
+    lower, upper : float
+        Limits, infinite for none.
+    multiplier : float
+        ``d mu / d limit`` of the active limit at the last solve, 0 when none is active.
+    active : bool
+        Within 1e-4 of its scale from a limit.
+    """
+
+    name: str
+    value: float
+    lower: float
+    upper: float
+    multiplier: float
+    active: bool
+
+    def to_dict(self) -> ConstraintData:
+        """Return the report as JSON data, None for no limit."""
+        return {
+            "name": self.name,
+            "value": self.value,
+            "bound": [_finite_or_none(self.lower), _finite_or_none(self.upper)],
+            "multiplier": self.multiplier,
+            "active": self.active,
+        }
+
+    @classmethod
+    def from_dict(cls, data: ConstraintData) -> ConstraintReport:
+        """Return the report that ``to_dict`` wrote."""
+        lower, upper = data["bound"]
+        return cls(
+            data["name"],
+            data["value"],
+            -math.inf if lower is None else lower,
+            math.inf if upper is None else upper,
+            data["multiplier"],
+            data["active"],
+        )
+
+
+def _finite_or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None

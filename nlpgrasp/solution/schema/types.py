@@ -1,0 +1,154 @@
+"""Schema 1 as types: the same shapes as the JSON Schema beside this file, for the code that reads and writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NotRequired, TypeAlias, TypedDict
+
+from nlpgrasp.common.types import Json
+
+Vector: TypeAlias = list[float]
+Measure: TypeAlias = Mapping[str, float]  # an interval, as Bounds and Volume state themselves
+
+
+class MuData(TypedDict):
+    """``quality.mu``."""
+
+    lower: float
+    upper: float
+    kind: str
+    worst_direction: NotRequired[Vector | None]
+
+
+class RobustData(TypedDict):
+    """``quality.robust``."""
+
+    offset: float
+    friction_share: float
+    mu: Measure
+    positions: list[Vector]
+    normals: list[Vector]
+
+
+class QualityData(TypedDict):
+    """``quality``."""
+
+    mu: MuData | None
+    delta: NotRequired[Measure | None]
+    nu: NotRequired[Measure | None]
+    robust: NotRequired[RobustData | None]
+
+
+class ContactData(TypedDict):
+    """One of ``grasp.contacts``; beside these entries it has those of its contact model."""
+
+    position: Vector
+    normal: Vector
+    tangents: list[Vector]
+    face: NotRequired[str]
+    surface_distance: NotRequired[float]
+    surface_angle: NotRequired[float]
+    moved: NotRequired[float]
+
+
+class GraspData(TypedDict):
+    """``grasp``."""
+
+    dimension: int
+    torque_origin: Vector
+    contacts: list[ContactData]
+
+
+class ForcesData(TypedDict):
+    """One of ``forces``."""
+
+    direction: Vector
+    forces: list[Vector]
+    moments: NotRequired[list[Vector]]
+
+
+class ConstraintData(TypedDict):
+    """One of ``constraints``; None for no limit."""
+
+    name: str
+    value: float
+    bound: list[float | None]
+    multiplier: float
+    active: bool
+
+
+class PriceData(TypedDict):
+    """One of ``shadow_prices``."""
+
+    name: str
+    value: float
+    step: float
+    unit: str
+    gain: float
+
+
+class ConflictData(TypedDict):
+    """One of ``why_not.conflicts``."""
+
+    name: str
+    row: str
+    value: float
+    bound: float
+    relation: str
+    unit: str
+
+
+class WhyNotData(TypedDict):
+    """``why_not``."""
+
+    conflicts: list[ConflictData]
+    direction: Vector | None
+    reasons: list[str]
+    advice: list[str]
+    locally_infeasible: bool
+
+
+class StartData(TypedDict):
+    """One of ``solver.starts``; None for bounds and a violation that are not known."""
+
+    index: int
+    status: str
+    faces: list[str]
+    mu: Measure | None
+    violation: float | None
+    iterations: int
+    seconds: dict[str, float]
+    message: str
+    history: NotRequired[Vector]
+
+
+class SolverData(TypedDict, total=False):
+    """``solver``: how the solve went. In a solution it has the versions, in a file the starts."""
+
+    seed: int
+    iterations: int
+    seconds: dict[str, float]
+    options: Json
+    versions: dict[str, str]
+    starts: list[StartData]
+
+
+class SolutionData(TypedDict):
+    """A solution file."""
+
+    schema: str
+    created_by: NotRequired[dict[str, str]]
+    status: str
+    message: NotRequired[str]
+    name: str
+    problem: Json
+    grasp: GraspData | None
+    hand: NotRequired[Json | None]
+    quality: QualityData
+    forces: NotRequired[list[ForcesData]]
+    constraints: NotRequired[list[ConstraintData]]
+    shadow_prices: NotRequired[list[PriceData]]
+    why_not: NotRequired[WhyNotData | None]
+    drawing: NotRequired[Json | None]
+    best_start: NotRequired[int | None]
+    solver: NotRequired[SolverData]

@@ -1,0 +1,125 @@
+"""Records: each states itself as JSON data and comes back exactly as it was."""
+
+import json
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.quality import Bounds, Volume
+from nlpgrasp.solution import UNKNOWN, Conflict, ConstraintReport, StartRecord, SurfaceMatch
+from nlpgrasp.solution.placed import HeldWrench, PlacedGrasp
+
+START = StartRecord(
+    3, ng.Status.SOLVED, ("+x", "-x"), Bounds(0.1, 0.3), 1e-9, 41, {"screen": 0.1, "mesh": 0.7}, "ok", (0.5, 0.3)
+)
+CONFLICT = Conflict("Spread", "Spread.max, fingers 0, 1", 0.11, 0.09, "at most", "m")
+PLAIN = [
+    START,
+    StartRecord(0, ng.Status.FAILED, mu=UNKNOWN, violation=math.inf, message="RuntimeError: no"),
+    ConstraintReport("Table", 0.1, -math.inf, 0.1, 2.5, True),
+    ConstraintReport("Table", 0.1, 1 / 3, math.inf, 0.0, False),
+    ng.ShadowPrice("Spread.max", 0.09, 1e-3, "1 mm", 0.007),
+    CONFLICT,
+    ng.WhyNot((CONFLICT,), None, ("Too wide.",), ("Move the table.",), True),
+]
+NAMED = [
+    Bounds(0.1, 1 / 3),
+    Bounds(0.1, 1 / 3, torque_scale=0.04),
+    Volume(1.0, 3.0, torque_scale=0.04, value=2.0, error=0.1),
+]
+
+
+def through_json(data):
+    return json.loads(json.dumps(data, allow_nan=False))
+
+
+def same(one, other):
+    """Whether two records agree in every field, to the last digit."""
+    assert type(one) is type(other)
+    for name in (f.name for f in fields(one)):
+        a, b = getattr(one, name), getattr(other, name)
+        np.testing.assert_array_equal(a, b, err_msg=name) if isinstance(a, np.ndarray) else same_value(a, b, name)
+    return True
+
+
+def same_value(a, b, name):
+    assert a == b, name
+
+
+@pytest.mark.parametrize("record", PLAIN, ids=lambda r: type(r).__name__)
+def test_a_record_comes_back_exactly(record):
+    assert same(type(record).from_dict(through_json(record.to_dict())), record)
+
+
+@pytest.mark.parametrize("record", NAMED, ids=lambda r: type(r).__name__)
+def test_an_interval_comes_back_exactly(record):
+    back = type(record).from_dict(through_json(record.to_dict()), "f.json: quality.delta")
+    assert same(back, record)
+    assert back.torque_scale == record.torque_scale  # which plays no part where intervals are compared
+
+
+def test_an_empty_interval_is_refused():
+    with pytest.raises(ng.InputError, match=r"quality\.nu: got lower 2 > upper 1, expected lower <= upper"):
+        Volume.from_dict({"lower": 2, "upper": 1, "value": 1, "error": 0}, "quality.nu")
+
+
+def test_what_is_not_known_is_null():
+    data = PLAIN[1].to_dict()
+    assert data["mu"] is None
+    assert data["violation"] is None
+    assert ConstraintReport("x", 0.0, -math.inf, math.inf, 0.0, False).to_dict()["bound"] == [None, None]
+
+
+def test_a_diagnosis_keeps_its_direction():
+    found = ng.WhyNot(direction=np.array([0.0, 1 / 3, -1.0]), reasons=("Nothing pulls.",))
+    assert same(ng.WhyNot.from_dict(through_json(found.to_dict())), found)
+
+
+def test_robustness_comes_back_exactly():
+    points = np.random.default_rng(0).standard_normal((3, 2))
+    found = ng.Robustness(1e-3, 0.1, Bounds(0.2, 0.25), points, -points)
+    assert same(ng.Robustness.from_dict(through_json(found.to_dict()), "f.json: quality.robust"), found)
+    data = {**found.to_dict(), "normals": [[1.0, 0.0]]}
+    with pytest.raises(ng.InputError, match=r"quality\.robust\.normals: got shape \(1, 2\), expected shape \(3, 2\)"):
+        ng.Robustness.from_dict(data, "f.json: quality.robust")
+
+
+@pytest.fixture
+def placed():
+    models = (ng.FrictionContact(0.5), ng.SoftContact(0.4, 0.01), ng.PointContact())
+    angles = np.array([0.1, 2.2, 4.0])
+    normals = -np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+    grasp = ng.Grasp(-0.03 * normals, normals, models, torque_origin=[0.0, 0.01, 1 / 3])
+    match = SurfaceMatch(np.array([0.0, 1e-4, 1 / 3e4]), np.array([0.1, 0.2, 0.3]), np.array([1e-3, 0.0, 1e-5]))
+    return PlacedGrasp(grasp, ("side", "side", "top"), match)
+
+
+def test_a_grasp_comes_back_exactly(placed):
+    back = PlacedGrasp.from_dict(through_json(placed.to_dict()), "f.json: grasp")
+    for name in ("points", "normals", "tangents", "torque_origin", "G"):
+        np.testing.assert_array_equal(getattr(back.grasp, name), getattr(placed.grasp, name))
+    assert back.grasp.contacts == placed.grasp.contacts
+    assert back.faces == placed.faces
+    assert same(back.surface, placed.surface)
+
+
+def test_a_surface_that_one_contact_says_nothing_of_is_none(placed):
+    data = placed.to_dict()
+    del data["contacts"][1]["moved"]
+    assert PlacedGrasp.from_dict(data, "f.json: grasp").surface is None
+
+
+def test_another_dimension_is_refused(placed):
+    with pytest.raises(ng.InputError, match=r"f\.json: grasp\.dimension: got 3, expected 6, as the positions say"):
+        PlacedGrasp.from_dict({**placed.to_dict(), "dimension": 3}, "f.json: grasp")
+
+
+@pytest.mark.parametrize("moments", [None, np.array([[0.0, 0.0, 0.1], [0.0, 1 / 3, 0.0]])])
+def test_a_held_wrench_comes_back_exactly(moments):
+    held = HeldWrench(np.arange(6) / 7, np.arange(6).reshape(2, 3) / 3, moments)
+    data = held.to_dict()
+    assert ("moments" in data) == (moments is not None)
+    assert same(HeldWrench.from_dict(through_json(data), "f.json"), held)
