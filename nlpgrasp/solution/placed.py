@@ -1,4 +1,4 @@
-"""The grasp on its body, and forces it exerts, as a solution file states them."""
+"""The grasp on its body, as a solution file states it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import cast
 
 import numpy as np
 
-from nlpgrasp.common.validation import FloatArray, array, within
+from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.solution.schema.types import ContactData, ForcesData, GraspData
+from nlpgrasp.solution.schema.types import ContactData, GraspData
 
 
 @dataclass(frozen=True)
@@ -111,36 +111,3 @@ class PlacedGrasp:
         if grasp.dimension != data["dimension"]:
             raise InputError(f"{name}.dimension", data["dimension"], f"{grasp.dimension}, as the positions say")
         return cls(grasp, tuple(str(c.get("face", "")) for c in contacts), SurfaceMatch.of(contacts))
-
-
-@dataclass(frozen=True)
-class HeldWrench:
-    """A wrench and the least finger forces that produce it.
-
-    Parameters
-    ----------
-    wrench : (d,) array
-    forces : (k, space) array
-        Body frame, newtons.
-    moments : (k, d - space) array or None
-        About the contact points, newton-metres; None where no contact exerts any.
-    """
-
-    wrench: FloatArray
-    forces: FloatArray
-    moments: FloatArray | None = None
-
-    def to_dict(self) -> ForcesData:
-        """Return wrench, forces and, where there are any, moments as JSON data."""
-        data: ForcesData = {"direction": self.wrench.tolist(), "forces": self.forces.tolist()}
-        if self.moments is not None:
-            data["moments"] = self.moments.tolist()
-        return data
-
-    @classmethod
-    def from_dict(cls, data: ForcesData, name: str) -> HeldWrench:
-        """Return what ``to_dict`` wrote; arrays of other numbers of axes are refused under this name."""
-        wrench = array(f"{name}: direction", data["direction"], (None,))
-        forces = array(f"{name}: forces", data["forces"], (None, None))
-        moments = array(f"{name}: moments", data["moments"], (None, None)) if "moments" in data else None
-        return cls(wrench, forces, moments)

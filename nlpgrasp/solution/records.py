@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
+from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.solution.schema.types import ConstraintData, StartData
+from nlpgrasp.solution.schema.types import ConstraintData, SolverData, StartData
 
 UNKNOWN = Bounds(0.0, math.inf)
 
@@ -147,6 +148,21 @@ class ConstraintReport:
             data["multiplier"],
             data["active"],
         )
+
+
+def starts_of(solver: SolverData, name: str) -> tuple[tuple[StartRecord, ...], SolverData]:
+    """Return the starts that a file's ``solver`` states, and the rest of it.
+
+    Raises
+    ------
+    InputError
+        Where a start is not what a solve writes; ``name`` is shown in the message.
+    """
+    rest: SolverData = {**solver}
+    try:
+        return tuple(StartRecord.from_dict(start) for start in rest.pop("starts", [])), rest
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{name}: solver", f"{type(error).__name__}: {error}", "what schema 1 says") from None
 
 
 def _finite_or_none(value: float) -> float | None:

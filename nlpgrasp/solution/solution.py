@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.budgets import ForceBudget, budget_from_dict
 from nlpgrasp.common.drawing import Drawing
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, within
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
+from nlpgrasp.solution.asked import Asked
 from nlpgrasp.solution.file import read, write
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
-from nlpgrasp.solution.placed import HeldWrench, PlacedGrasp, SurfaceMatch
-from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status
+from nlpgrasp.solution.forces import forces_and_moments, held_wrenches
+from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
+from nlpgrasp.solution.quality import Quality
+from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of
 from nlpgrasp.solution.schema import SCHEMA_NAME
-from nlpgrasp.solution.schema.types import MuData, QualityData, SolutionData, SolverData
-from nlpgrasp.tasks import Task, task_from_dict
+from nlpgrasp.solution.schema.types import SolutionData, SolverData
 
 
 @dataclass(frozen=True)
-class GraspSolution:
+class GraspSolution(Asked):
     """A grasp found, its certified quality and the evidence.
 
     Parameters
@@ -68,6 +67,8 @@ class GraspSolution:
         Triangles of body and hand, for pictures.
     starts : tuple of StartRecord
         All starts, in order.
+    best_start : int or None
+        Index of the start whose grasp this is; None without a grasp, and in files of earlier versions.
     solver : mapping
         Seed, seconds, options, versions.
     """
@@ -91,6 +92,7 @@ class GraspSolution:
     surface: SurfaceMatch | None = None
     drawing: Drawing | None = None
     starts: tuple[StartRecord, ...] = ()
+    best_start: int | None = None
     solver: SolverData = field(default_factory=SolverData)
 
     @property
@@ -98,31 +100,22 @@ class GraspSolution:
         """Whether a grasp with a certified quality above zero was found."""
         return self.grasp is not None and self.mu.lower > 0.0
 
-    @cached_property
-    def task(self) -> Task:
-        """Task that was asked for, about the grasp's torque origin."""
-        return task_from_dict(self.problem["task"])
-
-    @cached_property
-    def budget(self) -> ForceBudget:
-        """Meaning of one unit of finger force; of a hand's torques, in the posture found."""
-        return budget_from_dict(self.problem["force_budget"])
-
-    @property
-    def body(self) -> Json:
-        """The body as JSON data: its type and parameters."""
-        return dict(self.problem["body"])
-
-    @property
-    def palm(self) -> str:
-        """The link at the root of the hand that was asked for; ``"palm"`` where it is not stated."""
-        hand = self.problem.get("hand")
-        return str(hand.get("palm", "palm")) if isinstance(hand, Mapping) else "palm"
-
     @property
     def label(self) -> str:
         """The measure that ``mu`` holds, in words: ``"mu"`` or ``"mu-tilde"``."""
         return "mu-tilde" if self.kind == "mu_tilde" else "mu"
+
+    @property
+    def winner(self) -> StartRecord | None:
+        """The start whose grasp this is; None without a grasp or starts.
+
+        Files of earlier versions do not say which: then the start with the largest certified upper bound, which
+        is another one where the solve went by robustness.
+        """
+        if self.best_start is not None:
+            return next((s for s in self.starts if s.index == self.best_start), None)
+        solved = [s for s in self.starts if s.status is Status.SOLVED and s.mu != UNKNOWN]
+        return max(solved, key=lambda s: s.mu.upper, default=None)
 
     def require_grasp(self) -> Grasp:
         """Return the grasp.
@@ -153,7 +146,7 @@ class GraspSolution:
         placed = None if self.grasp is None else PlacedGrasp(self.grasp, self.faces, self.surface)
         solver: SolverData = {**self.solver, "starts": [start.to_dict() for start in self.starts]}
         versions = solver.pop("versions", {})
-        return {
+        data: SolutionData = {
             "schema": SCHEMA_NAME,
             "created_by": dict(versions),
             "status": self.status.name.lower(),
@@ -162,35 +155,15 @@ class GraspSolution:
             "problem": dict(self.problem),
             "grasp": None if placed is None else placed.to_dict(),
             "hand": None if self.hand is None else dict(self.hand),
-            "quality": self._quality(),
-            "forces": [held.to_dict() for held in self._held()],
+            "quality": Quality(self.mu, self.kind, self.delta, self.nu, self.robust).to_dict(),
+            "forces": [held.to_dict() for held in held_wrenches(self.forces, self.moments)],
             "constraints": [report.to_dict() for report in self.constraints],
             "shadow_prices": [price.to_dict() for price in self.prices],
             "why_not": None if self.why_not is None else self.why_not.to_dict(),
             "drawing": None if self.drawing is None else self.drawing.to_dict(),
             "solver": solver,
         }
-
-    def _quality(self) -> QualityData:
-        """Return the measures as JSON data."""
-        direction = self.mu.worst_direction
-        mu: MuData = {
-            "lower": self.mu.lower,
-            "upper": self.mu.upper,
-            "kind": self.kind,
-            "worst_direction": None if direction is None else direction.tolist(),
-        }
-        return {
-            "mu": mu if math.isfinite(self.mu.upper) else None,
-            "delta": None if self.delta is None else self.delta.to_dict(),
-            "nu": None if self.nu is None else self.nu.to_dict(),
-            "robust": None if self.robust is None else self.robust.to_dict(),
-        }
-
-    def _held(self) -> list[HeldWrench]:
-        """Return wrenches, forces and moments together."""
-        moments = self.moments if len(self.moments) else [None] * len(self.forces)
-        return [HeldWrench(w, f, m) for (w, f), m in zip(self.forces, moments, strict=True)]
+        return data if self.best_start is None else {**data, "best_start": self.best_start}
 
     @classmethod
     def from_dict(cls, data: SolutionData, name: str = "solution") -> GraspSolution:
@@ -209,34 +182,39 @@ class GraspSolution:
             When numbers contradict each other.
         """
         placed = None if data["grasp"] is None else PlacedGrasp.from_dict(data["grasp"], f"{name}: grasp")
-        quality, why_not, robust = data["quality"], data.get("why_not"), data["quality"].get("robust")
-        delta, nu = quality.get("delta"), quality.get("nu")
-        _check_problem(data["problem"], None if placed is None else placed.grasp, name)
-        mu = _mu_of(quality["mu"], None if placed is None else placed.grasp, f"{name}: quality.mu")
-        held = [HeldWrench.from_dict(entry, name) for entry in data.get("forces", [])]
-        starts, solver = _solver_of(data, name)
-        return cls(
+        grasp = None if placed is None else placed.grasp
+        dimension = None if grasp is None else grasp.dimension
+        quality = Quality.from_dict(data["quality"], dimension, f"{name}: quality")
+        forces, moments = forces_and_moments(data.get("forces", []), name)
+        starts, solver = starts_of(data.get("solver", {}), name)
+        why_not, best = data.get("why_not"), data.get("best_start")
+        if best is not None and best not in [start.index for start in starts]:
+            raise InputError(f"{name}: best_start", best, "the index of one of its starts")
+        solution = cls(
             status=Status[data["status"].upper()],
             name=data["name"],
             problem=data["problem"],
-            grasp=None if placed is None else placed.grasp,
+            grasp=grasp,
             faces=() if placed is None else placed.faces,
-            mu=mu,
-            kind="mu" if quality["mu"] is None else quality["mu"]["kind"],
-            delta=None if delta is None else Bounds.from_dict(delta, f"{name}: quality.delta"),
-            nu=None if nu is None else Volume.from_dict(nu, f"{name}: quality.nu"),
-            forces=tuple((entry.wrench, entry.forces) for entry in held),
-            moments=_moments_of(held, name),
+            mu=quality.mu,
+            kind=quality.kind,
+            delta=quality.delta,
+            nu=quality.nu,
+            forces=forces,
+            moments=moments,
             constraints=tuple(map(ConstraintReport.from_dict, data.get("constraints", []))),
             prices=tuple(map(ShadowPrice.from_dict, data.get("shadow_prices", []))),
-            robust=None if robust is None else Robustness.from_dict(robust, f"{name}: quality.robust"),
+            robust=quality.robust,
             why_not=None if why_not is None else WhyNot.from_dict(why_not),
             hand=data.get("hand"),
             surface=None if placed is None else placed.surface,
             drawing=Drawing.from_dict(data.get("drawing"), f"{name}: drawing"),
             starts=starts,
-            solver=solver,
+            best_start=None if best is None else int(best),
+            solver={**solver, "versions": data.get("created_by", {})},
         )
+        solution.check_against(grasp, name)
+        return solution
 
     def save(self, path: str | Path) -> Path:
         """Write the solution as JSON (schema 1), atomically; return the path."""
@@ -266,46 +244,3 @@ class GraspSolution:
         if self.why_not is not None:
             lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]
         return "\n".join(lines)
-
-
-def _check_problem(problem: Json, grasp: Grasp | None, name: str) -> None:
-    """Refuse a task or a force budget that is not one, or does not fit the grasp."""
-    with within(f"{name}: problem."):
-        task = task_from_dict(problem["task"])
-    if grasp is not None and task.dimension != grasp.dimension:
-        raise InputError(f"{name}: problem.task", f"dimension {task.dimension}", f"dimension {grasp.dimension}")
-    with within(f"{name}: problem."):
-        budget = budget_from_dict(problem["force_budget"])
-        if grasp is not None:
-            budget.check(grasp.contacts, grasp.space)
-
-
-def _mu_of(data: MuData | None, grasp: Grasp | None, field: str) -> Bounds:
-    """Return the certified interval with its direction."""
-    if data is None:
-        return UNKNOWN
-    stated, direction = data.get("worst_direction"), None
-    if stated is not None:
-        direction = array(f"{field}.worst_direction", stated, (None if grasp is None else grasp.dimension,))
-        if not np.any(direction):
-            raise InputError(f"{field}.worst_direction", "zero", "a direction")
-    bounds = Bounds.from_dict({"lower": data["lower"], "upper": data["upper"]}, field)
-    return replace(bounds, worst_direction=direction)
-
-
-def _moments_of(held: Sequence[HeldWrench], name: str) -> tuple[FloatArray, ...]:
-    """Return the moments, of all wrenches or of none."""
-    moments = tuple(entry.moments for entry in held if entry.moments is not None)
-    if moments and len(moments) != len(held):
-        raise InputError(f"{name}: forces", f"{len(moments)} entries with moments", "moments in all or in none")
-    return moments
-
-
-def _solver_of(data: SolutionData, name: str) -> tuple[tuple[StartRecord, ...], SolverData]:
-    """Return the starts and how the solve went; the JSON Schema says nothing of what is in them."""
-    solver: SolverData = {**data.get("solver", {})}
-    try:
-        starts = tuple(StartRecord.from_dict(start) for start in solver.pop("starts", []))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{name}: solver", f"{type(error).__name__}: {error}", "what schema 1 says") from None
-    return starts, {**solver, "versions": data.get("created_by", {})}

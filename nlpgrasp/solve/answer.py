@@ -98,6 +98,7 @@ def answer(
         surface=best.surface,
         drawing=after.drawing,
         starts=records,
+        best_start=best.record.index,
     )
 
 

@@ -43,6 +43,8 @@ def test_round_trip_is_exact(solution, tmp_path):
     np.testing.assert_array_equal(loaded.grasp.G, solution.grasp.G)
     assert loaded.mu == solution.mu
     assert loaded.starts == solution.starts
+    assert loaded.best_start == solution.best_start
+    assert loaded.winner.mu.upper >= loaded.mu.upper
     assert len(loaded.drawing.body.faces) > 100
 
 
@@ -55,6 +57,7 @@ def test_the_file_has_the_documented_shape(data):
     assert data["quality"]["mu"]["kind"] == "mu_tilde"
     assert data["solver"]["seed"] == 0
     assert len(data["solver"]["starts"]) == 2
+    assert data["best_start"] in (0, 1)
     assert data["constraints"][0]["bound"] == [-1.2, None]
 
 
@@ -71,6 +74,7 @@ def test_a_file_without_a_grasp_round_trips(tmp_path):
 def test_an_earlier_file_is_written_again_to_the_letter(path):
     solution = ng.GraspSolution.load(path)
     assert text_of(solution.to_dict()) == path.read_text(encoding="utf-8")
+    assert solution.best_start is None
 
 
 def test_a_failed_write_leaves_the_old_file(solution, tmp_path, monkeypatch):
@@ -168,6 +172,13 @@ def test_a_missing_entry_is_named(data):
 def test_a_task_of_another_dimension_is_named(data):
     data["problem"]["task"] = {"type": "ellipsoid", "center": [0.0] * 6, "axes": [[1.0] * 6]}
     with pytest.raises(ng.InputError, match=r"problem\.task: got dimension 6, expected dimension 3"):
+        ng.GraspSolution.from_dict(parse(json.dumps(data), "f.json"), "f.json")
+
+
+@pytest.mark.parametrize("wrong", [2, 1.5e300])
+def test_a_best_start_that_is_not_one_of_the_starts_is_named(data, wrong):
+    data["best_start"] = wrong
+    with pytest.raises(ng.InputError, match=r"f\.json: best_start: got .*, expected the index of one of its starts"):
         ng.GraspSolution.from_dict(parse(json.dumps(data), "f.json"), "f.json")
 
 

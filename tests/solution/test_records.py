@@ -10,7 +10,9 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.quality import Bounds, Volume
 from nlpgrasp.solution import UNKNOWN, Conflict, ConstraintReport, StartRecord, SurfaceMatch
-from nlpgrasp.solution.placed import HeldWrench, PlacedGrasp
+from nlpgrasp.solution.forces import HeldWrench, forces_and_moments, held_wrenches
+from nlpgrasp.solution.placed import PlacedGrasp
+from nlpgrasp.solution.quality import Quality
 
 START = StartRecord(
     3, ng.Status.SOLVED, ("+x", "-x"), Bounds(0.1, 0.3), 1e-9, 41, {"screen": 0.1, "mesh": 0.7}, "ok", (0.5, 0.3)
@@ -123,3 +125,27 @@ def test_a_held_wrench_comes_back_exactly(moments):
     data = held.to_dict()
     assert ("moments" in data) == (moments is not None)
     assert same(HeldWrench.from_dict(through_json(data), "f.json"), held)
+
+
+def test_moments_are_in_all_entries_or_in_none():
+    wrench, forces, moments = np.ones(6), np.ones((2, 3)), np.zeros((2, 3))
+    data = [held.to_dict() for held in held_wrenches([(wrench, forces)] * 2, [moments] * 2)]
+    assert len(forces_and_moments(data, "f.json")[1]) == 2
+    del data[1]["moments"]
+    with pytest.raises(ng.InputError, match="got 1 entries with moments, expected moments in all or in none"):
+        forces_and_moments(data, "f.json")
+
+
+def test_measures_come_back_exactly():
+    direction = np.array([0.0, 1 / 3, -1.0])
+    delta, nu = Bounds(0.1, 0.2, torque_scale=0.5), Volume(1.0, 3.0, torque_scale=0.5, value=2.0, error=0.1)
+    quality = Quality(Bounds(0.1, 1 / 3, direction), "mu_tilde", delta, nu)
+    back = Quality.from_dict(through_json(quality.to_dict()), 3, "f.json: quality")
+    assert same(back, quality)
+    np.testing.assert_array_equal(back.mu.worst_direction, direction)
+    with pytest.raises(ng.InputError, match=r"quality\.mu\.worst_direction: got shape \(3,\), expected shape \(6,\)"):
+        Quality.from_dict(quality.to_dict(), 6, "f.json: quality")
+
+
+def test_without_a_grasp_nothing_is_measured():
+    assert set(Quality(UNKNOWN, "mu_tilde").to_dict().values()) == {None}

@@ -12,7 +12,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.found.wording import one_line
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import ShadowPrice
-from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status
+from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 
 NOTHING = Bounds(0.0, 0.0)
@@ -49,6 +49,8 @@ class SolveRecord:
         Digest of the problem.
     earlier : bool
         Whether an earlier run solved it.
+    best_start : StartRecord or None
+        The start whose grasp the solution holds.
     """
 
     variation: str
@@ -66,6 +68,7 @@ class SolveRecord:
     failure: str = ""
     asked: str = ""
     earlier: bool = False
+    best_start: StartRecord | None = None
 
     @classmethod
     def of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
@@ -97,6 +100,7 @@ class SolveRecord:
             len(solution.problem.get("contacts", ())),
             _measured(solution),
             asked=asked_of(solution.problem),
+            best_start=solution.winner,
         )
 
     @property
@@ -123,12 +127,6 @@ class SolveRecord:
             best = max(best, start.mu.lower if start.status is Status.SOLVED else 0.0)
             points.append((elapsed, best))
         return tuple(points)
-
-    @property
-    def best_start(self) -> StartRecord | None:
-        """The start whose grasp the solution holds."""
-        solved = [s for s in self.starts if s.status is Status.SOLVED and s.mu != UNKNOWN]
-        return max(solved, key=lambda s: s.mu.upper, default=None)
 
 
 def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:

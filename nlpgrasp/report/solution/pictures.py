@@ -92,7 +92,7 @@ def draw_wrenches(plt: Any, solution: GraspSolution) -> Any:
 def draw_convergence(plt: Any, solution: GraspSolution) -> Any:
     """Draw how each start's exchange raised mu."""
     figure, ax = plt.subplots(figsize=(6.0, 3.5), layout="constrained")
-    best = max((s for s in solution.starts if s.history), key=lambda s: s.mu.upper)
+    best = solution.winner
     for start in solution.starts:
         look = {"color": "C0", "linewidth": 2.0, "zorder": 3} if start is best else {"color": "0.6", "linewidth": 1.0}
         ax.plot(start.history, **look)

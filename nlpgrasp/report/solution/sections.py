@@ -134,14 +134,16 @@ def constraints(solution: GraspSolution) -> str:
 
 def convergence(solution: GraspSolution) -> str:
     """Return how each start's exchange raised mu."""
-    best = max((s for s in solution.starts if s.history), key=lambda s: s.mu.upper, default=None)
-    others = [s for s in solution.starts if len(s.history) > 1 and s is not best]
-    curves = [Curve(_numbered(s.history), "other") for s in others]
-    if best is None or len(best.history) < 2:
+    winner, rising = solution.winner, [s for s in solution.starts if len(s.history) > 1]
+    if not rising:
         return ""
-    curves.append(Curve(_numbered(best.history), "best"))
+    curves = [Curve(_numbered(s.history), "other") for s in rising if s is not winner]
+    words = "All starts in grey: none of them is the answer."
+    if winner is not None and len(winner.history) > 1:
+        curves.append(Curve(_numbered(winner.history), "best"))
+        words = "The best start in blue, the others in grey."
     drawn = chart("How the exchange raised mu, start by start", "round of the exchange", "mu, from above", curves)
-    return f"<h3>Convergence</h3><p>The best start in blue, the others in grey.</p>{drawn}"
+    return f"<h3>Convergence</h3><p>{words}</p>{drawn}"
 
 
 def starts(solution: GraspSolution) -> str:

@@ -1,0 +1,91 @@
+"""The measures of a grasp found, as a solution file states them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.common.validation import array
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.volume import Volume
+from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.records import UNKNOWN
+from nlpgrasp.solution.schema.types import MuData, QualityData
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How good a grasp is.
+
+    Parameters
+    ----------
+    mu : Bounds
+        ``[0, inf]`` where there is no grasp.
+    kind : {"mu", "mu_tilde"}
+        Which measure ``mu`` holds: (3.3-4a) or (3.3-4b).
+    delta : Bounds or None
+    nu : Volume or None
+    robust : Robustness or None
+    """
+
+    mu: Bounds
+    kind: str
+    delta: Bounds | None = None
+    nu: Volume | None = None
+    robust: Robustness | None = None
+
+    def to_dict(self) -> QualityData:
+        """Return the measures as JSON data, None for what is not known."""
+        direction = self.mu.worst_direction
+        mu: MuData = {
+            "lower": self.mu.lower,
+            "upper": self.mu.upper,
+            "kind": self.kind,
+            "worst_direction": None if direction is None else direction.tolist(),
+        }
+        return {
+            "mu": mu if math.isfinite(self.mu.upper) else None,
+            "delta": None if self.delta is None else self.delta.to_dict(),
+            "nu": None if self.nu is None else self.nu.to_dict(),
+            "robust": None if self.robust is None else self.robust.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: QualityData, dimension: int | None, name: str) -> Quality:
+        """Return the measures that ``to_dict`` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+        dimension : int or None
+            Of wrench space; None where it is not known.
+        name : str
+            Shown in messages.
+
+        Raises
+        ------
+        InputError
+            On an empty interval, or arrays that do not fit the dimension or each other.
+        """
+        mu, delta, nu, robust = data["mu"], data.get("delta"), data.get("nu"), data.get("robust")
+        return cls(
+            UNKNOWN if mu is None else _mu_of(mu, dimension, f"{name}.mu"),
+            "mu" if mu is None else mu["kind"],
+            None if delta is None else Bounds.from_dict(delta, f"{name}.delta"),
+            None if nu is None else Volume.from_dict(nu, f"{name}.nu"),
+            None if robust is None else Robustness.from_dict(robust, f"{name}.robust"),
+        )
+
+
+def _mu_of(data: MuData, dimension: int | None, name: str) -> Bounds:
+    """Return the certified interval with its direction."""
+    stated, direction = data.get("worst_direction"), None
+    if stated is not None:
+        direction = array(f"{name}.worst_direction", stated, (dimension,))
+        if not np.any(direction):
+            raise InputError(f"{name}.worst_direction", "zero", "a direction")
+    bounds = Bounds.from_dict({"lower": data["lower"], "upper": data["upper"]}, name)
+    return replace(bounds, worst_direction=direction)
