@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import nlpgrasp as ng
-from nlpgrasp.common.extras.pyplot import pyplot, write_figure
+from nlpgrasp.common.extras.pyplot import write_figure
 from nlpgrasp.report.solution.pictures import draw_grasp
 
 DOCS = Path(__file__).resolve().parent
@@ -41,9 +41,8 @@ def solved(script: Path, folder: Path) -> tuple[ng.GraspSolution, float]:
 def entry(script: Path, folder: Path) -> str:
     """Return a script's part of the page, and write its picture."""
     solution, seconds = solved(script, folder)
-    plt = pyplot("the gallery")
     picture = DOCS / "pictures" / "gallery" / f"{script.stem}.png"
-    write_figure(plt, draw_grasp(plt, solution), picture, dpi=75)
+    write_figure(draw_grasp(solution), picture, dpi=75)
     text = (ast.get_docstring(ast.parse(script.read_text(encoding="utf-8"))) or "").strip().splitlines()
     label = "mu-tilde" if solution.kind == "mu_tilde" else "mu"
     contacts = len(solution.grasp) if solution.grasp is not None else 0

@@ -26,6 +26,11 @@ def space_dimension(wrench_size: int) -> int:
     return 2 if wrench_size == 3 else 3
 
 
+def in_space(vectors: FloatArray) -> FloatArray:
+    """Return planar vectors (m, 2) with a zero third component, (m, 3); spatial ones as they are."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+
+
 def cross_matrix(v: FloatArray) -> FloatArray:
     """Return ``S(v)`` of (2.3-2), so that ``S(v) f = v x f``.
 

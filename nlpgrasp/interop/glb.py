@@ -5,18 +5,14 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from nlpgrasp.common.shown.drawing import COLOURS, CONE, NORMAL, drawn_size
+from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.report.solution.scene import CONE, NORMAL, body_size, in_space
 from nlpgrasp.solution.solution import GraspSolution
 
-BODY, LINK, POINT, ARROW, CONES = (
-    [143, 163, 181, 255],
-    [181, 155, 122, 255],
-    [20, 20, 20, 255],
-    [42, 111, 187, 255],
-    [63, 155, 87, 140],
-)
+POINT = "#141414"
+OPAQUE, SEEN_THROUGH = 255, 140
 POINT_RADIUS, ARROW_RADIUS = 0.02, 0.006  # of the body's size
 
 
@@ -33,28 +29,29 @@ def glb(solution: GraspSolution) -> bytes:
         raise InputError("solution", "no grasp", "a solution with a grasp")
     scene = trimesh.Scene()
     if solution.drawing is not None:
-        shapes = [("body", solution.drawing.body, BODY), *((name, s, LINK) for name, s in solution.drawing.links)]
-        for name, shape, colour in shapes:
-            scene.add_geometry(_coloured(trimesh.Trimesh(shape.vertices, shape.faces), colour), name, name)
-    size = body_size(solution)
+        shapes = [("body", solution.drawing.body, "body"), *((name, s, "link") for name, s in solution.drawing.links)]
+        for name, shape, what in shapes:
+            scene.add_geometry(_coloured(trimesh.Trimesh(shape.vertices, shape.faces), COLOURS[what]), name, name)
+    size = drawn_size(solution.drawing, grasp.points)
     points, normals = in_space(grasp.points), in_space(grasp.normals)
     for i, (p, n, model) in enumerate(zip(points, normals, grasp.contacts, strict=True)):
         tip = trimesh.creation.icosphere(2, POINT_RADIUS * size).apply_translation(p)
         scene.add_geometry(_coloured(tip, POINT), f"contact {i}", f"contact {i}")
         line = trimesh.creation.cylinder(ARROW_RADIUS * size, segment=[p, p + NORMAL * size * n])
-        scene.add_geometry(_coloured(line, ARROW), f"inward normal {i}", f"inward normal {i}")
+        scene.add_geometry(_coloured(line, COLOURS["normal"]), f"inward normal {i}", f"inward normal {i}")
         friction = getattr(model, "friction", None)
         if isinstance(friction, float):
             cone = trimesh.creation.cone(CONE * size * friction, CONE * size)
-            scene.add_geometry(
-                _coloured(cone.apply_transform(_opening(p, n, CONE * size)), CONES), f"cone {i}", f"cone {i}"
-            )
+            cone.apply_transform(_opening(p, n, CONE * size))
+            scene.add_geometry(_coloured(cone, COLOURS["cone"], SEEN_THROUGH), f"cone {i}", f"cone {i}")
     return bytes(scene.export(file_type="glb"))
 
 
-def _coloured(mesh: trimesh.Trimesh, colour: list[int]) -> trimesh.Trimesh:
+def _coloured(mesh: trimesh.Trimesh, colour: str, alpha: int = OPAQUE) -> trimesh.Trimesh:
     material = trimesh.visual.material.PBRMaterial(
-        baseColorFactor=colour, alphaMode="BLEND" if colour[3] < 255 else "OPAQUE", doubleSided=True
+        baseColorFactor=[*bytes.fromhex(colour[1:]), alpha],
+        alphaMode="BLEND" if alpha < OPAQUE else "OPAQUE",
+        doubleSided=True,
     )
     mesh.visual = trimesh.visual.TextureVisuals(material=material)
     return mesh

@@ -8,12 +8,12 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from nlpgrasp.budgets.base import ranges
-from nlpgrasp.common.drawing import Drawing, Triangles
+from nlpgrasp.common.shown.drawing import Drawing, Triangles
+from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.mjcf.scales import Scales
-from nlpgrasp.report.solution.scene import in_space
 from nlpgrasp.tasks.mass import Mass
 
 TIP, PATCH = 0.3, 0.6  # radius and half side, of the contacts' spread

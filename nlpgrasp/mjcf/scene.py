@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
 
+from nlpgrasp.common.shown.drawing import drawn_size
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
@@ -25,7 +26,6 @@ from nlpgrasp.mjcf.parts import (
     pressing,
 )
 from nlpgrasp.mjcf.scales import Scales, scales
-from nlpgrasp.report.solution.scene import body_size
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks.mass import Mass, mass_of
 
@@ -93,7 +93,7 @@ def mjcf(
     SubElement(root, "option", SOLVER, timestep=f"{step:.6g}", gravity="0 0 0")
     SubElement(SubElement(root, "default"), "pair", solref=f"{STIFF * step:.6g} 1", solimp="0.95 0.99 1e-6")
     asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
-    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * body_size(solution)]), dir="0 0 -1")
+    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * drawn_size(solution.drawing, held.points)]), dir="0 0 -1")
     add_object(asset, world, held, solution.drawing, weight, unit if fingertips else None)
     if fingertips:
         add_links(asset, world, solution.drawing)

@@ -1,24 +1,22 @@
-"""Pictures, by matplotlib (extra ``viz``)."""
+"""A picture of a fitted task ellipsoid, by matplotlib (extra ``viz``)."""
 
 from __future__ import annotations
 
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.extras.pyplot import pyplot
-from nlpgrasp.common.validation import array
+from nlpgrasp.common.shown.words import axis_labels
+from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.learnt.enclosing import NAMES
 from nlpgrasp.tasks.learnt.fit import EllipsoidFit
 
 MOST_POINTS = 5000  # drawn of each kind
 ROUND = np.linspace(0.0, 2.0 * np.pi, 181)
 FORMATS = (".png", ".svg", ".pdf")
-UNITS = {"f": "N", "m": "N m"}
 
 
 def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
@@ -46,7 +44,7 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
         raise InputError("path", path, "a file name that ends in " + ", ".join(FORMATS))
     rows = array("wrenches", wrenches, (len(fit.inside), fit.task.dimension))
     d = fit.task.dimension
-    names = NAMES[d]
+    labels = axis_labels(d)
     figure, axes = plt.subplots(d - 1, d - 1, figsize=(2.0 * d, 2.0 * d), layout="constrained", squeeze=False)
     step = max(1, len(rows) // MOST_POINTS)
     shown, inside = rows[::step], fit.inside[::step]
@@ -56,9 +54,9 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
         ax.scatter(*shown[~inside][:, [i, j]].T, s=6, color="C3", linewidths=0, rasterized=True)
         ax.plot(*_shadow(fit, i, j), color="C0", linewidth=1.2)
         if j == d - 1:
-            ax.set_xlabel(f"{names[i]} [{UNITS[names[i][0]]}]")
+            ax.set_xlabel(labels[i])
         if i == 0:
-            ax.set_ylabel(f"{names[j]} [{UNITS[names[j][0]]}]")
+            ax.set_ylabel(labels[j])
         ax.tick_params(labelsize=6)
     for i in range(d - 1):
         for j in range(i):
@@ -74,10 +72,9 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
     return target
 
 
-def _shadow(fit: EllipsoidFit, i: int, j: int) -> Any:
+def _shadow(fit: EllipsoidFit, i: int, j: int) -> FloatArray:
     """Return the outline of the ellipsoid's projection on two components, (2, m)."""
     both = fit.task.axes[:, [i, j]]
-    u, s, vt = np.linalg.svd(both, full_matrices=False)
-    del u
+    _, s, vt = np.linalg.svd(both, full_matrices=False)
     outline = (np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1)[:, : len(s)] * s) @ vt
-    return (fit.task.center[[i, j]] + outline).T
+    return np.asarray((fit.task.center[[i, j]] + outline).T)

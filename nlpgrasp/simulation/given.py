@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
+from nlpgrasp.common.shown.words import wrench_words
+from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.mjcf.scales import scales
 from nlpgrasp.mjcf.scene import DENSITY, mjcf
 from nlpgrasp.quality import FingerForces, finger_forces, mu
-from nlpgrasp.report.solution.chosen_wrenches import wrench_words
-from nlpgrasp.report.solution.scene import in_space
 from nlpgrasp.simulation.press import Press
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import task_from_dict

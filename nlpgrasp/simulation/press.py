@@ -8,11 +8,11 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.extras.mujoco import import_mujoco
+from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.mjcf.scales import DAMPING, Scales
-from nlpgrasp.report.solution.scene import in_space
 from nlpgrasp.simulation.contact_moments import components
 from nlpgrasp.simulation.snapshot import Snapshot
 

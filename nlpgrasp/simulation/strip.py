@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlpgrasp.common.extras.pyplot import pyplot, write_figure
+from nlpgrasp.common.extras.pyplot import draw_triangles, pyplot, show_at_one_scale, write_figure
+from nlpgrasp.common.shown.drawing import COLOURS, Triangles, drawn_size
+from nlpgrasp.common.spatial import in_space
 from nlpgrasp.mjcf.parts import TIP
 from nlpgrasp.mjcf.scales import scales
-from nlpgrasp.report.solution.pictures import equal, shaded
-from nlpgrasp.report.solution.scene import body_size, in_space
 from nlpgrasp.simulation.outcome import Simulation
 from nlpgrasp.simulation.snapshot import Snapshot
 from nlpgrasp.solution.solution import GraspSolution
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D
 
 FRAMES = 4  # of each run
 MAGNIFIED = 0.2  # of the body's size: the slip at the end is shown at least this large
@@ -34,7 +37,7 @@ def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Pat
     """
     plt = pyplot("a strip of pictures")
     held, growing = simulation.trials[0], simulation.growing
-    factor = max(MAGNIFIED * body_size(solution) / max(growing.slip, 1e-12), 1.0)
+    factor = max(MAGNIFIED * drawn_size(solution.drawing, None) / max(growing.slip, 1e-12), 1.0)
     figure = plt.figure(figsize=(3.0 * FRAMES, 6.4), layout="constrained")
     share = "never" if simulation.lost_at is None else f"at {simulation.lost_at:.3f}"
     figure.suptitle(
@@ -50,26 +53,24 @@ def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Pat
             _draw(ax, solution, snapshot, factor)
             turn = np.degrees(snapshot.turn)
             ax.set_title(f"{snapshot.time:.2g} s: {1e3 * snapshot.slip:.2g} mm, {turn:.2g} deg", fontsize=8)
-    return write_figure(plt, figure, path, dpi=110)
+    return write_figure(figure, path, dpi=110)
 
 
-def _draw(ax: Any, solution: GraspSolution, snapshot: Snapshot, factor: float) -> None:
+def _draw(ax: Axes3D, solution: GraspSolution, snapshot: Snapshot, factor: float) -> None:
     """Draw body, contacts and fingertips at one time."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
     grasp, drawing = solution.grasp, solution.drawing
     if grasp is None or drawing is None:
         return
     turn = np.eye(3) + factor * (snapshot.rotation - np.eye(3))
-    corners = (drawing.body.vertices @ turn.T + factor * snapshot.position)[drawing.body.faces]
-    ax.add_collection3d(Poly3DCollection(corners, facecolors=shaded(corners, "#8fa3b5"), alpha=0.35))
+    moved = Triangles(drawing.body.vertices @ turn.T + factor * snapshot.position, drawing.body.faces)
+    draw_triangles(ax, moved, COLOURS["body"], 0.35)
     points = in_space(grasp.points)
     marks = points @ turn.T + factor * snapshot.position
     radius = TIP * scales(grasp, 1.0, 1.0).length
     tips = points - radius * in_space(grasp.normals) + factor * snapshot.tips
     ends = points + factor * snapshot.tips
-    ax.scatter(*marks.T, color="#c2410c", s=12)
+    ax.scatter(*marks.T, color=COLOURS["force"], s=12)
     ax.scatter(*tips.T, color="black", s=60)
     for tip, end in zip(tips, ends, strict=True):
         ax.plot(*np.stack([tip, end]).T, color="black", linewidth=1.5)
-    equal(ax, np.vstack([drawing.body.vertices, points - radius * in_space(grasp.normals)]))
+    show_at_one_scale(ax, np.vstack([drawing.body.vertices, points - radius * in_space(grasp.normals)]))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.common.drawing import Drawing
+from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError

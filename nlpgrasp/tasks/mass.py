@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import QhullError
 
-from nlpgrasp.common.drawing import Triangles
+from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 

@@ -10,7 +10,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.interop import mjcf, mjcf_with_hand
+from nlpgrasp.mjcf import mjcf, mjcf_with_hand
 from nlpgrasp.tasks.mass import mass_of
 from tests.hands.urdf import three_finger_hand
 from tests.images import panels_drawn

@@ -9,7 +9,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.triangles import triangles
 from nlpgrasp.cli.script import load_problem
-from nlpgrasp.common.drawing import Drawing, Triangles
+from nlpgrasp.common.shown.drawing import Drawing, Triangles
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.quality import Bounds
 from nlpgrasp.simulation import simulate

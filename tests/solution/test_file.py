@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.drawing import Drawing, Triangles
+from nlpgrasp.common.shown.drawing import Drawing, Triangles
 from nlpgrasp.solution.file import parse, text_of
 
 EARLIER = sorted((Path(__file__).parent / "files").glob("*.json"))  # written before `best_start` was

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from importlib import import_module
+from types import ModuleType
 
 from nlpgrasp.errors import MissingExtraError
 
 
-def import_mujoco(what: str) -> Any:
+def import_mujoco(what: str) -> ModuleType:
     """Return the package ``mujoco``.
 
     Raises
@@ -16,7 +17,6 @@ def import_mujoco(what: str) -> Any:
         When it is not installed; ``what`` is what needs it.
     """
     try:
-        import mujoco
+        return import_module("mujoco")
     except ImportError:
         raise MissingExtraError(what, "sim") from None
-    return mujoco

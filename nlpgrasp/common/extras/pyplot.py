@@ -1,18 +1,27 @@
-"""matplotlib (extra ``viz``), for pictures in files."""
+"""Pictures by matplotlib (extra ``viz``): loading it, shaded triangles at one scale, files whole or not at all."""
 
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from nlpgrasp.common.files import write_bytes
+from nlpgrasp.common.shown.drawing import Triangles
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
+
+LIGHT = np.array([0.4, 0.3, 0.85])
+ZOOM = 1.4  # matplotlib leaves wide margins
 
 
 def pyplot(what: str) -> ModuleType:
@@ -22,20 +31,19 @@ def pyplot(what: str) -> ModuleType:
     ------
     MissingExtraError
         When matplotlib is not installed; ``what`` is what needs it.
+    InputError
+        When the environment names a backend that matplotlib does not have.
     """
     try:
-        import matplotlib as mpl
-
-        mpl.use("Agg")
-        from matplotlib import pyplot as plt
+        import_module("matplotlib").use("Agg")
+        return import_module("matplotlib.pyplot")
     except ImportError:
         raise MissingExtraError(what, "viz") from None
     except ValueError as error:
         raise InputError("MPLBACKEND", os.environ.get("MPLBACKEND"), f"a backend of matplotlib ({error})") from None
-    return plt
 
 
-def write_figure(plt: ModuleType, figure: Figure, path: str | Path, dpi: int = 130) -> Path:
+def write_figure(figure: Figure, path: str | Path, dpi: int = 130) -> Path:
     """Write a figure as PNG, whole or not at all, and close it; return the path.
 
     Raises
@@ -45,5 +53,42 @@ def write_figure(plt: ModuleType, figure: Figure, path: str | Path, dpi: int = 1
     """
     image = BytesIO()
     figure.savefig(image, dpi=dpi)
-    plt.close(figure)
+    pyplot("a picture").close(figure)
     return write_bytes(path, image.getvalue())
+
+
+def draw_triangles(ax: Axes3D, shape: Triangles, colour: str, opacity: float) -> None:
+    """Draw a surface of triangles, each darker where it faces away from the light.
+
+    Parameters
+    ----------
+    ax : Axes3D
+    shape : Triangles
+    colour : str
+        As ``#rrggbb``.
+    opacity : float
+        Of 1.
+    """
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    corners = shape.vertices[shape.faces]  # (m, 3, 3)
+    ax.add_collection3d(Poly3DCollection(corners, facecolors=_shaded(corners, colour), alpha=opacity))
+
+
+def show_at_one_scale(ax: Axes3D, points: FloatArray) -> None:
+    """Show all points (n, 3) at one scale, without axes."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = 0.5 * float(np.max(high - low)) or 1.0
+    for setter, middle in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), 0.5 * (low + high), strict=True):
+        setter(middle - half, middle + half)
+    ax.set_box_aspect((1, 1, 1), zoom=ZOOM)
+    ax.set_axis_off()
+
+
+def _shaded(corners: FloatArray, colour: str) -> FloatArray:
+    """Return a colour (m, 3) for each triangle."""
+    base = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    light = 0.65 + 0.35 * normals @ (LIGHT / np.linalg.norm(LIGHT))
+    return np.asarray(np.clip(base * light[:, None], 0.0, 1.0))

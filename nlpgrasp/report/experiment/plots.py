@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,13 @@ from nlpgrasp.common.extras.pyplot import pyplot, write_figure
 from nlpgrasp.experiments.found.result import ExperimentResult
 from nlpgrasp.experiments.found.variation_result import VariationResult
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    Draw = Callable[[Sequence[VariationResult]], Figure]
+
+WHAT = "a picture"  # that needs matplotlib
 MOST_SHOWN = 30  # variations in a picture: the best
 MOST_COLOURS = 10  # of them with a colour and a name where lines are drawn
 SMALLEST = 1e-6  # share drawn for none
@@ -29,22 +36,22 @@ def write_plots(result: ExperimentResult, folder: Path) -> list[Path]:
     InputError
         When a picture cannot be written.
     """
-    plt = pyplot("a picture")
+    pyplot(WHAT)  # before the work
     ranked = sorted(zip(result.variations, result.ranks(), strict=True), key=lambda pair: (pair[1], -pair[0].mu.upper))
     shown = [v for v, _ in ranked if v.best is not None][:MOST_SHOWN]
     pictures = {"mu_by_variation": draw_mu, "mu_against_time": draw_time, "convergence": draw_convergence}
     paths = []
     for name, draw in pictures.items() if shown else ():
-        paths.append(_written(plt, folder / f"{name}.png", draw, shown))
+        paths.append(_written(folder / f"{name}.png", draw, shown))
     counted = [v for v in result.variations if v.starts[1]][:MOST_SHOWN]
     if counted:
-        paths.append(_written(plt, folder / "success_rate.png", draw_success, counted))
+        paths.append(_written(folder / "success_rate.png", draw_success, counted))
     return paths
 
 
-def draw_mu(plt: Any, variations: Sequence[VariationResult]) -> Any:
+def draw_mu(variations: Sequence[VariationResult]) -> Figure:
     """Draw the certified interval of each variation's best grasp, and a dot for each seed."""
-    figure, ax = plt.subplots(figsize=(7.0, 1.2 + 0.32 * len(variations)), layout="constrained")
+    figure, ax = _blank(1.2 + 0.32 * len(variations))
     for row, v in enumerate(variations):
         seeds = [s.mu.lower for s in v.solves if s.success]
         ax.plot(seeds, [row] * len(seeds), ".", color="0.6", markersize=5, zorder=1)
@@ -58,9 +65,9 @@ def draw_mu(plt: Any, variations: Sequence[VariationResult]) -> Any:
     return figure
 
 
-def draw_time(plt: Any, variations: Sequence[VariationResult]) -> Any:
+def draw_time(variations: Sequence[VariationResult]) -> Figure:
     """Draw the best certified lower bound against the solver's time, a line a seed."""
-    figure, ax = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
+    figure, ax = _blank(4.0)
     for i, v in enumerate(variations[:MOST_COLOURS]):
         for j, solve in enumerate(s for s in v.solves if s.success):
             seconds, best = np.array([(0.0, 0.0), *solve.rising]).T
@@ -73,9 +80,9 @@ def draw_time(plt: Any, variations: Sequence[VariationResult]) -> Any:
     return figure
 
 
-def draw_convergence(plt: Any, variations: Sequence[VariationResult]) -> Any:
+def draw_convergence(variations: Sequence[VariationResult]) -> Figure:
     """Draw how far the exchange was from where it ended, round by round, of each variation's best start."""
-    figure, ax = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
+    figure, ax = _blank(4.0)
     for i, v in enumerate(variations[:MOST_COLOURS]):
         start = None if v.best is None else v.best.best_start
         if start is not None and len(start.history) > 1:
@@ -90,9 +97,9 @@ def draw_convergence(plt: Any, variations: Sequence[VariationResult]) -> Any:
     return figure
 
 
-def draw_success(plt: Any, variations: Sequence[VariationResult]) -> Any:
+def draw_success(variations: Sequence[VariationResult]) -> Figure:
     """Draw the share of starts that found a certified grasp, with Wilson's 95 % interval."""
-    figure, ax = plt.subplots(figsize=(7.0, 1.2 + 0.32 * len(variations)), layout="constrained")
+    figure, ax = _blank(1.2 + 0.32 * len(variations))
     for row, v in enumerate(variations):
         good, total = v.starts
         low, high = wilson(good, total)
@@ -115,10 +122,16 @@ def wilson(good: int, total: int) -> tuple[float, float]:
     return float((middle - half) / (1.0 + z2)), float((middle + half) / (1.0 + z2))
 
 
-def _written(plt: Any, path: Path, draw: Any, variations: Sequence[VariationResult]) -> Path:
+def _blank(height: float) -> tuple[Figure, Axes]:
+    """Return a figure 7 inches wide with one pair of axes."""
+    figure, ax = pyplot(WHAT).subplots(figsize=(7.0, height), layout="constrained")
+    return figure, ax
+
+
+def _written(path: Path, draw: Draw, variations: Sequence[VariationResult]) -> Path:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph", UserWarning)  # names in scripts that the font lacks: drawn as boxes
-        return write_figure(plt, draw(plt, variations), path)
+        return write_figure(draw(variations), path)
 
 
 def _label(variations: Sequence[VariationResult]) -> str:
@@ -126,7 +139,7 @@ def _label(variations: Sequence[VariationResult]) -> str:
     return "mu-tilde" if kinds == {"mu_tilde"} else "mu"
 
 
-def _legend(ax: Any, count: int) -> None:
+def _legend(ax: Axes, count: int) -> None:
     title = f"best {MOST_COLOURS} of {count}" if count > MOST_COLOURS else None
     ax.legend(fontsize=8, title=title)
 

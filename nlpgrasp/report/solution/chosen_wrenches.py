@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.budgets import budget_from_dict
+from nlpgrasp.common.shown.words import wrench_words
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import finger_forces
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import task_from_dict
 
-LABELS = {3: ("f_x", "f_y", "m_z"), 6: ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")}
 MOST = 25  # wrenches
-SMALL = 0.02  # of the largest force or moment: not worth a word
 
 
 @dataclass(frozen=True)
@@ -55,19 +54,6 @@ def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
         for name, w, x, feasible in zip(names, scaled, found.forces, found.feasible, strict=True)
         if feasible
     ]
-
-
-def wrench_words(wrench: FloatArray) -> str:
-    """Return the components of a wrench that matter, with units."""
-    labels, space = LABELS[len(wrench)], 2 if len(wrench) == 3 else 3
-    parts = []
-    for names, values, unit in (
-        (labels[:space], wrench[:space], "N"),
-        (labels[space:], wrench[space:], "N m"),
-    ):
-        largest = float(np.max(np.abs(values)))
-        parts += [f"{n} {v:.3g} {unit}" for n, v in zip(names, values, strict=True) if abs(v) > SMALL * largest > 0.0]
-    return ", ".join(parts) or "zero"
 
 
 def force_words(grasp: Grasp, forces: FloatArray) -> list[str]:

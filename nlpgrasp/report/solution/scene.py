@@ -6,21 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from nlpgrasp.common.drawing import Triangles
-from nlpgrasp.common.spatial import tangents
+from nlpgrasp.common.shown.drawing import COLOURS, CONE, FORCE, NORMAL, Triangles, drawn_size
+from nlpgrasp.common.spatial import in_space, tangents
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.report.solution.chosen_wrenches import ChosenWrench
 from nlpgrasp.solution.solution import GraspSolution
 
 ROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-NORMAL, CONE, FORCE = 0.25, 0.22, 0.8  # lengths, of the body's size
 HEAD = (0.09, 0.035)  # length and radius of an arrow's head, of the body's size
 STEEPEST = 1.5  # slope up to which a friction cone is drawn whole
-
-
-def in_space(vectors: FloatArray) -> FloatArray:
-    """Return planar vectors with a zero third component; spatial ones as they are."""
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def scene(solution: GraspSolution, chosen: list[ChosenWrench]) -> tuple[list[dict[str, Any]], list[list[Any]]]:
@@ -36,11 +30,11 @@ def scene(solution: GraspSolution, chosen: list[ChosenWrench]) -> tuple[list[dic
     grasp, drawing = solution.grasp, solution.drawing
     traces: list[dict[str, Any]] = []
     if drawing is not None:
-        traces.append(_surface(drawing.body, "body", "#8fa3b5", 0.55))
-        traces += [_surface(shape, name, "#b59b7a", 0.8) for name, shape in drawing.links]
+        traces.append(_surface(drawing.body, "body", COLOURS["body"], 0.55))
+        traces += [_surface(shape, name, COLOURS["link"], 0.8) for name, shape in drawing.links]
     if grasp is None:
         return traces, []
-    points, normals, size = in_space(grasp.points), in_space(grasp.normals), body_size(solution)
+    points, normals, size = in_space(grasp.points), in_space(grasp.normals), drawn_size(drawing, grasp.points)
     hover = [f"finger {i} on {face}" for i, face in enumerate(solution.faces)]
     traces += [
         {
@@ -60,7 +54,7 @@ def scene(solution: GraspSolution, chosen: list[ChosenWrench]) -> tuple[list[dic
             "mode": "lines",
             **_xyz(_segments(points, points + NORMAL * size * normals)),
             "hoverinfo": "skip",
-            "line": {"width": 5, "color": "#2a6fbb"},
+            "line": {"width": 5, "color": COLOURS["normal"]},
         },
     ]
     traces += _cones(solution, points, normals, size)
@@ -71,21 +65,13 @@ def scene(solution: GraspSolution, chosen: list[ChosenWrench]) -> tuple[list[dic
         n = len(ROUND)
         ring = [[o + n, o + k, o + (k + 1) % n] for o in range(0, len(points) * (n + 1), n + 1) for k in range(n)]
         i, j, k = np.array(ring).T.tolist()
-        line = {"width": 8, "color": "#c2410c"}
+        line = {"width": 8, "color": COLOURS["force"]}
         traces.append(
             {"type": "scatter3d", "name": "finger forces", "mode": "lines", **shafts, "line": line, "hoverinfo": "skip"}
         )
-        head = {"i": i, "j": j, "k": k, "color": "#c2410c", "hoverinfo": "skip", "flatshading": True}
+        head = {"i": i, "j": j, "k": k, "color": COLOURS["force"], "hoverinfo": "skip", "flatshading": True}
         traces.append({"type": "mesh3d", "name": "arrow heads", **heads, **head})
     return traces, [list(a) for a in arrows]
-
-
-def body_size(solution: GraspSolution) -> float:
-    """Return half the diagonal of the drawn body, or of the contacts."""
-    if solution.drawing is not None and len(solution.drawing.body.vertices):
-        return 0.5 * float(np.linalg.norm(np.ptp(solution.drawing.body.vertices, axis=0)))
-    points = np.zeros((1, 3)) if solution.grasp is None else in_space(solution.grasp.points)
-    return 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
 
 def _surface(shape: Triangles, name: str, colour: str, opacity: float) -> dict[str, Any]:
@@ -122,7 +108,7 @@ def _cones(solution: GraspSolution, points: FloatArray, normals: FloatArray, siz
     if not xyz:
         return []
     i, j, k = np.array(corners).T.tolist()
-    look = {"color": "#3f9b57", "opacity": 0.35, "hoverinfo": "skip"}
+    look = {"color": COLOURS["cone"], "opacity": 0.35, "hoverinfo": "skip"}
     return [{"type": "mesh3d", "name": "friction cones", **_xyz(np.vstack(xyz)), "i": i, "j": j, "k": k, **look}]
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.budgets import budget_from_dict
+from nlpgrasp.common.shown.words import axis_labels
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
-from nlpgrasp.report.solution.chosen_wrenches import LABELS
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task, task_from_dict
 
@@ -43,8 +43,8 @@ def shadows(solution: GraspSolution) -> list[Shadow]:
         return []
     reachable = WrenchSet.of(grasp, budget_from_dict(solution.problem["force_budget"]))
     task, scale = task_from_dict(solution.problem["task"]), solution.mu.lower
-    d, space = grasp.dimension, grasp.space
-    labels = [f"{n} [{'N' if i < space else 'N m'}]" for i, n in enumerate(LABELS[d])]
+    d = grasp.dimension
+    labels = axis_labels(d)
     spatial = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
     pairs = spatial if d == 6 else [(0, 1), (0, 2), (1, 2)]
     found = []

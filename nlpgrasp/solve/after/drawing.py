@@ -7,7 +7,7 @@ import trimesh
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.mesh.triangles import simplified, triangles
-from nlpgrasp.common.drawing import Drawing, Triangles
+from nlpgrasp.common.shown.drawing import Drawing, Triangles
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand

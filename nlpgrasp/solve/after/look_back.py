@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from nlpgrasp.common.drawing import Drawing
+from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solve.after.drawing import drawing_of

@@ -14,11 +14,12 @@ import numpy as np
 from scipy import sparse
 
 from nlpgrasp.common.conic import quiet_settings
+from nlpgrasp.common.shown.words import direction_words
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.findings import WhyNot
-from nlpgrasp.solve.after.wording import conflict_of, direction_words
+from nlpgrasp.solve.after.wording import conflict_of
 from nlpgrasp.solve.ascent.nonlinear import fill_start, no_cuts
 from nlpgrasp.solve.ascent.quadratic import step_bounds
 from nlpgrasp.solve.start.result import StartResult
@@ -213,7 +214,7 @@ def _unreachable(bench: Workbench, results: list[StartResult]) -> WhyNot:
     direction = found.worst_direction
     reasons = ["The constraints can be kept, but in the best grasp found no finger force works against one wrench."]
     if direction is not None:
-        reasons.append(f"That wrench is {direction_words(-direction, grasp.space, bench.scaling.length)}.")
+        reasons.append(f"That wrench is {direction_words(-direction, bench.scaling.length)}.")
     advice = _with_friction(bench, grasp)
     advice.append("Try more starts, more fingers, other faces, or soft contacts where a torque is what is missing.")
     return WhyNot((), direction, tuple(reasons), tuple(advice))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaincinv
 
+from nlpgrasp.common.shown.words import COMPONENTS
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.learnt.min_volume import MinVolume, min_volume_ellipsoid
@@ -20,7 +21,6 @@ from nlpgrasp.tasks.learnt.min_volume import MinVolume, min_volume_ellipsoid
 GAP = 1e-6
 FLAT = 1e-7  # of the largest extent, each component over its own: directions thinner than this have none
 ROUNDING = 1e-12  # of a component's size: an extent this small is none
-NAMES = {3: ("f_x", "f_y", "m_z"), 6: ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")}
 SWEEPS = 50  # of leaving out the farthest
 SHRINKS = 2e-3  # relative: a round of leaving out that gains less volume is the last
 MOST_NAMED = 10
@@ -189,7 +189,7 @@ def bad_rows(rows: NDArray[np.intp]) -> str:
 
 def _flat_words(flat: FloatArray) -> str:
     """Return a sentence on the directions in which the wrenches do not differ."""
-    names = NAMES[flat.shape[1]]
+    names = COMPONENTS[flat.shape[1]]
     words = []
     for row in flat:
         parts = [f"{v:+.2g} {n}" for v, n in zip(row, names, strict=True) if abs(v) > 1e-3]

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
 DIGITS = 5  # of the largest coordinate
+NORMAL, CONE, FORCE = 0.25, 0.22, 0.8  # lengths of what is drawn at a contact, of the body's drawn size
+COLOURS = {"body": "#8fa3b5", "link": "#b59b7a", "normal": "#2a6fbb", "cone": "#3f9b57", "force": "#c2410c"}
 
 
 @dataclass(frozen=True)
@@ -83,3 +86,18 @@ class Drawing:
             for i, link in enumerate(data.get("links", []))
         ]
         return cls(body, tuple(links))
+
+
+def drawn_size(drawing: Drawing | None, points: FloatArray | None) -> float:
+    """Return half the diagonal of the drawn body, metres: the length that arrows and cones are shares of.
+
+    Parameters
+    ----------
+    drawing : Drawing or None
+    points : (k, 2) or (k, 3) array, or None
+        Contacts, whose own diagonal counts where there is no body; 1 m without either.
+    """
+    if drawing is not None and len(drawing.body.vertices):
+        return 0.5 * float(np.linalg.norm(np.ptp(drawing.body.vertices, axis=0)))
+    seen = np.zeros((1, 3)) if points is None else in_space(points)
+    return 0.5 * float(np.linalg.norm(np.ptp(seen, axis=0))) or 1.0

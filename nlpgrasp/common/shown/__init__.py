@@ -1,0 +1,1 @@
+"""What people see: the drawing of a grasp, and wrenches in words."""

@@ -1,0 +1,50 @@
+"""Forces, moments and wrenches in words: one table of labels and units for tasks, pages and pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+
+FORCE_UNIT, MOMENT_UNIT = "N", "N m"
+COMPONENTS = {3: ("f_x", "f_y", "m_z"), 6: ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")}  # of a wrench, by dimension
+DIRECTIONS = {
+    3: ("a force along x", "a force along y", "a torque"),
+    6: (*(f"a force along {a}" for a in "xyz"), *(f"a torque about {a}" for a in "xyz")),
+}
+SMALL = 0.02  # of the largest force or moment: not worth a word
+MINOR = 0.3  # of a direction's largest component: not worth a word
+
+
+def unit_of(component: str) -> str:
+    """Return the unit of a wrench component, named as in ``COMPONENTS``."""
+    return FORCE_UNIT if component.startswith("f") else MOMENT_UNIT
+
+
+def axis_labels(dimension: int) -> list[str]:
+    """Return the components of a wrench with their units, as the axes of a picture state them."""
+    return [f"{name} [{unit_of(name)}]" for name in COMPONENTS[dimension]]
+
+
+def wrench_words(wrench: FloatArray) -> str:
+    """Return the components of a wrench (d,) that matter, with units."""
+    parts = []
+    names = COMPONENTS[len(wrench)]
+    for unit in (FORCE_UNIT, MOMENT_UNIT):
+        alike = [(name, value) for name, value in zip(names, wrench, strict=True) if unit_of(name) == unit]
+        largest = max(abs(float(value)) for _, value in alike)
+        parts += [f"{name} {value:.3g} {unit}" for name, value in alike if abs(value) > SMALL * largest > 0.0]
+    return ", ".join(parts) or "zero"
+
+
+def direction_words(wrench: FloatArray, length: float) -> str:
+    """Return the direction of a wrench (d,) by its largest components; torques count over a length (metres)."""
+    forces = [unit_of(name) == FORCE_UNIT for name in COMPONENTS[len(wrench)]]
+    weight = np.abs(wrench) * np.where(forces, 1.0, length)
+    parts = [
+        label if wrench[i] > 0.0 else label.replace("along ", "along -").replace("about ", "about -")
+        for i, label in enumerate(DIRECTIONS[len(wrench)])
+        if weight[i] >= MINOR * np.max(weight)
+    ]
+    numbers = np.array2string(wrench / max(float(np.linalg.norm(wrench)), 1e-300), precision=3, suppress_small=True)
+    return f"{' with '.join(parts)} (direction {numbers})"
