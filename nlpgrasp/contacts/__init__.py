@@ -1,12 +1,12 @@
 """Contact models: how a finger may push."""
 
-from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.contacts.base import ContactModel, contact_from_dict
 from nlpgrasp.contacts.bilateral import BilateralContact
 from nlpgrasp.contacts.friction import FrictionContact
 from nlpgrasp.contacts.line import LineContact
 from nlpgrasp.contacts.plane import PlaneContact
 from nlpgrasp.contacts.point import PointContact
-from nlpgrasp.contacts.registry import contact_from_dict
+from nlpgrasp.contacts.registry import register
 from nlpgrasp.contacts.soft import SoftContact
 
 __all__ = [
@@ -18,4 +18,5 @@ __all__ = [
     "PointContact",
     "SoftContact",
     "contact_from_dict",
+    "register",
 ]

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from nlpgrasp.common.registry import Registry
 from nlpgrasp.common.spatial import tangents as any_tangents
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, names
+from nlpgrasp.errors import InputError
+
+Blocks = tuple[tuple[slice, float], ...]
+MISSING = float("nan")  # in place of a number that a file lacks: refused by every model that needs it
 
 
 @dataclass(frozen=True)
@@ -19,7 +25,8 @@ class ContactModel(ABC):
 
     Force components are written in the contact frame, normal force first: some of
     ``(f_n, f_t1, f_t2, m_n, m_t1, m_t2)`` in space, of ``(f_n, f_t, m)`` in the plane. Methods marked *symbolic* use
-    arithmetic only, so that they serve CasADi expressions and numpy arrays alike.
+    arithmetic only, so that they serve CasADi expressions and numpy arrays alike. A kind has a ``kind``, its name in
+    files, and is registered (``nlpgrasp.contacts.registry``); nothing else lists kinds.
 
     Parameters
     ----------
@@ -28,10 +35,16 @@ class ContactModel(ABC):
     """
 
     kind: ClassVar[str]
+    unilateral: ClassVar[bool] = True  # whether it presses only: a bilateral contact pulls too
     faces: str | Iterable[str] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "faces", names(f"{type(self).__name__}.faces", self.faces))
+
+    @property
+    def label(self) -> str:
+        """The model's name in tables."""
+        return self.kind
 
     @abstractmethod
     def axes(self, space: int) -> tuple[int, ...]:
@@ -99,6 +112,40 @@ class ContactModel(ABC):
             result[..., a, b] = result[..., b, a] = entry
         return result
 
+    def blocks(self, components: int) -> Blocks:
+        """Return blocks of components and how far unit normal force lets each go, ``|x_j| <= c_j x_n``.
+
+        Raises
+        ------
+        InputError
+            Where the force domain is of another shape.
+        """
+        raise InputError("contacts", self, "contacts that press")
+
+    def left_for_moments(self, normal: float, tangential: float) -> float:
+        """Return the normal force that moments have to themselves, newtons, beside a tangential force."""
+        del tangential
+        return normal
+
+    def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
+        """Return forces of unit normal force along the edges of a pyramid inside the cone, (m, n_i).
+
+        Parameters
+        ----------
+        components : int
+            n_i.
+        edges : int
+            Of the tangential force's circle.
+        first_edge : float
+            Angle of the first from the first tangent, radians.
+
+        Raises
+        ------
+        InputError
+            On models for which other tools have no pyramid.
+        """
+        raise InputError("Grasp.contacts", self.kind, "point, friction or soft contacts in a friction pyramid")
+
     @abstractmethod
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ``max <z, x>`` over x in K_i with normal force at most 1, and a force that attains it.
@@ -164,9 +211,38 @@ class ContactModel(ABC):
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Return the model as JSON data: ``model`` and its coefficients."""
+        """Return the model as JSON data: ``model``, its ``kind``, and its coefficients."""
+
+    @classmethod
+    @abstractmethod
+    def from_dict(cls, data: Json) -> ContactModel:
+        """Return the model that ``to_dict`` wrote; coefficients that are missing are refused as ``MISSING`` is."""
+
+
+CONTACTS: Registry[ContactModel] = Registry("contact.model")
+
+
+def contact_from_dict(data: Json) -> ContactModel:
+    """Return the contact model that ``to_dict`` wrote, of any registered kind.
+
+    Raises
+    ------
+    InputError
+        When the model is unknown or a coefficient is missing or out of range.
+    """
+    given = data.get("model") if isinstance(data, Mapping) else data
+    model = CONTACTS.find(given)
+    if model is None:
+        raise CONTACTS.unknown(given)
+    return model.from_dict(data)
 
 
 def upper_triangle(n: int) -> list[tuple[int, int]]:
     """Return the places of a symmetric matrix's upper triangle, row by row."""
     return [(a, b) for a in range(n) for b in range(a, n)]
+
+
+def circle(count: int, first: float) -> FloatArray:
+    """Return unit tangential forces at even angles, (count, 3), the first at this angle from the first tangent."""
+    angles = first + 2.0 * np.pi * np.arange(count) / count
+    return np.stack([np.zeros(count), np.cos(angles), np.sin(angles)], axis=1)

@@ -7,8 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.base import ContactModel, upper_triangle
+from nlpgrasp.contacts.base import ContactModel, contact_from_dict, upper_triangle
 from nlpgrasp.errors import InputError
 
 
@@ -23,6 +24,7 @@ class BilateralContact(ContactModel):
     """
 
     kind: ClassVar[str] = "bilateral"
+    unilateral: ClassVar[bool] = False
     model: ContactModel
 
     def __post_init__(self) -> None:
@@ -82,7 +84,7 @@ class BilateralContact(ContactModel):
 
     def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
         """Return ``||z||^2`` over the model's components; ``None`` where it has moments along the surface."""
-        if self.model.squared_support(0.0, 0.0, 0.0, np) is None and self.model.kind != "soft":
+        if any(axis > 3 for axis in self.axes(3)):
             return None
         count = self.components(3)
         return normal**2 + (tangential**2 if count >= 3 else 0.0) + (torsion**2 if count >= 4 else 0.0)
@@ -90,3 +92,8 @@ class BilateralContact(ContactModel):
     def to_dict(self) -> dict[str, Any]:
         """Return the model under ``of``."""
         return {"model": self.kind, "of": self.model.to_dict()}
+
+    @classmethod
+    def from_dict(cls, data: Json) -> BilateralContact:
+        """Return the model that ``to_dict`` wrote."""
+        return cls(contact_from_dict(data.get("of", {})))

@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from nlpgrasp.common.validation import number
-from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.contacts.base import MISSING, Blocks, circle
+from nlpgrasp.contacts.cones.range_cone import RangeContact
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,12 @@ class FrictionContact(RangeContact):
         """Return the tangential force with the friction coefficient."""
         return ((slice(1, components), self.friction),)
 
+    def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
+        """Return the cone's edges at even angles; both of them in the plane."""
+        if components == 2:
+            return self.extreme(np.array([[0.0, 1.0], [0.0, -1.0]]))[1]
+        return self.extreme(circle(edges, first_edge))[1]
+
     def variables(self, space: int) -> int:
         """Return the size of a force in the body frame."""
         return space
@@ -71,3 +81,8 @@ class FrictionContact(RangeContact):
     def to_dict(self) -> dict[str, Any]:
         """Return the model's name and coefficient."""
         return {"model": self.kind, "friction": self.friction}
+
+    @classmethod
+    def from_dict(cls, data: Json) -> FrictionContact:
+        """Return the model that ``to_dict`` wrote."""
+        return cls(data.get("friction", MISSING))

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
+from nlpgrasp.contacts.base import MISSING, Blocks
+from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
 from nlpgrasp.contacts.pad import friction_coefficients, friction_fields, pressing_variables
 
@@ -120,3 +122,10 @@ class LineContact(RangeContact):
             "torsional_friction": self.torsional_friction,
             "direction": None if self.direction is None else list(self.direction),
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> LineContact:
+        """Return the model that ``to_dict`` wrote."""
+        return cls(
+            data.get("length", MISSING), data.get("friction"), data.get("torsional_friction"), data.get("direction")
+        )

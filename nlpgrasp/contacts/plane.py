@@ -8,8 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nlpgrasp.common.spatial import tangents as any_tangents
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
+from nlpgrasp.contacts.base import Blocks
+from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
 from nlpgrasp.contacts.pad import friction_coefficients, friction_fields, pressing_variables
 from nlpgrasp.errors import InputError
@@ -151,3 +153,10 @@ class PlaneContact(RangeContact):
             "torsional_friction": self.torsional_friction,
             "direction": None if self.direction is None else list(self.direction),
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> PlaneContact:
+        """Return the model that ``to_dict`` wrote."""
+        return cls(
+            **{name: data.get(name) for name in ("radius", "extents", "friction", "torsional_friction", "direction")}
+        )

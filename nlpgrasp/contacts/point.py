@@ -7,8 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
+from nlpgrasp.contacts.base import Blocks
+from nlpgrasp.contacts.cones.range_cone import RangeContact
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,10 @@ class PointContact(RangeContact):
     def blocks(self, components: int) -> Blocks:
         """Return none."""
         return ()
+
+    def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
+        """Return unit normal force alone."""
+        return np.ones((1, 1))
 
     def variables(self, space: int) -> int:
         """Return 1: the normal force."""
@@ -56,3 +62,8 @@ class PointContact(RangeContact):
     def to_dict(self) -> dict[str, Any]:
         """Return ``{"model": "point"}``."""
         return {"model": self.kind}
+
+    @classmethod
+    def from_dict(cls, data: Json) -> PointContact:
+        """Return the model that ``to_dict`` wrote."""
+        return cls()

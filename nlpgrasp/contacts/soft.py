@@ -7,10 +7,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import upper_triangle
+from nlpgrasp.contacts.base import MISSING, Blocks, circle, upper_triangle
 from nlpgrasp.contacts.cones import elliptic_cone
-from nlpgrasp.contacts.cones.range_cone import Blocks, RangeContact
+from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.errors import InputError
 
 MODELS = ("box", "elliptic")
@@ -50,6 +51,11 @@ class SoftContact(RangeContact):
         """Those of friction and of torsional friction."""
         return {"friction": self.friction, "torsional_friction": self.torsional_friction}
 
+    @property
+    def label(self) -> str:
+        """Tells the ellipse from the box."""
+        return self.kind if self.model == "box" else self.model
+
     def axes(self, space: int) -> tuple[int, ...]:
         """Return force and torsion; a planar body has no torsion about its in-plane normals."""
         if space == 2:
@@ -84,6 +90,19 @@ class SoftContact(RangeContact):
         if self.model == "box":
             return super().cones(space)
         return [np.diag([1.0, 1.0 / self.friction, 1.0 / self.friction, 1.0 / self.torsional_friction])]
+
+    def left_for_moments(self, normal: float, tangential: float) -> float:
+        """Return all of it for the box, and what friction leaves for the ellipse."""
+        if self.model == "box":
+            return normal
+        return float(np.sqrt(max(normal**2 - (tangential / self.friction) ** 2, 0.0)))
+
+    def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
+        """Return the cone's edges at even angles, with torsion at both ends of its range."""
+        ratio = float(self.friction / self.torsional_friction)  # the torsion that weighs as much as unit sliding
+        sign = np.repeat([1.0, -1.0], edges)[:, None]
+        along = np.tile(circle(edges, first_edge), (2, 1))
+        return self.extreme(np.concatenate([along, sign * ratio], axis=1))[1]
 
     def variables(self, space: int) -> int:
         """Return 4: the force in the body frame and the torsion moment."""
@@ -136,3 +155,10 @@ class SoftContact(RangeContact):
             "torsional_friction": self.torsional_friction,
             "torsion_model": self.model,
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> SoftContact:
+        """Return the model that ``to_dict`` wrote."""
+        return cls(
+            data.get("friction", MISSING), data.get("torsional_friction", MISSING), data.get("torsion_model", "box")
+        )

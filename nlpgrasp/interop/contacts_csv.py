@@ -40,9 +40,8 @@ def contacts_csv(solution: GraspSolution) -> str:
     for i, (p, n, face, model) in enumerate(
         zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
     ):
-        rough = [getattr(model, name, "") for name in (FRICTION, TORSION)]
-        kind = "elliptic" if getattr(model, "model", "") == "elliptic" else model.kind
-        writer.writerow([i, *p.tolist(), *n.tolist(), face, kind, *("" if v is None else v for v in rough)])
+        rough = [model.coefficients.get(name, "") for name in (FRICTION, TORSION)]
+        writer.writerow([i, *p.tolist(), *n.tolist(), face, model.label, *rough])
     return text.getvalue()
 
 

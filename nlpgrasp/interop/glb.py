@@ -39,8 +39,8 @@ def glb(solution: GraspSolution) -> bytes:
         scene.add_geometry(_coloured(tip, POINT), f"contact {i}", f"contact {i}")
         line = trimesh.creation.cylinder(ARROW_RADIUS * size, segment=[p, p + NORMAL * size * n])
         scene.add_geometry(_coloured(line, COLOURS["normal"]), f"inward normal {i}", f"inward normal {i}")
-        friction = getattr(model, "friction", None)
-        if isinstance(friction, float):
+        friction = model.coefficients.get("friction")
+        if friction is not None:
             cone = trimesh.creation.cone(CONE * size * friction, CONE * size)
             cone.apply_transform(_opening(p, n, CONE * size))
             scene.add_geometry(_coloured(cone, COLOURS["cone"], SEEN_THROUGH), f"cone {i}", f"cone {i}")

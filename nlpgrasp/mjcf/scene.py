@@ -80,7 +80,7 @@ def mjcf(
     if held is None or solution.drawing is None:
         raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
     for given in held.contacts:
-        if given.kind == "bilateral":
+        if not given.unilateral:
             raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
     weight = mass_of(solution.drawing.body, DENSITY) if mass is None else mass
     x = pressing(held) if forces is None else forces

@@ -8,9 +8,7 @@ import numpy as np
 
 from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel, SoftContact
-from nlpgrasp.contacts.cones.range_cone import RangeContact
-from nlpgrasp.errors import InputError
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.mjcf.parts import force_indices
 
@@ -39,10 +37,7 @@ class ContactMoment:
 
     def most(self, normal: float, rubbing: float) -> float:
         """Return the largest moment transmitted at this normal and tangential force (newtons)."""
-        model = self.model
-        if isinstance(model, SoftContact) and model.model == "elliptic":
-            normal = float(np.sqrt(max(normal**2 - (rubbing / model.friction) ** 2, 0.0)))
-        return self.share * normal
+        return self.share * self.model.left_for_moments(normal, rubbing)
 
     def cut(self, moment: FloatArray, normal: float, rubbing: float) -> FloatArray:
         """Return a moment (b,) cut to what is transmitted."""
@@ -56,18 +51,12 @@ def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
     moments: list[ContactMoment] = []
     for i, (model, part) in enumerate(zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True)):
         axes = model.axes(grasp.space)
-        for where, share in _blocks(model, grasp.space):
+        for where, share in model.blocks(model.components(grasp.space)):
             parts = [j for j in range(where.start, where.stop) if axes[j] >= grasp.space]
             if parts:
                 about = np.array([_direction(grasp, i, axes[j]) for j in parts])
                 moments.append(ContactMoment(i, model, share, tuple(part.start + j for j in parts), about))
     return forces, moments
-
-
-def _blocks(model: ContactModel, space: int) -> tuple[tuple[slice, float], ...]:
-    if not isinstance(model, RangeContact):
-        raise InputError("contacts", model, "contacts that press")
-    return model.blocks(model.components(space))
 
 
 def _direction(grasp: Grasp, i: int, axis: int) -> FloatArray:

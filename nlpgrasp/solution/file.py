@@ -13,6 +13,7 @@ import jsonschema
 from nlpgrasp.common.files import write_text
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema import SCHEMA_NAME, solution_schema
+from nlpgrasp.solution.schema.kinds import EXPECTED, check_kinds
 from nlpgrasp.solution.schema.types import SolutionData
 
 LARGEST_FILE = 64 * 1024 * 1024
@@ -73,7 +74,8 @@ def parse(text: str, name: str) -> SolutionData:
     errors = sorted(found, key=lambda e: list(map(str, e.absolute_path)))
     if errors:
         where = ".".join(str(part) for part in errors[0].absolute_path) or "top level"
-        raise InputError(f"{name}: {where}", errors[0].message, "what schema 1 says (docs/json.md)")
+        raise InputError(f"{name}: {where}", errors[0].message, EXPECTED)
+    check_kinds(data, name)
     return cast(SolutionData, data)
 
 

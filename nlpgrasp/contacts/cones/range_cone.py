@@ -8,9 +8,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.base import ContactModel, upper_triangle
-
-Blocks = tuple[tuple[slice, float], ...]
+from nlpgrasp.contacts.base import Blocks, ContactModel, upper_triangle
 
 
 class RangeContact(ContactModel):

@@ -14,7 +14,6 @@ from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.validation import FloatArray, integer, number
-from nlpgrasp.contacts import BilateralContact, ContactModel, SoftContact
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
@@ -57,7 +56,7 @@ def pyramid_wrenches(
     scale = over_length(grasp, torque_scale)
     result = []
     for contact, r in zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True):
-        forces = _edges(contact, r.stop - r.start, edges, first_edge)
+        forces = contact.pyramid(r.stop - r.start, edges, first_edge)
         if unit_edges:
             forces = forces / np.linalg.norm(forces, axis=1, keepdims=True)
         result.append(forces @ (scale[:, None] * grasp.G[:, r]).T)
@@ -150,27 +149,6 @@ def pyramid_volume(
     hulls = _pyramid_hulls(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
     values = [0.0 if hull is None else float(hull.volume) for hull in hulls]
     return np.array(values) if isinstance(grasp, GraspStack) else values[0]
-
-
-def _edges(contact: ContactModel, n: int, edges: int, first_edge: float) -> FloatArray:
-    """Return forces of unit normal force along the edges of a contact's pyramid, (m, n)."""
-    if isinstance(contact, BilateralContact) or contact.kind not in ("point", "friction", "soft"):
-        raise InputError("Grasp.contacts", contact.kind, "point, friction or soft contacts in a friction pyramid")
-    if n == 1:
-        return np.ones((1, 1))
-    if n == 2:
-        return contact.extreme(np.array([[0.0, 1.0], [0.0, -1.0]]))[1]
-    angles = first_edge + 2.0 * np.pi * np.arange(edges) / edges
-    along = np.stack([np.zeros(edges), np.cos(angles), np.sin(angles)], axis=1)
-    if n == 3:
-        return contact.extreme(along)[1]
-    sign = np.repeat([1.0, -1.0], edges)[:, None]  # torsion at both ends of its range
-    return contact.extreme(np.concatenate([np.tile(along, (2, 1)), sign * _ratio(contact)], axis=1))[1]
-
-
-def _ratio(contact: ContactModel) -> float:
-    """Return friction over torsional friction: the torsion that weighs as much as unit sliding."""
-    return float(contact.friction / contact.torsional_friction) if isinstance(contact, SoftContact) else 1.0
 
 
 def _pyramid_hulls(

@@ -96,8 +96,8 @@ def _cones(solution: GraspSolution, points: FloatArray, normals: FloatArray, siz
     xyz: list[FloatArray] = []
     corners: list[list[int]] = []
     for p, n, model in zip(points, normals, grasp.contacts if grasp is not None else (), strict=True):
-        friction = getattr(model, "friction", None)
-        if not isinstance(friction, float):
+        friction = model.coefficients.get("friction")
+        if friction is None:
             continue
         height = CONE * size / max(1.0, friction / STEEPEST)
         first, second = _plane(n, solution)

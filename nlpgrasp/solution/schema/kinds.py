@@ -1,0 +1,40 @@
+"""Whether the kinds that a file names are known: the schema leaves room for those that other packages register."""
+
+from __future__ import annotations
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.contacts.base import CONTACTS
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.base import TASKS
+
+EXPECTED = "what schema 1 says (docs/json.md)"
+
+
+def check_kinds(data: Json, name: str) -> None:
+    """Refuse data of a file, which keeps the schema, with contacts or a task of a kind that nobody has registered.
+
+    Parameters
+    ----------
+    data : dict
+        Of the whole file.
+    name : str
+        The file's, for messages.
+    """
+    contacts = [] if data["grasp"] is None else data["grasp"]["contacts"]
+    for i, contact in enumerate(contacts):
+        if CONTACTS.find(contact["model"]) is None:
+            given = f"{contact['model']!r} is not one of {[*CONTACTS.names]}"
+            raise InputError(f"{name}: grasp.contacts.{i}.model", given, EXPECTED)
+    task = data["problem"]["task"]
+    if not _known_task(task):
+        raise InputError(f"{name}: problem.task", _misfit(task), EXPECTED)
+
+
+def _known_task(task: Json) -> bool:
+    """Return whether a task and all its parts are of known kinds."""
+    parts = task["tasks"] if task["type"] == "sum" else ()
+    return TASKS.find(task["type"]) is not None and all(_known_task(part) for part in parts)
+
+
+def _misfit(given: object) -> str:
+    return f"{given!r} is not valid under any of the given schemas"
