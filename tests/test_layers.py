@@ -1,6 +1,8 @@
 """Imports point down only, no two files import each other in a circle, and rooms stay small (docs/architecture.md)."""
 
 import ast
+import re
+import runpy
 import subprocess
 import sys
 from collections import Counter
@@ -10,20 +12,11 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "nlpgrasp"
-LAYERS = [
-    ["version", "errors"],
-    ["common"],
-    ["bodies", "contacts", "tasks", "hands", "constraints"],
-    ["budgets", "grasp"],
-    ["quality"],
-    ["problem", "solution"],
-    ["nlp", "verify", "mjcf"],
-    ["solve"],
-    ["studies"],
-    ["experiments", "interop", "simulation", "report"],
-    ["cli"],
-    ["__init__", "__main__"],
-]
+DOCS = PACKAGE.parent / "docs"
+TABLE = re.search(r"```text\n(.*?)```", (DOCS / "architecture.md").read_text(encoding="utf-8"), re.DOTALL)[1]
+# the table of docs/architecture.md from the bottom up, and the package's own front doors
+LAYERS = [re.split(r" {3,}", line)[0].split() for line in reversed(TABLE.strip().splitlines())]
+LAYERS.append(["__init__", "__main__"])
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 ALLOWED = {("report", "experiments")}  # a report of an experiment reads its results
 FILES = sorted(PACKAGE.rglob("*.py"))
@@ -59,7 +52,7 @@ def imports(path):
 @pytest.mark.parametrize("path", FILES, ids=NAMES)
 def test_imports_point_down(path):
     here = part_of(path)
-    assert here in LEVEL, f"{here} is in no layer: add it to LAYERS and docs/architecture.md"
+    assert here in LEVEL, f"{here} is in no layer: add it to the table in docs/architecture.md"
     for other in map(part_of, imports(path)):
         if other != here and (here, other) not in ALLOWED:
             assert LEVEL[other] < LEVEL[here], f"{path.name} ({here}) imports {other}"
@@ -85,6 +78,12 @@ def test_no_circles():
 
 def test_few_layers():
     assert len(LAYERS) <= 13
+    assert {p.name for p in PACKAGE.iterdir() if (p / "__init__.py").is_file()} <= set(LEVEL)
+
+
+def test_the_picture_of_the_layers_is_that_of_the_table():
+    made = runpy.run_path(str(DOCS / "make_layers.py"), run_name="read")
+    assert made["drawn"](made["layers"]()) == (DOCS / "pictures" / "layers.svg").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("room", ["quality", "verify"])
