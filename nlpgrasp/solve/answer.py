@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -18,12 +19,14 @@ from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, finger_forces, mu, nu
-from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.findings import WhyNot
+from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.schema.types import SolverData
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.tasks import Task
 from nlpgrasp.version import __version__
 
@@ -32,13 +35,53 @@ OTHER_RTOL = 0.02  # relative gap of delta, error bar of nu
 FINAL_GRACE = 2.0  # seconds the answer's certificate may take past the time limit
 
 
-def best_of(results: Sequence[StartResult]) -> StartResult | None:
+@dataclass(frozen=True)
+class Search:
+    """The starts of a solve, and how it ended.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    options : SolveOptions
+    seed : int
+    results : sequence of StartResult
+    cut_short : Status or None
+        Why it ended before all starts were done.
+    deadline : float or None
+        ``time.monotonic()`` value of the time limit.
+    """
+
+    problem: GraspProblem
+    options: SolveOptions
+    seed: int
+    results: Sequence[StartResult]
+    cut_short: Status | None = None
+    deadline: float | None = None
+
+    @property
+    def records(self) -> tuple[StartRecord, ...]:
+        """The starts' records."""
+        return tuple(r.record for r in self.results)
+
+    @property
+    def kind(self) -> str:
+        """What mu is of this problem's task: ``"mu"``, or ``"mu_tilde"`` of a task that is not centred."""
+        return "mu" if self.problem.task.is_centred else "mu_tilde"
+
+    def certificate_deadline(self) -> float | None:
+        """Return when the answer's certificate has to be done; None where there is time."""
+        if self.deadline is None and self.cut_short is None:
+            return None
+        return max(self.deadline or 0.0, time.monotonic() + FINAL_GRACE)
+
+
+def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
     """Return the best solved start; the earliest of equals.
 
     The lower bounds of two starts differ by chance within their certificates' gap, while the upper bounds are nearly
     always the values themselves: among the starts whose lower bounds are that close, the largest upper bound wins.
     """
-    solved = [r for r in results if r.record.status is Status.SOLVED]
+    solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
     if not solved:
         return None
     lower = max(r.rank.lower for r in solved)
@@ -46,68 +89,61 @@ def best_of(results: Sequence[StartResult]) -> StartResult | None:
     return max(close, key=lambda r: (r.rank.upper, -r.record.index))
 
 
-def answer(
-    problem: GraspProblem,
-    options: SolveOptions,
-    seed: int,
-    results: list[StartResult],
-    cut_short: Status | None,
-    deadline: float | None,
-    after: Aftermath,
-) -> GraspSolution:
+def answer(search: Search, after: Aftermath) -> GraspSolution:
     """Return the best start's grasp with its certificate, measures and forces, or what there is without one."""
-    records = tuple(r.record for r in results)
-    kind = "mu" if problem.task.is_centred else "mu_tilde"
-    best = best_of(results)
-    data = problem.to_dict()
-    if best is None or best.grasp is None:
-        failed = bool(records) and all(r.status is Status.FAILED for r in records)
-        found = Status.FAILED if failed else Status.NO_GRASP
-        if after.why_not is not None and after.why_not.locally_infeasible:
-            found = Status.LOCALLY_INFEASIBLE
-        status = cut_short or found
-        return GraspSolution(status, problem.name, data, kind=kind, why_not=after.why_not, starts=records)
-    limit = None if deadline is None and cut_short is None else max(deadline or 0.0, time.monotonic() + FINAL_GRACE)
-    budget = problem.budget.posed(problem.hand, best.hand or {}, best.grasp.points)
-    data = problem.unchecked(force_budget=budget).to_dict()
-    bounds = mu(best.grasp, problem.task, options.final_rtol, force_budget=budget, seed=seed, deadline=limit)
-    bounds = Bounds(
-        max(bounds.lower, best.record.mu.lower),
-        min(bounds.upper, best.record.mu.upper),
-        bounds.worst_direction,
-    )
-    forces, moments = _forces(problem.task, best.grasp, budget, bounds.lower)
-    scale = best.grasp.mean_arm
-    measured = limit is None  # where time is short, mu alone
+    best = best_of(search.results)
+    return _without_grasp(search, after.why_not) if best is None else _of_best(search, best, after)
+
+
+def _without_grasp(search: Search, why_not: WhyNot | None) -> GraspSolution:
+    """Return the solution of a search that found no grasp."""
+    records = search.records
+    failed = bool(records) and all(r.status is Status.FAILED for r in records)
+    found = Status.FAILED if failed else Status.NO_GRASP
+    if why_not is not None and why_not.locally_infeasible:
+        found = Status.LOCALLY_INFEASIBLE
+    problem, status = search.problem, search.cut_short or found
+    return GraspSolution(status, problem.name, problem.to_dict(), kind=search.kind, why_not=why_not, starts=records)
+
+
+def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolution:
+    """Return the best start's grasp; where time is short, with mu alone."""
+    problem, found, grasp = search.problem, best.found, best.found.grasp
+    limit = search.certificate_deadline()
+    budget = problem.budget.posed(problem.hand, found.placed.hand, found.placed.points)
+    bounds = mu(grasp, problem.task, search.options.final_rtol, force_budget=budget, seed=search.seed, deadline=limit)
+    lower, upper = max(bounds.lower, best.record.mu.lower), min(bounds.upper, best.record.mu.upper)
+    forces, moments = _forces(problem.task, grasp, budget, lower)
+    scale = grasp.mean_arm
     return GraspSolution(
-        status=cut_short or Status.SOLVED,
+        status=search.cut_short or Status.SOLVED,
         name=problem.name,
-        problem=data,
-        grasp=best.grasp,
-        faces=best.record.faces,
-        mu=bounds,
-        kind=kind,
-        delta=delta(best.grasp, scale, OTHER_RTOL, force_budget=budget) if measured else None,
-        nu=_volume(best.grasp, scale, budget) if measured else None,
+        problem=problem.unchecked(force_budget=budget).to_dict(),
+        grasp=grasp,
+        faces=found.placed.faces,
+        mu=Bounds(lower, upper, bounds.worst_direction),
+        kind=search.kind,
+        delta=delta(grasp, scale, OTHER_RTOL, force_budget=budget) if limit is None else None,
+        nu=_volume(grasp, scale, budget) if limit is None else None,
         forces=forces,
         moments=moments,
         constraints=best.constraints,
         prices=after.prices,
         robust=after.robust,
-        hand=_hand_data(problem, best, after),
-        surface=best.surface,
+        hand=_hand_data(problem, found, after),
+        surface=found.surface,
         drawing=after.drawing,
-        starts=records,
+        starts=search.records,
         best_start=best.record.index,
     )
 
 
-def _hand_data(problem: GraspProblem, best: StartResult, after: Aftermath) -> Json | None:
+def _hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json | None:
     """Return the hand in the grasp, and where it is just before."""
     hand = problem.hand
-    if hand is None or best.hand is None:
+    if hand is None or not found.placed.hand:
         return None
-    data = dict(hand.describe(best.hand))
+    data = dict(hand.describe(found.placed.hand))
     if after.pregrasp is not None:
         data["pregrasp"] = {"clearance": after.pregrasp.clearance, **hand.describe(after.pregrasp.hand)}
     if after.link_depth is not None:
@@ -138,17 +174,17 @@ def _forces(
     return forces, tuple(c[:, space:] for c in each) if turning else ()
 
 
-def solver_record(options: SolveOptions, seed: int, results: Sequence[StartResult], seconds: float) -> SolverData:
+def solver_record(search: Search, seconds: float) -> SolverData:
     """Return how the solve went, for the file: seed, effort, options, versions."""
     return {
-        "seed": seed,
-        "iterations": sum(r.record.iterations for r in results),
+        "seed": search.seed,
+        "iterations": sum(r.record.iterations for r in search.results),
         "seconds": {
             "total": seconds,
-            "ipopt": sum(r.solver_seconds for r in results),
-            "functions": sum(r.function_seconds for r in results),
+            "ipopt": sum(r.effort.solver_seconds for r in search.results),
+            "functions": sum(r.effort.function_seconds for r in search.results),
         },
-        "options": options.to_dict(),
+        "options": search.options.to_dict(),
         "versions": {
             "nlpgrasp": __version__,
             "python": platform.python_version(),

@@ -17,9 +17,9 @@ from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
-from nlpgrasp.solve.answer import answer, best_of, solver_record
+from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.interrupt import Interrupt
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -99,11 +99,12 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
             results.sort(key=lambda r: r.record.index)
             begun_all = len(results) == runner.count and all(r.record.message != NOT_BEGUN for r in results)
             cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
+            search = Search(runner.problem, options, seed, results, cut_short, deadline)
             after = Aftermath()
-            if not stop.requested() and any(r.grasp is not None for r in results):
+            if not stop.requested() and any(isinstance(r, StartGrasp) for r in results):
                 after = runner.look_back(best_of(results), results, seed, stop)
-            solution = answer(runner.problem, options, seed, results, cut_short, deadline, after)
-    return replace(solution, solver=solver_record(options, seed, results, time.monotonic() - begun))
+            solution = answer(search, after)
+    return replace(solution, solver=solver_record(search, time.monotonic() - begun))
 
 
 def check_json(data: Json) -> None:

@@ -8,7 +8,7 @@ it is seen where sliding along no longer helps and a regrasp pays.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,12 +21,16 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.ascent.linear import improved
-from nlpgrasp.solve.ascent.state import ExchangeState, with_known
-from nlpgrasp.solve.ascent.weakest import weakest_directions
+from nlpgrasp.solve.ascent.cuts import with_known
+from nlpgrasp.solve.ascent.exchange import exchange, exchange_rules
+from nlpgrasp.solve.ascent.state import AscentState
+from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.start.run import run_start
-from nlpgrasp.solve.surface.put import OnBody, put_on_body
+from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.surface.put import put_on_body
+from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.stop import Stop
@@ -38,14 +42,6 @@ HOPEFUL = 0.95  # of the best one's quality: others are improved for the new tas
 TURNS = 4  # and each of them every so many steps
 NEAR_RADIUS, NEAR_GAIN = 0.03, 2e-3  # of the exchange: the task changes a little, and so do the contacts
 STAYED_RTOL = 0.02
-
-
-@dataclass
-class _Branch:
-    """One local optimum, as it changes."""
-
-    faces: tuple[str, ...]
-    state: ExchangeState
 
 
 def follow_task(
@@ -98,93 +94,88 @@ def follow_task(
 
 
 def _steps(
-    bench: Workbench, problems: Sequence[GraspProblem], values: FloatArray, branches: list[_Branch], gain: float
+    bench: Workbench, problems: Sequence[GraspProblem], values: FloatArray, branches: list[AscentState], gain: float
 ) -> list[DynamicStep]:
     """Follow the branches through all tasks; take another branch where it is better by the gain."""
     result: list[DynamicStep] = []
-    current: _Branch | None = None
-    before: Grasp | None = None
+    current: AscentState | None = None
+    before: OnBody | None = None
+    rules = exchange_rules(bench)
+    near = replace(rules, radius=min(rules.radius, NEAR_RADIUS), least_gain=max(rules.least_gain, NEAR_GAIN))
     for value, problem in zip(values.tolist(), problems, strict=True):
         here, rng = bench.with_task(problem), np.random.default_rng(0)
         for branch in branches:
-            branch.state.value = _value(here, branch)
-        stayed = np.inf if before is None else _at_most(here, before, current)
-        best = max(branch.state.value for branch in branches)
+            branch.value = _value(here, branch)
+        stayed = np.inf if before is None else _at_most(here, before)
+        best = max(branch.value for branch in branches)
         for i, branch in enumerate(branches):
             its_turn = current is None or (len(result) + i) % TURNS == 0
-            if branch is current or (its_turn and branch.state.value >= HOPEFUL * best):
-                if current is not None:
-                    branch.state.radius, branch.state.least_gain = NEAR_RADIUS, NEAR_GAIN
-                branch.state = replace(improved(here, branch.faces, branch.state, rng, Stop()), rounds=0)
-        order = sorted(branches, key=lambda b: -b.state.value)
+            if branch is current or (its_turn and branch.value >= HOPEFUL * best):
+                exchange(here, branch, rng, Stop(), rules if current is None else near)
+                branch.rounds = 0
+        order = sorted(branches, key=lambda b: -b.value)
         taken = order[0] if current is None else current
         found, solution = _placed(here, taken, rng)
         for other in order if current is not None else ():
-            if other is taken or other.state.value <= (1.0 + gain) * solution.mu.upper:
+            if other is taken or other.value <= (1.0 + gain) * solution.mu.upper:
                 continue
             there = _placed(here, other, rng)  # the search for weak directions may flatter: the certificate decides
             if there[1].mu.lower > (1.0 + gain) * solution.mu.upper:
                 taken, (found, solution) = other, there
         regrasp = current is not None and taken is not current
-        moved = np.zeros(len(found.grasp)) if before is None else _moved(before, found.grasp, regrasp)
+        moved = np.zeros(len(found.grasp)) if before is None else _moved(before.grasp, found.grasp, regrasp)
         result.append(DynamicStep(value, solution, moved, regrasp, stayed if result else solution.mu.upper))
-        current, before = taken, found.grasp
+        current, before = taken, found
     return result
 
 
-def _branches(benches: Sequence[Workbench], starts: int, seed: int) -> list[_Branch]:
+def _branches(benches: Sequence[Workbench], starts: int, seed: int) -> list[AscentState]:
     """Return different local optima that cold starts find, the best of each bench's first."""
-    result: list[_Branch] = []
+    result: list[AscentState] = []
     for bench in benches:
-        solved = [r for r in (run_start(bench, i, seed, Stop()) for i in range(starts)) if r.solved]
-        own: list[_Branch] = []
-        for found in sorted(solved, key=lambda r: -r.record.mu.upper):
-            if found.grasp is None or len(own) == FOLLOWED // len(benches):
+        results = [run_start(bench, i, seed, Stop()) for i in range(starts)]
+        solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
+        own: list[AscentState] = []
+        for start in sorted(solved, key=lambda r: -r.record.mu.upper):
+            if len(own) == FOLLOWED // len(benches):
                 continue
-            points, size = found.grasp.points, SAME * bench.scaling.length
-            if all(np.max(_distances(points, b.state.points)) > size for b in result + own):
-                own.append(_branch(bench, found.record.faces, points, found.hand or {}, np.random.default_rng(0)))
+            placed, size = start.found.placed, SAME * bench.scaling.length
+            if all(np.max(_distances(placed.points, b.placed.points)) > size for b in result + own):
+                own.append(_branch(bench, placed, np.random.default_rng(0)))
         result += own
     return result
 
 
-def _branch(
-    bench: Workbench, faces: tuple[str, ...], points: FloatArray, hand: dict[str, FloatArray], rng: np.random.Generator
-) -> _Branch:
-    """Return a grasp as a branch, with the directions in which it is weakest."""
-    state = ExchangeState(bench.snap(faces, points), 0.0, hand)
-    nothing, budget = np.zeros((0, bench.problem.dimension)), bench.budget(state.points, hand)
-    grasp = bench.grasp(faces, state.points)
-    state.cuts = weakest_directions(grasp, bench.problem.task, nothing, rng, budget).directions
-    return _Branch(faces, state)
+def _branch(bench: Workbench, placed: Placed, rng: np.random.Generator) -> AscentState:
+    """Return where contacts and hand are as a branch, with the directions in which they are weakest."""
+    snapped = bench.snapped(placed)
+    return AscentState(snapped, cuts=weakest_at(bench, snapped, rng).directions)
 
 
-def _value(bench: Workbench, branch: _Branch) -> float:
+def _value(bench: Workbench, branch: AscentState) -> float:
     """Return an upper bound on the quality of contacts that stay, from the directions known of them."""
-    state, task = branch.state, bench.problem.task
-    directions = with_known(state.cuts, np.zeros((0, task.dimension)), task)
-    reached = bench.wrench_set(branch.faces, state.points, state.hand).support(directions)[0]
+    task = bench.problem.task
+    directions = with_known(branch.cuts, np.zeros((0, task.dimension)), task)
+    reached = bench.wrench_set(branch.placed).support(directions)[0]
     return float(np.min(reached, initial=np.inf))
 
 
-def _at_most(bench: Workbench, grasp: Grasp, branch: _Branch | None) -> float:
+def _at_most(bench: Workbench, before: OnBody) -> float:
     """Return the certified upper bound of contacts, and hand, that stay where they were."""
-    budget = bench.budget(grasp.points, {} if branch is None else branch.state.hand)
-    return mu(grasp, bench.problem.task, STAYED_RTOL, force_budget=budget).upper
+    return mu(before.grasp, bench.problem.task, STAYED_RTOL, force_budget=bench.budget(before.placed)).upper
 
 
-def _placed(bench: Workbench, branch: _Branch, rng: np.random.Generator) -> tuple[OnBody, GraspSolution]:
+def _placed(bench: Workbench, branch: AscentState, rng: np.random.Generator) -> tuple[OnBody, GraspSolution]:
     """Return the branch's grasp on the body, certified."""
-    found = put_on_body(bench, branch.faces, branch.state, rng, Stop())
-    problem, hand = bench.problem, found.hand or {}
-    budget = bench.budget(found.grasp.points, hand)
+    found = put_on_body(bench, branch, rng, Stop())
+    problem, hand, budget = bench.problem, found.placed.hand, bench.budget(found.placed)
     bounds = mu(found.grasp, problem.task, bench.options.final_rtol, force_budget=budget)
     solution = GraspSolution(
         Status.SOLVED if found.allowed and bounds.lower > 0.0 else Status.NO_GRASP,
         problem.name,
         problem.unchecked(force_budget=budget).to_dict(),
         grasp=found.grasp,
-        faces=branch.faces,
+        faces=found.placed.faces,
         mu=Bounds(bounds.lower, bounds.upper, bounds.worst_direction),
         kind="mu" if problem.task.is_centred else "mu_tilde",
         hand=None if problem.hand is None or not hand else problem.hand.describe(hand),

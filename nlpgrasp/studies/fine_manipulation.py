@@ -17,7 +17,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.ascent.weakest import weakest_directions
+from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.solve import solve
 from nlpgrasp.studies.surface_paths import SurfaceGraph
@@ -209,10 +209,10 @@ class _Holding:
         """Return estimates of the quality with the finger lifted, and with it sliding without friction."""
         key = (moved, finger)
         if key not in self._known:
-            rng, nothing = np.random.default_rng(0), np.zeros((0, self.hold.dimension))
+            rng = np.random.default_rng(0)
             values = [
                 [
-                    weakest_directions(grasp, self.hold, nothing, rng, self.budget, 60, 25).value
+                    weakest_directions(grasp, self.hold, self.budget, rng, descents=QUICK).value
                     for grasp in self._grasps(moved, finger, slides)
                 ]
                 for slides in (False, True)

@@ -13,9 +13,10 @@ import nlpgrasp as ng
 from nlpgrasp.nlp import CompiledProgram, support_program, vertex_program
 from nlpgrasp.quality import WrenchSet
 from nlpgrasp.quality.certificate.minimise import random_directions
-from nlpgrasp.solve.ascent.nonlinear import contacts_of, fill_start
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.start.screen import draw_start
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.stop import Stop
 
@@ -49,17 +50,17 @@ def slsqp(points, rng):
 
 def random_program(bench, compiled, points, rng, transcription):
     u = random_directions(72, 6, rng)
-    start = fill_start(bench, compiled, FACES, points, {})
+    start = variables_of(bench, compiled.program, Placed(FACES, points))
     start[compiled.program.block("beta").range] = 0.1
     scaled = u * bench.scaling.wrench if transcription == "vertex" else u / bench.scaling.wrench
     scaled = scaled / bench.scaling.task if transcription == "vertex" else scaled * bench.scaling.task
     parameters = scaled.ravel() if transcription == "vertex" else np.concatenate([scaled.ravel(), np.ones(72)])
     found = compiled.solve(start, parameters)
-    return contacts_of(bench, compiled, FACES, found.z)[0], found.objective / bench.scaling.beta
+    return placed_of(bench, compiled.program, FACES, found.z).points, found.objective / bench.scaling.beta
 
 
 def certified(bench, points):
-    return ng.mu(bench.grasp(FACES, points), TASK, 0.02)
+    return ng.mu(bench.grasp(Placed(FACES, points)), TASK, 0.02)
 
 
 def run():

@@ -6,9 +6,9 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.solve.ascent.nonlinear import fill_start, hand_values, points_of
-from nlpgrasp.solve.ascent.state import ExchangeState
 from nlpgrasp.solve.ascent.torque_cuts import torque_cuts
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.variables import hand_of, points_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand
 
@@ -36,25 +36,25 @@ def test_slopes_of_supports_by_central_differences(hand, contact, rng):
     bench, faces = Workbench(given, ONE), ("surface",) * hand.count
     points = given.body.sample("surface", hand.count, rng)
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), rng)[0].items()}
-    compiled = bench.cut_program(faces)
-    z = fill_start(bench, compiled, faces, points, values)
+    program, placed = bench.exchange.compiled.program, Placed(faces, points, values)
+    z = variables_of(bench, program, placed)
     cuts = rng.standard_normal((6, 6)) * [1.0, 1.0, 1.0, 30.0, 30.0, 30.0]
-    value, slopes = torque_cuts(bench, faces, ExchangeState(points, 0.0, values), z, cuts)
+    value, slopes = torque_cuts(bench, placed, z, cuts)
 
     def support(z):
         """From the definition: contacts and normals as the variables say, wherever that is."""
-        where = points_of(bench, compiled.program, z)
-        normals = np.array([z[compiled.program.block(f"normal {i}").range] for i in range(hand.count)])
+        where = points_of(bench, program, z)
+        normals = np.array([z[program.block(f"normal {i}").range] for i in range(hand.count)])
         normals /= np.linalg.norm(normals, axis=1)[:, None]
-        budget = given.budget.posed(hand, hand_values(compiled.program, z), where)
+        budget = given.budget.posed(hand, hand_of(program, z), where)
         grasp = Grasp(where, normals, given.models, given.origin)
         return bench.scaling.beta * WrenchSet.of(grasp, budget).support(cuts)[0]
 
     np.testing.assert_allclose(value, support(z), rtol=1e-7)
     for _ in range(6):
         step = 1e-5 * rng.standard_normal(len(z))
-        step[compiled.program.block("beta").range] = 0.0
-        turn = compiled.program.block("hand palm_quaternion").range
+        step[program.block("beta").range] = 0.0
+        turn = program.block("hand palm_quaternion").range
         step[turn] -= z[turn] * (z[turn] @ step[turn])  # keep its length
         measured = (support(z + step) - support(z - step)) / 2.0
         np.testing.assert_allclose(slopes @ step, measured, rtol=2e-3, atol=2e-6 * np.max(np.abs(value)))

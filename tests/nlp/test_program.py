@@ -101,15 +101,15 @@ def test_vertex_program_bounds_the_measure_from_below():
     from nlpgrasp.common.directions import inradius
     from nlpgrasp.solve.options import SolveOptions
     from nlpgrasp.solve.start.first_program import first_parameters, solve_first
-    from nlpgrasp.solve.start.screen import Candidate
+    from nlpgrasp.solve.workbench.placed import Placed
     from nlpgrasp.solve.workbench.workbench import Workbench
 
     bench = Workbench(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)
     points = closed_ellipsoid_grasp(np.random.default_rng(1)).points
-    first = solve_first(bench, iter([Candidate(("surface",) * 4, points, {})]), rng)
+    first = solve_first(bench, iter([Placed(("surface",) * 4, points)]), rng)
     state, beta = first.state, first.beta
-    bounds = ng.mu(bench.grasp(("surface",) * 4, state.points), BALL, 0.02)
+    bounds = ng.mu(bench.grasp(state.placed), BALL, 0.02)
     assert beta * inradius(6, 1) <= bounds.upper
     assert bounds.lower <= beta * (1 + 1e-4)
     assert first_parameters(bench, rng).shape == (72 * 6,)

@@ -4,7 +4,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.solve.after.limits import limits_of
-from nlpgrasp.solve.after.prices import polished, shadow_prices
+from nlpgrasp.solve.after.prices import polish, shadow_prices
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.stop import Stop
@@ -49,15 +49,14 @@ def test_prices_predict_solving_again(name):
     problem = PROBLEMS[name]()
     bench = Workbench(problem, OPTIONS)
     best = best_of(bench, 3)
-    faces = best.record.faces
     prices = {p.name: p for p in shadow_prices(bench, best, Stop())}
     assert EXPECTED[name] <= set(prices)
-    here = polished(bench, faces, bench.snap(faces, best.grasp.points), best.hand or {}, Stop())
+    here = polish(bench, bench.snapped(best.found.placed), Stop())
     limits = {limit.name: limit for limit in limits_of(problem)}
     for key in EXPECTED[name]:
         price, limit = prices[key], limits[key]
         h = 0.01 * abs(price.value) * (1.0 if price.gain > 0.0 else -1.0)  # the way that leaves the grasp possible
-        moved = polished(Workbench(limit.changed(h), OPTIONS), faces, here.points, here.hand, Stop())
+        moved = polish(Workbench(limit.changed(h), OPTIONS), here.placed, Stop())
         assert moved.value - here.value == pytest.approx(price.gain / price.step * h, rel=0.2), key
 
 

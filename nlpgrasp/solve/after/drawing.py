@@ -8,20 +8,19 @@ import trimesh
 from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.mesh.triangles import simplified, triangles
 from nlpgrasp.common.shown.drawing import Drawing, Triangles
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.hands.base import Hand
+from nlpgrasp.hands.base import Hand, Values
 
 BODY, LINK = 2000, 80  # triangles, at most
 
 
-def drawing_of(body: Body, hand: Hand | None, values: dict[str, FloatArray] | None) -> Drawing:
+def drawing_of(body: Body, hand: Hand | None, values: Values) -> Drawing:
     """Return the body's surface and the links' collision shapes in the hand's posture."""
-    links = _links(hand, values) if isinstance(hand, URDFHand) and values is not None else ()
+    links = _links(hand, values) if isinstance(hand, URDFHand) else ()
     return Drawing(Triangles(*triangles(body, BODY)), links)
 
 
-def _links(hand: URDFHand, values: dict[str, FloatArray]) -> tuple[tuple[str, Triangles], ...]:
+def _links(hand: URDFHand, values: Values) -> tuple[tuple[str, Triangles], ...]:
     result = []
     for link, pose in hand.tree.body_poses(values).items():
         meshes = [shape.mesh for shape in hand.robot.shapes.get(link, ())]

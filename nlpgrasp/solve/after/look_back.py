@@ -12,9 +12,9 @@ from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solve.after.drawing import drawing_of
 from nlpgrasp.solve.after.pregrasp import Pregrasp, pregrasp
 from nlpgrasp.solve.after.prices import shadow_prices
-from nlpgrasp.solve.after.robust import robustness_of
+from nlpgrasp.solve.after.robust import robustness
 from nlpgrasp.solve.after.why_not import why_not
-from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.link_depth import LinkDepth, link_depth
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -49,7 +49,7 @@ class Aftermath:
 
 
 def look_back(
-    bench: Workbench, best: StartResult | None, results: Sequence[StartResult], seed: int, stop: Stop
+    bench: Workbench, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop
 ) -> Aftermath:
     """Return prices and pregrasp of the best start, or without one the diagnosis.
 
@@ -57,18 +57,18 @@ def look_back(
     """
     with one_thread():
         if best is None:
-            return Aftermath(why_not=_attempted(lambda: why_not(bench, list(results), seed, stop)))
-        hand = bench.problem.hand
-        opened, depth = None, None
-        if not bench.follows_contacts and hand is not None and best.grasp is not None and best.hand is not None:
-            faces, grasp, values = best.record.faces, best.grasp, best.hand
-            opened = _attempted(lambda: pregrasp(bench, hand, faces, grasp, values, bench.options.pregrasp_clearance))
-        if isinstance(hand, URDFHand) and best.hand is not None:
-            linked, placed = hand, best.hand
-            depth = _attempted(lambda: link_depth(bench.problem.body, linked, placed))
-        prices = _attempted(lambda: shadow_prices(bench, best, stop)) if bench.options.shadow_prices else None
-        robust = best.robust or _attempted(lambda: robustness_of(bench, best))
-        drawing = _attempted(lambda: drawing_of(bench.problem.body, hand, best.hand))
+            return Aftermath(why_not=_attempted(lambda: why_not(bench, results, seed, stop)))
+        hand, found, options = bench.problem.hand, best.found, bench.options
+        opened, depth, prices = None, None, None
+        if not bench.follows_contacts:
+            opened = _attempted(lambda: pregrasp(bench, found, options.pregrasp_clearance))
+        if isinstance(hand, URDFHand):
+            linked = hand
+            depth = _attempted(lambda: link_depth(bench.problem.body, linked, found.placed.hand))
+        if options.shadow_prices:
+            prices = _attempted(lambda: shadow_prices(bench, best, stop))
+        robust = best.robust or _attempted(lambda: robustness(bench, found.placed, found.grasp))
+        drawing = _attempted(lambda: drawing_of(bench.problem.body, hand, found.placed.hand))
         return Aftermath(prices or (), opened, link_depth=depth, robust=robust, drawing=drawing)
 
 

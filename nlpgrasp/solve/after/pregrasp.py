@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.hands import Hand
-from nlpgrasp.solve.ascent.nonlinear import fill_start, hand_values, no_cuts
-from nlpgrasp.solve.ascent.quadratic import Linearised, shortest_step, step_bounds
+from nlpgrasp.hands.base import Values
+from nlpgrasp.solve.ascent.cuts import no_cuts
+from nlpgrasp.solve.ascent.newton import NewtonRules, restore
+from nlpgrasp.solve.ascent.quadratic import Linearised, step_bounds
+from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.workbench.variables import hand_of, put_contacts, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 IntArray = NDArray[np.intp]
-STAGES, STEPS = 4, 8  # the clearance grows in stages, each with a few Newton steps
+STAGES = 4  # the clearance grows in stages, each with a few Newton steps
+STAGE = NewtonRules(steps=8, enough=1e-6)  # solver units: how well a stage is met
 FINEST = 0.02  # of the clearance: the smallest stage tried
 LONGEST = 0.2  # radians or solver units a step
-CLOSE = 1e-6  # solver units: how well a stage is met
 TOUCHING = "on fingertip"
 
 
@@ -38,17 +39,10 @@ class Pregrasp:
     """
 
     clearance: float
-    hand: dict[str, FloatArray]
+    hand: Values
 
 
-def pregrasp(
-    bench: Workbench,
-    hand: Hand,
-    faces: tuple[str, ...],
-    grasp: Grasp,
-    values: dict[str, FloatArray],
-    clearance: float,
-) -> Pregrasp:
+def pregrasp(bench: Workbench, found: OnBody, clearance: float) -> Pregrasp:
     """Return joints that open the hand along the contact normals, free of collision.
 
     The joints move as little as they can while each fingertip goes back by the clearance along its normal, links
@@ -58,15 +52,13 @@ def pregrasp(
     Parameters
     ----------
     bench : Workbench
-    hand : Hand
-    faces : tuple of k str
-    grasp : Grasp
-    values : dict
-        The hand's variables in the grasp.
+        Of a problem with a hand that has a pose.
+    found : OnBody
+        The grasp.
     clearance : float
         Metres.
     """
-    opening = _Opening(bench, hand, faces, grasp, values)
+    opening = _Opening(bench, found)
     best = opening.open(clearance, ("hand joints",))
     if best.clearance < clearance:
         best = max(best, opening.open(clearance, ("hand joints", "hand palm_position")), key=lambda p: p.clearance)
@@ -76,29 +68,24 @@ def pregrasp(
 class _Opening:
     """The rows that an opening hand keeps: those of the program, and how far each fingertip has gone."""
 
-    def __init__(
-        self, bench: Workbench, hand: Hand, faces: tuple[str, ...], grasp: Grasp, values: dict[str, FloatArray]
-    ) -> None:
-        self.bench, self.values, self.normals = bench, values, grasp.normals
-        self.compiled = bench.cut_program(faces)
-        program = self.compiled.program
-        self.theta = no_cuts(bench, faces, grasp.points)
-        self.start = fill_start(bench, self.compiled, faces, grasp.points, values)
-        for i, (p, n) in enumerate(zip(grasp.points, grasp.normals, strict=True)):
-            self.start[program.block(f"position {i}").range] = bench.scaling.position(p)
-            self.start[program.block(f"normal {i}").range] = n
-        own = bench.row_sources[len(bench.problem.constraints)]
-        touching = {i for i in own if bench.constraint_rows[i].name.startswith(TOUCHING)}
-        self.kept = np.array([i for i in range(len(bench.constraint_rows)) if i not in touching], int)
-        self.near = np.flatnonzero(np.isin(self.kept, bench.clearance_rows))
-        self.tips = _tip_motion(bench, hand)
-        self.begin = self.tips(*values.values())[0].full()
+    def __init__(self, bench: Workbench, found: OnBody) -> None:
+        self.bench, self.hand, self.normals = bench, found.placed.hand, found.grasp.normals
+        self.compiled = bench.exchange.compiled
+        self.theta = no_cuts(bench, found.placed)
+        self.start = variables_of(bench, self.compiled.program, found.placed)
+        put_contacts(bench, self.compiled.program, self.start, found.grasp.points, found.grasp.normals)
+        own = bench.rows.sources[len(bench.problem.constraints)]
+        touching = {i for i in own if bench.rows.named[i].name.startswith(TOUCHING)}
+        self.kept = np.array([i for i in range(len(bench.rows.named)) if i not in touching], int)
+        self.near = np.flatnonzero(np.isin(self.kept, bench.rows.clearances))
+        self.tips = bench.hand_points.tip_motion
+        self.begin = self.tips(*self.hand.values())[0].full()
 
     def open(self, clearance: float, moving: tuple[str, ...]) -> Pregrasp:
         """Return the hand opened with these of its variables, as far as it gets."""
         program, z = self.compiled.program, self.start.copy()
         free = np.concatenate([np.arange(program.block(b).start, program.block(b).stop) for b in moving])
-        best = Pregrasp(0.0, self.values)
+        best = Pregrasp(0.0, self.hand)
         more = clearance / STAGES
         while more > clearance * FINEST and best.clearance < clearance:
             aim = min(best.clearance + more, clearance)
@@ -106,31 +93,29 @@ class _Opening:
             if there is None:
                 more /= 2.0
             else:
-                z, best = there, Pregrasp(aim, hand_values(program, there))
+                z, best = there, Pregrasp(aim, hand_of(program, there))
         return best
 
     def _opened(self, z: FloatArray, free: IntArray, back: float) -> FloatArray | None:
         """Return the variables with every fingertip back by a distance, by Newton steps from z; None if they fail."""
-        z = z.copy()
-        for _ in range(STEPS):
-            rows = self._rows(z, free, back)
-            if np.max(rows.violations, initial=0.0) <= CLOSE:
-                return z
-            step = shortest_step(rows, np.zeros(len(free)), 1.0)
-            if step is None:
-                return None
-            z[free] += step.d
-        return None
+
+        def placed(moved: FloatArray) -> FloatArray:
+            result = z.copy()
+            result[free] = moved
+            return result
+
+        found = restore(lambda moved: self._rows(placed(moved), free, back), z[free], STAGE)
+        return placed(found.best) if found.violation <= STAGE.enough else None
 
     def _rows(self, z: FloatArray, free: IntArray, back: float) -> Linearised:
         """Return the rows linearised in the free variables; those that do not see them are left out."""
         bench, program = self.bench, self.compiled.program
-        size, here = bench.scaling.length, hand_values(program, z)
+        size, here = bench.scaling.length, hand_of(program, z)
         rows = self.kept + program.placement.start
         g, J = self.compiled.linearise(z, self.theta)
         g, J = g[rows], J[rows][:, free]
         if isinstance(bench.problem.body, Mesh) and len(self.near):
-            g[self.near] = bench.mesh_clearances(bench.problem.body, here) / size
+            g[self.near] = bench.hand_points.mesh_clearances(bench.problem.body, here) / size
         places, slopes = (np.asarray(m.full()) for m in self.tips(*here.values()))
         gone = np.sum((places - self.begin) * -self.normals.T, axis=0) / size  # along the outward normals
         blocks = [program.block(f"hand {name}") for name in here]
@@ -147,11 +132,3 @@ class _Opening:
             np.concatenate([aim, high]),
             *step_bounds(z[free], (program.bounds[0][free], program.bounds[1][free]), LONGEST),
         )
-
-
-def _tip_motion(bench: Workbench, hand: Hand) -> ca.Function:
-    """Return the hand's variables to its fingertips' places (3, k) and their derivatives (3 k, variables)."""
-    symbols = hand.symbols(bench.problem.body.bounds)
-    places = ca.horzcat(*hand.tip_places(symbols))
-    slopes = ca.densify(ca.jacobian(ca.vec(places), ca.vertcat(*symbols.values())))
-    return ca.Function("tips", list(symbols.values()), [places, slopes], {"cse": True})

@@ -7,7 +7,7 @@ count by the support ratio's own derivative: ``sum a_j d(phi_j / phi_A) / dt`` w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -15,28 +15,24 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.nlp import NlpResult, Program
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import collected, given_rows, placement_of
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solution.findings import ShadowPrice
 from nlpgrasp.solve.after.limits import Limit, limits_of
-from nlpgrasp.solve.ascent.nonlinear import (
-    contacts_of,
-    evaluated,
-    most_relevant,
-    new_directions,
-    trust_region,
-)
-from nlpgrasp.solve.ascent.state import ExchangeState
-from nlpgrasp.solve.ascent.weakest import weakest_directions
-from nlpgrasp.solve.start.result import StartResult
-from nlpgrasp.solve.workbench.workbench import SLOTS, Workbench
+from nlpgrasp.solve.ascent.ascend import Round, Rules, ascend
+from nlpgrasp.solve.ascent.nonlinear import NonlinearModel, SolvedStep
+from nlpgrasp.solve.ascent.state import AscentState
+from nlpgrasp.solve.ascent.weakest import weakest_at
+from nlpgrasp.solve.start.result import StartGrasp
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.programs import SLOTS
+from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.stop import Stop
 
-ROUNDS, ROUNDS_WITH_FORCES, RADIUS = 25, 6, 0.05  # of the last solves; trust region over the body's size
+POLISHING = Rules(rounds=25, radius=0.05, last_radius=0.0, worse=0.5, refused=0.3, allowed=1e-4, looks_back=True)
+ROUNDS_WITH_FORCES = 6
 CONVERGED = 3e-5  # relative: the model promises no more than this over what is there
-ALLOWED = 1e-4  # violation, relative to the rows' scales: what IPOPT's tolerance and the way back to the faces leave
 NOTHING = 1e-4  # relative gains below this are none
 
 
@@ -46,8 +42,7 @@ class Optimum:
 
     Parameters
     ----------
-    points : (k, space) array
-    hand : dict
+    placed : Placed
     value : float
         The least support ratio.
     cuts, weights : (m, d) and (m,) arrays
@@ -58,8 +53,7 @@ class Optimum:
         ``d mu / d bound`` of the hand's variables by name: positive where the upper bound binds, negative the lower.
     """
 
-    points: FloatArray
-    hand: dict[str, FloatArray]
+    placed: Placed
     value: float
     cuts: FloatArray
     weights: FloatArray
@@ -67,107 +61,85 @@ class Optimum:
     bounds: dict[str, FloatArray]
 
 
-def shadow_prices(bench: Workbench, best: StartResult, stop: Stop) -> tuple[ShadowPrice, ...]:
+def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[ShadowPrice, ...]:
     """Return the prices of all limits of constraints, hand and contacts, the dearest first.
 
     None where the last solves do not converge, for a grasp that was cut short, and under a hand's torque limits,
     whose derivatives the program does not hold.
     """
-    if best.grasp is None or bench.problem.budget.follows_hand:
+    if bench.problem.budget.follows_hand:
         return ()
-    points = bench.snap(best.record.faces, best.grasp.points)
-    optimum = polished(bench, best.record.faces, points, best.hand or {}, stop)
+    optimum = polish(bench, bench.snapped(best.found.placed), stop)
     if optimum is None:
         return ()
-    found = [_price(bench, best.record.faces, optimum, limit) for limit in limits_of(bench.problem)]
+    found = [_price(bench, optimum, limit) for limit in limits_of(bench.problem)]
     prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
     prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
     return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
 
 
-def polished(
-    bench: Workbench, faces: tuple[str, ...], points: FloatArray, hand: dict[str, FloatArray], stop: Stop
-) -> Optimum | None:
+def polish(bench: Workbench, placed: Placed, stop: Stop) -> Optimum | None:
     """Return the local optimum near a grasp with its multipliers, or None where the exchange does not settle."""
-    compiled = bench.cut_program(faces)
-    program, task = compiled.program, bench.problem.task
     rng = np.random.default_rng(0)
-    state = ExchangeState(points, 0.0, hand)
-    grasp = bench.grasp(faces, points)
-    found = weakest_directions(grasp, task, np.zeros((0, task.dimension)), rng, bench.budget(points, hand))
-    state.value, cuts, radius = found.value, found.directions, RADIUS
-    for _ in range(ROUNDS if bench.slots == SLOTS else ROUNDS_WITH_FORCES):
-        if stop.requested() or state.value <= 0.0:
-            return None
-        cuts = most_relevant(bench, faces, state, cuts)
-        result = compiled.solve(*trust_region(bench, compiled, faces, state, cuts, radius))
-        trial, moved = contacts_of(bench, compiled, faces, result.z)
-        there = evaluated(bench, faces, trial, moved, cuts, rng, ALLOWED)
-        if there is None:
-            radius *= 0.3
-            continue
-        promised = result.objective / bench.scaling.beta
-        seen = bench.wrench_set(faces, state.points, state.hand).support(there.directions)[0]
-        state.value = min(state.value, float(np.min(seen, initial=np.inf)))  # directions that the search had missed
-        close = CONVERGED * state.value
-        if result.success and promised - there.value <= close and there.value >= state.value - close:
-            return _optimum(bench, program, result, trial, moved, cuts, there.value)
-        cuts = np.concatenate([cuts, there.directions[new_directions(bench, cuts, there.directions)]])
-        if there.value > state.value:
-            state.points, state.hand, state.value = trial, moved, there.value
-        else:
-            radius *= 0.5
+    found = weakest_at(bench, placed, rng)
+    state = AscentState(placed, found.value, found.directions)
+    rules = POLISHING if bench.exchange.slots == SLOTS else replace(POLISHING, rounds=ROUNDS_WITH_FORCES)
+    if state.value <= 0.0:
+        return None
+    for turn in ascend(bench, state, NonlinearModel(bench), rules, rng, stop):
+        if _settled(bench, turn):
+            return _optimum(bench, turn)
+        if state.value <= 0.0:
+            break
     return None
 
 
-def _optimum(
-    bench: Workbench,
-    program: Program,
-    result: NlpResult,
-    points: FloatArray,
-    hand: dict[str, FloatArray],
-    cuts: FloatArray,
-    value: float,
-) -> Optimum:
+def _settled(bench: Workbench, turn: Round[SolvedStep]) -> bool:
+    """Return whether the program, the trial and where it began agree."""
+    result, there, close = turn.step.result, turn.trial.value, CONVERGED * turn.before
+    promised = result.objective / bench.scaling.beta
+    return result.success and promised - there <= close and there >= turn.before - close
+
+
+def _optimum(bench: Workbench, turn: Round[SolvedStep]) -> Optimum:
     """Return the optimum in the user's units: multipliers over the program's scales."""
-    scale = bench.scaling.beta
-    support = -result.multipliers[program.rows_named("support, direction")][: len(cuts)]
-    rows = np.array([row.scale for row in bench.constraint_rows])
+    program, result, scale = bench.exchange.compiled.program, turn.step.result, bench.scaling.beta
+    support = -result.multipliers[program.rows_named("support, direction")][: len(turn.cuts)]
+    rows = np.array([row.scale for row in bench.rows.named])
     bounds = {}
     for name, block in program.hand_blocks:
         bounds[name] = result.bound_multipliers[block.range] / (scale * block.scale)
     weights = np.maximum(support, 0.0)
     return Optimum(
-        points,
-        hand,
-        value,
-        cuts,
+        turn.step.placed,
+        turn.trial.value,
+        turn.cuts,
         weights / max(float(weights.sum()), 1e-300),
-        result.multipliers[program.placement] / (scale * rows),
+        turn.step.multipliers / (scale * rows),
         bounds,
     )
 
 
-def _price(bench: Workbench, faces: tuple[str, ...], optimum: Optimum, limit: Limit) -> ShadowPrice | None:
+def _price(bench: Workbench, optimum: Optimum, limit: Limit) -> ShadowPrice | None:
     """Return the price of one limit, by central differences of the rows and ratios it enters."""
     h = 1e-3 * limit.step
     more, less = limit.changed(h), limit.changed(-h)
-    rooms = [_room(bench, faces, optimum, problem) for problem in (more, less)]
+    rooms = [_room(bench, optimum, problem) for problem in (more, less)]
     if any(len(room) != len(optimum.prices) for room in rooms):
         return None  # rows come or go with the limit: it is at a threshold, where it has no price
     active = np.abs(optimum.prices) > 0.0
     gain = float(np.sum(optimum.prices[active] * (rooms[0] - rooms[1])[active])) / (2.0 * h)
     if limit.touches_contacts:
-        ratios = (_ratios(bench, faces, optimum, more) - _ratios(bench, faces, optimum, less)) / (2.0 * h)
+        ratios = (_ratios(bench, optimum, more) - _ratios(bench, optimum, less)) / (2.0 * h)
         gain += float(optimum.weights @ ratios)
     return ShadowPrice(limit.name, limit.value, limit.step, limit.unit, gain * limit.step)
 
 
-def _room(bench: Workbench, faces: tuple[str, ...], optimum: Optimum, problem: GraspProblem) -> FloatArray:
+def _room(bench: Workbench, optimum: Optimum, problem: GraspProblem) -> FloatArray:
     """Return each row's active limit less its value, at the optimum, for a changed problem."""
-    normals = bench.inward_normals(faces, optimum.points)
-    p, n = ([ca.DM(v) for v in values] for values in (optimum.points, normals))
-    variables = {name: ca.DM(v) for name, v in optimum.hand.items()}
+    normals = bench.inward_normals(optimum.placed)
+    p, n = ([ca.DM(v) for v in values] for values in (optimum.placed.points, normals))
+    variables = {name: ca.DM(v) for name, v in optimum.placed.hand.items()}
     placement = placement_of(problem.hand, p, n, variables, problem.body.size)
     given = given_rows(problem.body, problem.constraints, problem.hand, placement, variables)
     found = collected(given, False)
@@ -179,9 +151,9 @@ def _room(bench: Workbench, faces: tuple[str, ...], optimum: Optimum, problem: G
     return np.array([b - v if np.isfinite(b) else -v for b, v in zip(bounds, values, strict=True)])
 
 
-def _ratios(bench: Workbench, faces: tuple[str, ...], optimum: Optimum, problem: GraspProblem) -> FloatArray:
-    normals = bench.inward_normals(faces, optimum.points)
-    grasp = Grasp(optimum.points, normals, problem.models, problem.origin)
+def _ratios(bench: Workbench, optimum: Optimum, problem: GraspProblem) -> FloatArray:
+    normals = bench.inward_normals(optimum.placed)
+    grasp = Grasp(optimum.placed.points, normals, problem.models, problem.origin)
     return WrenchSet.of(grasp, problem.budget).support(optimum.cuts)[0]
 
 

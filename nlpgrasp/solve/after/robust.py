@@ -21,8 +21,8 @@ from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality import mu
 from nlpgrasp.quality.screening import sampled_ratios
 from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solve.ascent.weakest import weakest_directions
-from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
+from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 AROUND = 16  # places around a contact
@@ -33,35 +33,25 @@ Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and i
 TOO_FAR = 1.5  # times the reach: such a place is not on the face any more
 
 
-def robustness(
-    bench: Workbench,
-    faces: tuple[str, ...],
-    grasp: Grasp,
-    hand: dict[str, FloatArray],
-    offset: float,
-    friction_share: float,
-) -> Robustness:
-    """Return the quality of the worst placement found near a grasp.
+def robustness(bench: Workbench, placed: Placed, grasp: Grasp) -> Robustness:
+    """Return the quality of the worst placement found near a grasp, by as much as the options ask for.
 
     Parameters
     ----------
     bench : Workbench
-    faces : tuple of k str
+    placed : Placed
+        The hand's posture counts as the same.
     grasp : Grasp
-    hand : dict
-        The hand's variables; its posture counts as the same.
-    offset : float
-        How far each contact may be off along the surface, metres.
-    friction_share : float
-        Share by which friction may be less.
+        The same contacts with the body's own normals.
     """
-    models = [model.with_friction(1.0 - friction_share) for model in grasp.contacts]
-    places = [places_around(bench, faces[i], grasp.points[i], grasp.normals[i], offset) for i in range(len(grasp))]
-    budget = bench.budget(grasp.points, hand)
+    offset, share = bench.options.robust_offset, bench.options.robust_friction
+    models = [model.with_friction(1.0 - share) for model in grasp.contacts]
+    places = places_near(bench, placed.faces, grasp.points, grasp.normals)
+    budget = bench.budget(placed)
     chosen, _ = worst_displacement(bench, models, places, budget, np.random.default_rng(0))
     found = _at(bench, models, places, chosen)
     bounds = mu(found, bench.problem.task, RTOL, force_budget=budget)
-    return Robustness(offset, friction_share, bounds, found.points, found.normals)
+    return Robustness(offset, share, bounds, found.points, found.normals)
 
 
 def worst_displacement(
@@ -82,31 +72,21 @@ def worst_displacement(
     budget : ForceBudget
     rng : numpy.random.Generator
     """
-    worst: tuple[float, list[int]] | None = None
+    least, worst = np.inf, [0] * len(places)
     y = np.zeros((0, bench.problem.dimension))
     for beginning in range(BEGINNINGS):
         chosen = [0 if beginning == 0 else int(rng.integers(len(points))) for points, _ in places]
         for _ in range(ROUNDS):
             there = _at(bench, models, places, chosen)
-            weakest = weakest_directions(there, bench.problem.task, y, rng, budget, 60, 25)
-            if worst is None or weakest.value < worst[0]:
-                worst = weakest.value, list(chosen)
+            weakest = weakest_directions(there, bench.problem.task, budget, rng, y, QUICK)
+            if weakest.value < least:
+                least, worst = weakest.value, list(chosen)
             if weakest.value <= 0.0:
                 break
             y = np.concatenate([y, weakest.directions])[-300:]
             if not _slide(bench, models, places, chosen, y):
                 break
-    assert worst is not None  # noqa: S101  (for the type checker: the first round sets it)
-    return worst[1], y
-
-
-def robustness_of(bench: Workbench, found: StartResult) -> Robustness | None:
-    """Return the robustness that the options ask for of what a start found."""
-    options = bench.options
-    if found.grasp is None:
-        return None
-    offset, share = options.robust_offset, options.robust_friction
-    return robustness(bench, found.record.faces, found.grasp, found.hand or {}, offset, share)
+    return worst, y
 
 
 def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray) -> bool:
@@ -134,11 +114,18 @@ def _at(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen
     return Grasp(points, normals, models, bench.problem.origin)
 
 
+def places_near(bench: Workbench, faces: Sequence[str], points: FloatArray, normals: FloatArray) -> Places:
+    """Return where each contact may be, itself first, off by as much as the options ask for."""
+    offset = bench.options.robust_offset
+    each = zip(faces, points, normals, strict=True)
+    return [places_around(bench, face, p, n, offset) for face, p, n in each]
+
+
 def places_around(
     bench: Workbench, face: str, point: FloatArray, normal: FloatArray, offset: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the contact itself and places around it on its own face, with inward normals."""
-    body, space = bench.problem.body, bench.space
+    body, space = bench.problem.body, bench.problem.body.space
     across = tangents(normal[None])[0]
     if space == 2:
         ring = np.concatenate([across, -across])

@@ -7,28 +7,31 @@ trust region. What is left is a least violated set: locally, so the status is lo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import clarabel
 import numpy as np
 from scipy import sparse
 
-from nlpgrasp.common.conic import quiet_settings
 from nlpgrasp.common.shown.words import direction_words
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.findings import WhyNot
 from nlpgrasp.solve.after.wording import conflict_of
-from nlpgrasp.solve.ascent.nonlinear import fill_start, no_cuts
-from nlpgrasp.solve.ascent.quadratic import step_bounds
-from nlpgrasp.solve.start.result import StartResult
-from nlpgrasp.solve.start.screen import Candidate, draw_start
+from nlpgrasp.solve.ascent.cuts import no_cuts
+from nlpgrasp.solve.ascent.quadratic import Linearised, shortest_step, step_bounds
+from nlpgrasp.solve.ascent.slack import GroupSlack
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.screen import draw_start
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.variables import variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.stop import Stop
 
 STARTS, STEPS = 6, 40
 FIRST_RADIUS, LAST_RADIUS = 0.3, 1e-3  # solver units
+LEAST_GAIN = 1e-4  # relative: a step that gains less is none
 DAMPING = 1e-3
 FINGERTIPS = "fingertips on the body"
 HARD = "the body's surface"  # group of the rows that are never given up
@@ -53,14 +56,14 @@ class Relaxed:
     worst: dict[str, tuple[float, int, float]]
 
 
-def why_not(bench: Workbench, results: list[StartResult], seed: int, stop: Stop) -> WhyNot:
+def why_not(bench: Workbench, results: Sequence[StartResult], seed: int, stop: Stop) -> WhyNot:
     """Return the diagnosis of a problem whose starts found no grasp."""
     best: Relaxed | None = None
     for index in range(STARTS):
         if stop.requested():
             break
         candidate = draw_start(bench, np.random.default_rng([seed, index, 1]))[0]
-        found = relaxed(bench, candidate)
+        found = relax(bench, candidate)
         if best is None or found.total < best.total:
             best = found
         if best.total <= KEPT:
@@ -72,49 +75,79 @@ def why_not(bench: Workbench, results: list[StartResult], seed: int, stop: Stop)
     return _unreachable(bench, results)
 
 
-def relaxed(bench: Workbench, candidate: Candidate) -> Relaxed:
+@dataclass(frozen=True)
+class _Point:
+    """Variables of the exchange's program with its rows there: merit is the weighted sum of the groups' violations."""
+
+    z: FloatArray
+    values: FloatArray
+    jacobian: sparse.csr_matrix
+    largest: FloatArray
+    merit: float
+
+
+class _Relaxation:
+    """The rows of constraints, hand and faces in groups that may be broken at a price."""
+
+    def __init__(self, bench: Workbench, candidate: Placed) -> None:
+        self.bench, self.compiled = bench, bench.exchange.compiled
+        program = self.compiled.program
+        self.theta = no_cuts(bench, candidate)
+        self.used = slice(program.contained, None)
+        self.offset = program.placement.start - program.contained
+        self.low, self.high = (limits[self.used] for limits in program.limits)
+        groups = _groups(bench, len(self.low), self.offset)
+        self.names = sorted(set(groups))
+        member = np.array([self.names.index(g) for g in groups])
+        self.slack = GroupSlack(member, np.array([HARD_WEIGHT if name == HARD else 1.0 for name in self.names]))
+
+    def at(self, z: FloatArray) -> _Point:
+        """Return the rows for the program's variables."""
+        g, J = self.compiled.linearise(z, self.theta)
+        largest = np.zeros(len(self.names))
+        np.maximum.at(largest, self.slack.member, self.violated(g[self.used]))
+        return _Point(z, g[self.used], J[self.used], largest, float(self.slack.weights @ largest))
+
+    def violated(self, values: FloatArray) -> FloatArray:
+        """Return how far each row is beyond its limits."""
+        return np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
+
+    def step(self, here: _Point, radius: float) -> _Point | None:
+        """Return the point after the step of least weighted violations, or None where the solver finds none."""
+        bounds = step_bounds(here.z, self.compiled.program.bounds, radius)
+        rows = Linearised(here.values, here.jacobian, self.low, self.high, *bounds)
+        found = shortest_step(rows, damping=DAMPING, slack=self.slack)
+        return None if found is None else self.at(here.z + found.d)
+
+    def left(self, here: _Point) -> Relaxed:
+        """Return what is still broken at a point, each group by its worst row."""
+        violated, worst = self.violated(here.values), {}
+        for i, name in enumerate(self.names):
+            own = np.flatnonzero(self.slack.member == i)
+            row = int(own[np.argmax(violated[own])])
+            if violated[row] > KEPT and name != HARD:
+                index = row - self.offset
+                scale = self.bench.rows.named[index].scale
+                worst[name] = (float(violated[row]), index, float(here.values[row] * scale))
+        return Relaxed(float(np.sum(here.largest)), worst)
+
+
+def relax(bench: Workbench, candidate: Placed) -> Relaxed:
     """Return the least violated placement near a candidate."""
-    faces = candidate.faces
-    compiled = bench.cut_program(faces)
-    program = compiled.program
-    theta = no_cuts(bench, faces, candidate.points)
-    z = fill_start(bench, compiled, faces, candidate.points, candidate.hand)
-    rows = slice(program.contained, None)
-    low, high = (limits[rows] for limits in program.limits)
-    groups = _groups(bench, len(low), program.placement.start - program.contained)
-    names = sorted(set(groups))
-    member = np.array([names.index(g) for g in groups])
-    weights = np.array([HARD_WEIGHT if name == HARD else 1.0 for name in names])
+    relaxation = _Relaxation(bench, candidate)
+    here = relaxation.at(variables_of(bench, relaxation.compiled.program, candidate))
     radius = FIRST_RADIUS
-    g, J = compiled.linearise(z, theta)
-    g, J = g[rows], J[rows]
     for _ in range(STEPS):
-        violated = np.maximum(np.maximum(low - g, g - high), 0.0)
-        merit = float(weights @ _largest(violated, member, len(names)))
-        if merit <= 0.1 * KEPT or radius < LAST_RADIUS:
+        if here.merit <= 0.1 * KEPT or radius < LAST_RADIUS:
             break
-        d = _elastic(g, J, low, high, *step_bounds(z, program.bounds, radius), member, weights)
-        if d is None:
+        there = relaxation.step(here, radius)
+        if there is None:
             radius *= 0.3
-            continue
-        there, J_there = compiled.linearise(z + d, theta)
-        broken = np.maximum(np.maximum(low - there[rows], there[rows] - high), 0.0)
-        if float(weights @ _largest(broken, member, len(names))) < merit * (1.0 - 1e-4):
-            z, g, J = z + d, there[rows], J_there[rows]
-            radius = min(1.5 * radius, FIRST_RADIUS)
+        elif there.merit < here.merit * (1.0 - LEAST_GAIN):
+            here, radius = there, min(1.5 * radius, FIRST_RADIUS)
         else:
             radius *= 0.4
-    violated = np.maximum(np.maximum(low - g, g - high), 0.0)
-    worst = {}
-    offset = program.placement.start - program.contained
-    scales = np.array([row.scale for row in bench.constraint_rows])
-    for i, name in enumerate(names):
-        own = np.flatnonzero(member == i)
-        row = int(own[np.argmax(violated[own])])
-        if violated[row] > KEPT and name != HARD:
-            index = row - offset
-            worst[name] = (float(violated[row]), index, float(g[row] * scales[index]))
-    return Relaxed(float(np.sum(_largest(violated, member, len(names)))), worst)
+    return relaxation.left(here)
 
 
 def group_names(bench: Workbench) -> list[str]:
@@ -122,7 +155,7 @@ def group_names(bench: Workbench) -> list[str]:
 
     Several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
     """
-    rows, sources = bench.constraint_rows, bench.row_sources
+    rows, sources = bench.rows.named, bench.rows.sources
     count = len(bench.problem.constraints)
     own = [rows[source[0]].name.split(",")[0] if source else "" for source in sources[:count]]
     names = [""] * len(rows)
@@ -143,47 +176,8 @@ def _groups(bench: Workbench, count: int, offset: int) -> list[str]:
     return [HARD] * offset + names + [HARD] * (count - offset - len(names))
 
 
-def _largest(values: FloatArray, member: FloatArray, count: int) -> FloatArray:
-    result = np.zeros(count)
-    np.maximum.at(result, member.astype(int), values)
-    return result
-
-
-def _elastic(
-    g: FloatArray,
-    J: sparse.csr_matrix,
-    low: FloatArray,
-    high: FloatArray,
-    least: FloatArray,
-    most: FloatArray,
-    member: FloatArray,
-    weights: FloatArray,
-) -> FloatArray | None:
-    """Return the step of least weighted group violations, one slack a group."""
-    reach = np.asarray(abs(J) @ np.maximum(-least, most)).ravel()
-    below, above = np.isfinite(low) & (g - reach < low), np.isfinite(high) & (g + reach > high)
-    n, m = J.shape[1], len(weights)
-
-    def slack(used: FloatArray) -> sparse.csr_matrix:
-        chosen = member[used]
-        return sparse.csr_matrix((-np.ones(len(chosen)), (np.arange(len(chosen)), chosen)), (len(chosen), m))
-
-    identity, own = sparse.identity(n), sparse.identity(m)
-    A = sparse.bmat(
-        [[-J[below], slack(below)], [J[above], slack(above)], [identity, None], [-identity, None], [None, -own]],
-        format="csc",
-    )
-    b = np.concatenate([(g - low)[below], (high - g)[above], most, -least, np.zeros(m)])
-    P = sparse.diags(np.concatenate([np.full(n, DAMPING), np.full(m, 1e-8)]), format="csc")
-    cost = np.concatenate([np.zeros(n), weights])
-    found = clarabel.DefaultSolver(P, cost, A, b, [clarabel.NonnegativeConeT(len(b))], quiet_settings(1e-8)).solve()
-    return np.array(found.x)[:n] if "Solved" in str(found.status) else None
-
-
 def _contradiction(bench: Workbench, best: Relaxed) -> WhyNot:
-    conflicts = [
-        conflict_of(name, bench.constraint_rows[index], value) for name, (_, index, value) in best.worst.items()
-    ]
+    conflicts = [conflict_of(name, bench.rows.named[index], value) for name, (_, index, value) in best.worst.items()]
     conflicts.sort(key=lambda c: -c.excess)
     everything = sorted(set(group_names(bench)) - {HARD})
     names = ", ".join(c.name for c in conflicts)
@@ -199,9 +193,9 @@ def _contradiction(bench: Workbench, best: Relaxed) -> WhyNot:
     return WhyNot(tuple(conflicts), None, tuple(reasons), tuple(advice), locally_infeasible=True)
 
 
-def _unreachable(bench: Workbench, results: list[StartResult]) -> WhyNot:
+def _unreachable(bench: Workbench, results: Sequence[StartResult]) -> WhyNot:
     """Explain why placements that keep all constraints do not resist the task."""
-    grasps = [r.grasp for r in results if r.grasp is not None]
+    grasps = [r.found.grasp for r in results if isinstance(r, StartGrasp)]
     if not grasps:
         return WhyNot(reasons=("The constraints can be kept, but every start ended with an error.",))
     task, budget = bench.problem.task, bench.closure_budget

@@ -1,1 +1,1 @@
-"""The exchange: mu itself, maximised with cutting planes in a trust region."""
+"""The ascent: mu itself, maximised with cutting planes in a trust region."""

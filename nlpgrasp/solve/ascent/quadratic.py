@@ -10,8 +10,9 @@ from scipy import sparse
 
 from nlpgrasp.common.conic import quiet_settings
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solve.ascent.slack import NoSlack, Slack
 
-TOLERANCE = 1e-9
+NO_SLACK = NoSlack()
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,12 @@ class Linearised:
         """How far each row is beyond its limits without a step, at least zero."""
         return np.maximum(np.maximum(self.lower - self.values, self.values - self.upper), 0.0)
 
+    @property
+    def violation(self) -> float:
+        """The largest of them; inf where one is unknown."""
+        worst = float(np.max(self.violations, initial=0.0))
+        return worst if np.isfinite(worst) else np.inf
+
 
 def step_bounds(
     z: FloatArray, bounds: tuple[FloatArray, FloatArray], longest: FloatArray | float
@@ -51,7 +58,7 @@ def step_bounds(
 
 
 @dataclass(frozen=True)
-class Step:
+class QuadraticStep:
     """A step and what its rows cost.
 
     Parameters
@@ -65,29 +72,45 @@ class Step:
     multipliers: FloatArray
 
 
-def shortest_step(rows: Linearised, cost: FloatArray, damping: float) -> Step | None:
-    """Return the d of least ``cost d + damping |d|^2 / 2``, or None where the linearised rows contradict.
+def shortest_step(
+    rows: Linearised, cost: FloatArray | None = None, damping: float = 1.0, slack: Slack = NO_SLACK
+) -> QuadraticStep | None:
+    """Return the d of least ``cost d + damping |d|^2 / 2`` and price of slack; None where the rows contradict.
 
     Rows that no step within the bounds can break are left out.
+
+    Parameters
+    ----------
+    rows : Linearised
+    cost : (n,) array, optional
+        Zero when left out.
+    damping : float
+    slack : Slack
+        How far rows may be broken: by default not at all.
     """
-    g, J = rows.values, rows.jacobian
+    g, J, n = rows.values, rows.jacobian, rows.jacobian.shape[1]
     reach = np.asarray(abs(J) @ np.maximum(-rows.least, rows.most)).ravel()
-    equal = rows.lower == rows.upper
+    equal = (rows.lower == rows.upper) & slack.keeps_equations
     below, above = ~equal & (g - reach < rows.lower), ~equal & (g + reach > rows.upper)
-    n = J.shape[1]
-    identity = sparse.identity(n, format="csr")
-    A = sparse.vstack([J[equal], -J[below], J[above], identity, -identity], format="csc")
-    parts = [(rows.lower - g)[equal], (g - rows.lower)[below], (rows.upper - g)[above], rows.most, -rows.least]
-    b = np.concatenate(parts)
-    equations = int(equal.sum())
-    cones = [clarabel.ZeroConeT(equations), clarabel.NonnegativeConeT(len(b) - equations)]
-    P = sparse.csc_matrix(sparse.identity(n) * damping)
-    found = clarabel.DefaultSolver(P, cost, A, b, cones, quiet_settings(TOLERANCE)).solve()
+    used = [np.flatnonzero(mask) for mask in (equal, below, above)]
+    columns = slack.columns(np.concatenate(used))
+    m, identity = columns.shape[1], sparse.identity(n, format="csr")
+    blocks = [[sparse.vstack([J[equal], -J[below], J[above]]), columns], [identity, None], [-identity, None]]
+    b = [(rows.lower - g)[equal], (g - rows.lower)[below], (rows.upper - g)[above], rows.most, -rows.least]
+    if slack.at_least_zero:
+        blocks.append([None, -sparse.identity(m)])
+        b.append(np.zeros(m))
+    linear, quadratic = slack.prices(m)
+    right = np.concatenate(b)
+    cones = [clarabel.ZeroConeT(len(used[0])), clarabel.NonnegativeConeT(len(right) - len(used[0]))]
+    P = sparse.diags(np.concatenate([np.full(n, damping), quadratic]), format="csc")
+    q = np.concatenate([np.zeros(n) if cost is None else cost, linear])
+    A = sparse.bmat(blocks, format="csc")
+    found = clarabel.DefaultSolver(P, q, A, right, cones, quiet_settings(slack.tolerance)).solve()
     if "Solved" not in str(found.status):
         return None
-    duals = np.split(np.array(found.z), np.cumsum([equations, int(below.sum()), int(above.sum())]))
     multipliers = np.zeros(len(g))
-    multipliers[equal] = duals[0]
-    multipliers[below] -= duals[1]
-    multipliers[above] += duals[2]
-    return Step(np.array(found.x), multipliers)
+    duals = np.split(np.array(found.z), np.cumsum([len(mask) for mask in used]))
+    for where, sign, dual in zip(used, (1.0, -1.0, 1.0), duals, strict=False):
+        multipliers[where] += sign * dual
+    return QuadraticStep(np.array(found.x)[:n], multipliers)

@@ -13,6 +13,8 @@ from nlpgrasp.quality.certificate.containment import Containment, conditioned
 from nlpgrasp.quality.certificate.minimise import descend, random_directions, separated
 from nlpgrasp.quality.certificate.sandwich import narrowed
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.tasks import Task
 
 SLACK = 1.25  # keep local minima up to this factor above the least
@@ -37,14 +39,43 @@ class Weakest:
     directions: FloatArray
 
 
+@dataclass(frozen=True)
+class Descents:
+    """How thoroughly weak directions are searched for.
+
+    Parameters
+    ----------
+    fresh : int
+        Random starting directions.
+    iterations : int
+        Of each descent.
+    """
+
+    fresh: int
+    iterations: int
+
+
+THOROUGH, AFTER_A_STEP, QUICK = Descents(150, 40), Descents(60, 30), Descents(60, 25)
+
+
+def weakest_at(
+    bench: Workbench,
+    placed: Placed,
+    rng: np.random.Generator,
+    known: FloatArray | None = None,
+    descents: Descents = THOROUGH,
+) -> Weakest:
+    """Return the weakest directions of a placed state against the problem's task; see ``weakest_directions``."""
+    return weakest_directions(bench.grasp(placed), bench.problem.task, bench.budget(placed), rng, known, descents)
+
+
 def weakest_directions(
     grasp: Grasp,
     task: Task,
-    known: FloatArray,
-    rng: np.random.Generator,
     budget: ForceBudget,
-    fresh: int = 150,
-    iterations: int = 40,
+    rng: np.random.Generator,
+    known: FloatArray | None = None,
+    descents: Descents = THOROUGH,
 ) -> Weakest:
     """Return the weakest directions of a grasp.
 
@@ -52,26 +83,23 @@ def weakest_directions(
     ----------
     grasp : Grasp
     task : Task
-    known : (m, d) array
-        Directions to start from as well, for example those of a nearby grasp.
-    rng : numpy.random.Generator
     budget : ForceBudget
-    fresh : int
-        Random starting directions.
-    iterations : int
-        Of the descent.
+    rng : numpy.random.Generator
+    known : (m, d) array, optional
+        Directions to start from as well, for example those of a nearby grasp.
+    descents : Descents
     """
     problem, proof = conditioned(WrenchSet.of(grasp, budget), task)
     if problem is None:
         y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
         return Weakest(0.0, y)
     if isinstance(budget, L2Budget) and task.is_centred:
-        start = random_directions(fresh, problem.rank, rng)
-        if len(known):
+        start = random_directions(descents.fresh, problem.rank, rng)
+        if known is not None and len(known):
             old = np.linalg.lstsq(problem.matrix.T, known.T, rcond=None)[0].T
             old = old[np.linalg.norm(old, axis=1) > 0.0]
             start = np.concatenate([old, start])
-        found, values = descend(problem, start, iterations)
+        found, values = descend(problem, start, descents.iterations)
     else:
         found, values = _from_hull(problem)
     order = np.argsort(values)

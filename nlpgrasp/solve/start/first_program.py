@@ -9,10 +9,10 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import face_parameters
-from nlpgrasp.solve.ascent.nonlinear import contacts_of, fill_start
-from nlpgrasp.solve.ascent.state import ExchangeState
-from nlpgrasp.solve.ascent.weakest import weakest_directions
-from nlpgrasp.solve.start.screen import Candidate
+from nlpgrasp.solve.ascent.state import AscentState, Effort
+from nlpgrasp.solve.ascent.weakest import weakest_at
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 FIRST_BETA = 0.1  # solver units
@@ -24,8 +24,7 @@ class FirstResult:
 
     Parameters
     ----------
-    faces : tuple of str
-    state : ExchangeState
+    state : AscentState
         The better of the candidate and of what the program made of it.
     beta : float
         The program's objective, in units of mu.
@@ -35,58 +34,50 @@ class FirstResult:
         The solver's own word.
     """
 
-    faces: tuple[str, ...]
-    state: ExchangeState
+    state: AscentState
     beta: float
     score: float
     message: str
 
 
-def solve_first(bench: Workbench, candidates: Iterator[Candidate], rng: np.random.Generator) -> FirstResult | None:
+def solve_first(bench: Workbench, candidates: Iterator[Placed], rng: np.random.Generator) -> FirstResult | None:
     """Solve the first program from each candidate in turn until one ends with a grasp; return the best.
 
     None where there is no candidate left.
     """
     best: FirstResult | None = None
-    iterations, seconds, functions = 0, 0.0, 0.0
+    effort = Effort()
     for candidate in candidates:
         found = _solve(bench, candidate, rng)
-        iterations += found.state.iterations
-        seconds += found.state.solver_seconds
-        functions += found.state.function_seconds
+        effort += found.state.effort
         if best is None or found.score > best.score:
             best = found
         if best.score > 0.0:
             break
     if best is not None:
-        state = best.state
-        state.iterations, state.solver_seconds, state.function_seconds = iterations, seconds, functions
+        best.state.effort = effort
     return best
 
 
-def _solve(bench: Workbench, begin: Candidate, rng: np.random.Generator) -> FirstResult:
+def _solve(bench: Workbench, begin: Placed, rng: np.random.Generator) -> FirstResult:
     """Solve from one candidate; fall back on it where it is the better grasp."""
-    faces = begin.faces
-    compiled = bench.first_program(faces)
-    start = fill_start(bench, compiled, faces, begin.points, begin.hand)
-    start[compiled.program.block("beta").range] = FIRST_BETA
-    options, results = [(begin.points, begin.hand)], []
-    scores = [_score(bench, faces, begin.points, begin.hand, rng)]
+    program = bench.first.program
+    start = variables_of(bench, program, begin)
+    start[program.block("beta").range] = FIRST_BETA
+    choices, results = [begin], []
+    scores = [_score(bench, begin, rng)]
     for factor in bench.task_samples.factors:
-        parameters = np.concatenate([first_parameters(bench, rng, factor), face_parameters(bench.problem, faces)])
-        results.append(compiled.solve(start, parameters))
-        options.append(contacts_of(bench, compiled, faces, results[-1].z))
-        scores.append(_score(bench, faces, *options[-1], rng))
+        parameters = np.concatenate([first_parameters(bench, rng, factor), face_parameters(bench.problem, begin.faces)])
+        results.append(bench.first.solve(start, parameters))
+        choices.append(placed_of(bench, program, begin.faces, results[-1].z))
+        scores.append(_score(bench, choices[-1], rng))
         if scores[-1] > 0.0:
             break
     best = int(np.argmax(scores))
-    points, hand = options[best]
     result = results[max(best - 1, 0)]
-    multipliers = result.multipliers[compiled.program.placement]
-    state = ExchangeState(points, 0.0, hand, multipliers, sum(r.iterations for r in results))
-    state.solver_seconds = sum(r.seconds for r in results)
-    state.function_seconds = sum(r.function_seconds for r in results)
-    return FirstResult(faces, state, result.objective / bench.scaling.beta, max(scores), result.status)
+    state = AscentState(choices[best], multipliers=result.multipliers[program.placement])
+    state.effort = sum(map(Effort.of, results), Effort())
+    return FirstResult(state, result.objective / bench.scaling.beta, max(scores), result.status)
 
 
 def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
@@ -104,16 +95,7 @@ def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float =
     return np.concatenate([(y * scaling.task / scaling.wrench).ravel(), good.astype(float)])
 
 
-def _score(
-    bench: Workbench, faces: tuple[str, ...], points: FloatArray, hand: dict[str, FloatArray], rng: np.random.Generator
-) -> float:
+def _score(bench: Workbench, placed: Placed, rng: np.random.Generator) -> float:
     """Return how well a placement resists the task; minus its violation where it breaks a constraint."""
-    normals = bench.inward_normals(faces, points) if np.all(np.isfinite(points)) else np.full_like(points, np.nan)
-    if not np.all(np.isfinite(normals)):
-        return -np.inf
-    violation = float(bench.violations(points[None], normals[None], {n: v[None, :] for n, v in hand.items()})[0])
-    if violation > FEASIBLE:
-        return -violation
-    none = np.zeros((0, bench.problem.dimension))
-    budget = bench.budget(points, hand)
-    return weakest_directions(bench.grasp(faces, points), bench.problem.task, none, rng, budget).value
+    violation = bench.violation(placed)
+    return -violation if violation > FEASIBLE else weakest_at(bench, placed, rng).value

@@ -4,45 +4,58 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solution.placed import SurfaceMatch
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
+from nlpgrasp.solve.ascent.state import Effort
+from nlpgrasp.solve.surface.on_body import OnBody
 
 
 @dataclass(frozen=True)
 class StartResult:
-    """What one start found.
+    """What one start found: by itself, that of a start that ended without a grasp.
 
     Parameters
     ----------
     record : StartRecord
-    grasp : Grasp or None
-    constraints : tuple of ConstraintReport
-    hand : mapping or None
-        Values of the hand's variables, name to array.
-    surface : SurfaceMatch or None
-    robust : Robustness or None
-        Where the solve goes by it.
-    solver_seconds, function_seconds : float
-        Time in IPOPT, and in function evaluations within it.
     """
 
     record: StartRecord
-    grasp: Grasp | None = None
-    constraints: tuple[ConstraintReport, ...] = ()
-    hand: dict[str, FloatArray] | None = None
-    surface: SurfaceMatch | None = None
-    robust: Robustness | None = None
-    solver_seconds: float = 0.0
-    function_seconds: float = 0.0
 
     @property
     def solved(self) -> bool:
         """Whether the start ended with a certified grasp that keeps the constraints."""
         return self.record.status is Status.SOLVED
+
+    @property
+    def effort(self) -> Effort:
+        """What solving cost."""
+        return Effort()
+
+
+@dataclass(frozen=True)
+class StartGrasp(StartResult):
+    """The grasp that a start ended with, whether it resists the task and keeps the constraints or not.
+
+    Parameters
+    ----------
+    record : StartRecord
+    found : OnBody
+    constraints : tuple of ConstraintReport
+    spent : Effort
+    robust : Robustness or None
+        Where the solve goes by it.
+    """
+
+    found: OnBody
+    constraints: tuple[ConstraintReport, ...]
+    spent: Effort
+    robust: Robustness | None
+
+    @property
+    def effort(self) -> Effort:
+        """What solving cost."""
+        return self.spent
 
     @property
     def rank(self) -> Bounds:

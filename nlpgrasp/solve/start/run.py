@@ -1,18 +1,19 @@
-"""One start: screen, first program, exchange, mesh, certificate."""
+"""One start: screen, first program, exchange, surface, certificate."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.records import StartRecord, Status
-from nlpgrasp.solve.after.robust_ascent import steadied
-from nlpgrasp.solve.ascent.linear import improved
+from nlpgrasp.solve.after.robust_ascent import steady
+from nlpgrasp.solve.ascent.exchange import exchange
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first
-from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.screen import MANY, draw_start
 from nlpgrasp.solve.start.touch import touching_candidates
 from nlpgrasp.solve.surface.put import put_on_body
@@ -30,70 +31,14 @@ def run_start(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResul
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
     Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
     """
-    with one_thread():
-        return _run(bench, index, seed, stop)
-
-
-def _run(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResult:
-    rng = np.random.default_rng([seed, index])
     clock = _Clock()
-    result: StartResult | None = None
-    try:
-        candidates = iter(draw_start(bench, rng))
-        if not bench.follows_contacts and len(bench.problem.models) >= MANY:
-            candidates = touching_candidates(bench, candidates, stop)
-        clock.mark("screen")
-        while not (result is not None and (result.solved or stop.requested())):
-            first = solve_first(bench, candidates, rng)
-            clock.mark("vertex")
-            if first is None:
-                break
-            found = _finish(bench, index, first, rng, stop, clock)
-            if result is None or (found.solved and not result.solved):
-                result = found
-    except (RuntimeError, np.linalg.LinAlgError) as error:
-        text = f"{type(error).__name__}: {error}"
-        return StartResult(StartRecord(index, Status.FAILED, seconds=clock.seconds, message=text))
-    assert result is not None  # noqa: S101  (for the type checker: there is at least one candidate)
-    return replace(result, record=replace(result.record, seconds=clock.seconds))
-
-
-def _finish(
-    bench: Workbench, index: int, first: FirstResult, rng: np.random.Generator, stop: Stop, clock: _Clock
-) -> StartResult:
-    """Refine what the first program found, put it onto the body and certify it."""
-    faces, state = first.faces, first.state
-    if bench.options.exchange:
-        state = improved(bench, faces, state, rng, stop)
-    clock.mark("exchange")
-    found = put_on_body(bench, faces, state, rng, stop)
-    clock.mark("mesh")
-    robust = None
-    if bench.options.maximise_robust:
-        found, robust = steadied(bench, faces, found)
-        clock.mark("robust")
-    bounds = mu(
-        found.grasp,
-        bench.problem.task,
-        bench.options.rtol,
-        force_budget=bench.budget(found.grasp.points, found.hand or {}),
-        deadline=stop.certificate_deadline(GRACE),
-    )
-    clock.mark("certificate")
-    status = Status.SOLVED if bounds.lower > 0.0 and found.allowed else Status.NO_GRASP
-    record = StartRecord(
-        index, status, faces, bounds, found.violation, state.iterations, {}, first.message, tuple(state.history)
-    )
-    return StartResult(
-        record,
-        found.grasp,
-        constraint_reports(bench, found, state),
-        found.hand,
-        found.surface,
-        robust,
-        solver_seconds=state.solver_seconds,
-        function_seconds=state.function_seconds,
-    )
+    with one_thread():
+        try:
+            found = _best_attempt(_Attempts(bench, index, np.random.default_rng([seed, index]), stop, clock))
+        except (RuntimeError, np.linalg.LinAlgError) as error:
+            text = f"{type(error).__name__}: {error}"
+            return StartResult(StartRecord(index, Status.FAILED, seconds=clock.seconds, message=text))
+    return replace(found, record=replace(found.record, seconds=clock.seconds))
 
 
 class _Clock:
@@ -107,3 +52,68 @@ class _Clock:
         now = time.perf_counter()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
         self._last = now
+
+
+class _Attempts:
+    """What a start makes of its candidates, one after another."""
+
+    def __init__(self, bench: Workbench, index: int, rng: np.random.Generator, stop: Stop, clock: _Clock) -> None:
+        self.bench, self.index, self.rng, self.stop, self.clock = bench, index, rng, stop, clock
+
+    def __iter__(self) -> Iterator[StartGrasp]:
+        """Yield a grasp for each first program that ends with one; there is at least one."""
+        bench = self.bench
+        candidates = iter(draw_start(bench, self.rng))
+        if not bench.follows_contacts and len(bench.problem.models) >= MANY:
+            candidates = touching_candidates(bench, candidates, self.stop)
+        self.clock.mark("screen")
+        while True:
+            first = solve_first(bench, candidates, self.rng)
+            self.clock.mark("vertex")
+            if first is None:
+                return
+            yield self._finished(first)
+
+    def _finished(self, first: FirstResult) -> StartGrasp:
+        """Refine what the first program found, put it onto the body and certify it."""
+        bench, state = self.bench, first.state
+        if bench.options.exchange:
+            state = exchange(bench, state, self.rng, self.stop)
+        self.clock.mark("exchange")
+        found = put_on_body(bench, state, self.rng, self.stop)
+        self.clock.mark("mesh")
+        robust = None
+        if bench.options.maximise_robust:
+            found, robust = steady(bench, found)
+            self.clock.mark("robust")
+        bounds = mu(
+            found.grasp,
+            bench.problem.task,
+            bench.options.rtol,
+            force_budget=bench.budget(found.placed),
+            deadline=self.stop.certificate_deadline(GRACE),
+        )
+        self.clock.mark("certificate")
+        record = StartRecord(
+            self.index,
+            Status.SOLVED if bounds.lower > 0.0 and found.allowed else Status.NO_GRASP,
+            found.placed.faces,
+            bounds,
+            found.violation,
+            state.effort.iterations,
+            message=first.message,
+            history=tuple(state.history),
+        )
+        return StartGrasp(record, found, constraint_reports(bench, found, state.multipliers), state.effort, robust)
+
+
+def _best_attempt(attempts: _Attempts) -> StartGrasp:
+    """Return the first attempt that resists the task and keeps the constraints; without any, the first."""
+    each = iter(attempts)
+    first = found = next(each)
+    while not (found.solved or attempts.stop.requested()):
+        following = next(each, None)
+        if following is None:
+            return first
+        found = following
+    return found if found.solved else first

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
 
 import numpy as np
@@ -11,8 +10,8 @@ import numpy as np
 from nlpgrasp.common.directions import directions
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.hands import Hand
 from nlpgrasp.quality.screening import sampled_ratios, screening_score
+from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 ENUMERATE_BELOW = 64
@@ -24,38 +23,20 @@ MANY, MANY_TRIES = 6, 32  # contacts from which poses are first moved to where a
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """Where a start begins.
-
-    Parameters
-    ----------
-    faces : tuple of k str
-    points : (k, space) array
-    hand : dict
-        Values of the hand's variables.
-    """
-
-    faces: tuple[str, ...]
-    points: FloatArray
-    hand: dict[str, FloatArray]
-
-
-def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Candidate]:
+def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
     """Return the best of the screened placements; with a hand that has a pose, the best few.
 
     Face assignments are enumerated where there are few, so that each gets its share of the candidates, and
     sampled where there are many. Candidates that violate a constraint come after all that do not. For a
     task that is not centred, which few placements resist and some of them hardly, several times as many are drawn.
     """
-    hand = bench.problem.hand
-    if hand is not None and not hand.follows_contacts:
-        return draw_posed_start(bench, hand, rng)
+    if not bench.follows_contacts:
+        return draw_posed_start(bench, rng)
     batches = 1 if bench.problem.task.is_centred else BATCHES
     return [max((_best_placement(bench, rng) for _ in range(batches)), key=lambda found: found[0])[1]]
 
 
-def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, Candidate]:
+def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, Placed]:
     """Return the best of some random placements and its rank: by quality, or -1 less its violation."""
     assignments = _assignments(bench, bench.options.candidates, rng)
     points = np.stack([_place(bench, faces, rng) for faces in assignments])
@@ -63,24 +44,24 @@ def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, 
     stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
     ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
     score = screening_score(ratios) * bench.scaling.beta
-    values = bench.hand_start(points, normals)
-    violation = bench.violations(points, normals, values)
+    values = bench.hand_points.start(points, normals)
+    violation = bench.rows.violations(points, normals, values)
     rank = np.where(violation <= FEASIBLE, score, -1.0 - violation)
     best = int(np.argmax(rank))
-    found = Candidate(assignments[best], points[best], {name: v[best] for name, v in values.items()})
+    found = Placed(assignments[best], points[best], {name: v[best] for name, v in values.items()})
     return float(rank[best]), found
 
 
-def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> Sequence[Candidate]:
+def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
     """Return the best few of many random poses of a hand around the body.
 
     Each fingertip's contact is the nearest sample point of the faces it may use. Poses are ranked by how well the
     contacts resist the task, less how far the fingertips are from them; of the best, those whose links are
     least in the body's and each other's way are taken.
     """
-    problem, size = bench.problem, bench.scaling.length
+    problem, size, hand = bench.problem, bench.scaling.length, bench.hand_points.hand
     count = POSES_A_CANDIDATE * bench.options.candidates
-    everything = np.concatenate(list(bench.cloud.values()))
+    everything = np.concatenate(list(bench.surface.faces.values()))
     target = everything[rng.integers(len(everything), size=count)]
     around = problem.body.centroid + rng.uniform(0.0, 0.8, (count, 1)) * (target - problem.body.centroid)
     values, tips = hand.draw(count, around, rng)
@@ -88,19 +69,19 @@ def draw_posed_start(bench: Workbench, hand: Hand, rng: np.random.Generator) -> 
     faces = np.empty(tips.shape[:2], dtype=object)
     far = np.zeros(count)
     for i, radius in enumerate(hand.tip_radii):
-        names, cloud, inward, tree = bench.clouds(i)
-        distance, nearest = tree.query(tips[:, i])
-        points[:, i], normals[:, i], faces[:, i] = cloud[nearest], inward[nearest], names[nearest]
+        cloud = bench.surface.cloud(i)
+        distance, nearest = cloud.tree.query(tips[:, i])
+        points[:, i], normals[:, i], faces[:, i] = cloud.points[nearest], cloud.normals[nearest], cloud.faces[nearest]
         far += np.abs(distance - radius) / size
     stack = GraspStack(points, normals, problem.models, problem.origin)
     ratios = sampled_ratios(stack, problem.task, screening_directions(bench), bench.screening_budget)
     score = screening_score(ratios) * bench.scaling.beta - FAR * far / hand.count
     order = np.argsort(-score)[:CHECKED]
     chosen = {name: v[order] for name, v in values.items()}
-    blocked = bench.blocked(points[order], normals[order], chosen)
+    blocked = bench.rows.blocked(points[order], normals[order], chosen)
     tries = TRIES if hand.count < MANY else MANY_TRIES
     best = order[np.argsort(BLOCKED * blocked - score[order], kind="stable")[:tries]]
-    return [Candidate(tuple(faces[i]), points[i], {name: v[i] for name, v in values.items()}) for i in best]
+    return [Placed(tuple(faces[i]), points[i], {name: v[i] for name, v in values.items()}) for i in best]
 
 
 def screening_directions(bench: Workbench) -> FloatArray:
@@ -110,7 +91,7 @@ def screening_directions(bench: Workbench) -> FloatArray:
 
 def _assignments(bench: Workbench, count: int, rng: np.random.Generator) -> list[tuple[str, ...]]:
     problem = bench.problem
-    allowed = [tuple(n for n in problem.allowed_faces(i) if n in bench.cloud) for i in range(len(problem.models))]
+    allowed = [bench.surface.usable(i) for i in range(len(problem.models))]
     same = all(m == problem.models[0] for m in problem.models) and all(a == allowed[0] for a in allowed)
     total = np.prod([float(len(a)) for a in allowed])
     if total <= 4096:
@@ -123,7 +104,8 @@ def _assignments(bench: Workbench, count: int, rng: np.random.Generator) -> list
 
 
 def _place(bench: Workbench, faces: tuple[str, ...], rng: np.random.Generator) -> FloatArray:
-    return np.stack([bench.cloud[f][rng.integers(len(bench.cloud[f]))] for f in faces])
+    clouds = [bench.surface.faces[face] for face in faces]
+    return np.stack([cloud[rng.integers(len(cloud))] for cloud in clouds])
 
 
 def _normals(bench: Workbench, assignments: list[tuple[str, ...]], points: FloatArray) -> FloatArray:

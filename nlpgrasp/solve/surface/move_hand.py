@@ -12,15 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.hands import Hand
-from nlpgrasp.solve.ascent.nonlinear import fill_start, hand_values, no_cuts, points_of
-from nlpgrasp.solve.ascent.quadratic import Linearised, shortest_step, step_bounds
-from nlpgrasp.solve.ascent.state import ExchangeState
-from nlpgrasp.solve.ascent.weakest import weakest_directions
+from nlpgrasp.hands.base import Values
+from nlpgrasp.solve.ascent.cuts import no_cuts
+from nlpgrasp.solve.ascent.newton import NewtonRules, restore
+from nlpgrasp.solve.ascent.quadratic import Linearised, step_bounds
+from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.variables import hand_of, points_of, put_contacts, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.stop import Stop
 
@@ -30,6 +31,7 @@ GOOD = 0.9  # share of the smooth surface's quality at which no contact need sli
 SLIDES = (0.06, 0.12)  # how far contacts may slide, over the body's size
 TOUCHING = 1e-6  # metres between tip and mesh at which the steps end
 LONGEST = 0.3  # solver units a step
+OVERLAP = 0.2  # of a tip's radius: nearer to its centre the mesh has no normal to go by
 
 
 @dataclass(frozen=True)
@@ -38,128 +40,121 @@ class TouchingHand:
 
     Parameters
     ----------
-    points, normals : (k, 3) array
-        Contacts on the mesh, and inward normals.
-    hand : dict
-        Values of the hand's variables.
+    placed : Placed
+        Contacts on the mesh, and the hand.
+    grasp : Grasp
+        The same contacts with inward normals.
     gap : float
         Largest distance left between a fingertip and its contact, metres.
     """
 
-    points: FloatArray
-    normals: FloatArray
-    hand: dict[str, FloatArray]
+    placed: Placed
+    grasp: Grasp
     gap: float
 
 
-def hand_onto_mesh(
-    bench: Workbench, body: Mesh, hand: Hand, faces: tuple[str, ...], state: ExchangeState, stop: Stop
-) -> TouchingHand:
+def hand_onto_mesh(bench: Workbench, smooth: Placed, wanted: float, stop: Stop) -> TouchingHand:
     """Return the hand on the mesh: where it is, or with contacts that slid to better points of the mesh.
 
     Parameters
     ----------
     bench : Workbench
-    body : Mesh
-    hand : Hand
-    faces : tuple of k str
-    state : ExchangeState
-        Contacts and hand around the smooth surface, and their value.
+        Of a problem with a mesh and a hand that has a pose.
+    smooth : Placed
+        Contacts and hand around the smooth surface.
+    wanted : float
+        Their least support ratio.
     stop : Stop
     """
     rng = np.random.default_rng(0)
-    nothing = np.zeros((0, bench.problem.dimension))
 
     def value(touching: TouchingHand) -> float:
-        grasp = Grasp(touching.points, touching.normals, bench.problem.models, bench.problem.origin)
-        budget = bench.budget(touching.points, touching.hand)
-        found = weakest_directions(grasp, bench.problem.task, nothing, rng, budget, 60, 25).value
+        budget = bench.budget(touching.placed)
+        found = weakest_directions(touching.grasp, bench.problem.task, budget, rng, descents=QUICK).value
         return found if touching.gap <= TOUCHED else -touching.gap
 
-    best = touch_mesh(bench, body, hand, faces, state.points, state.hand)
+    best = touch_mesh(bench, smooth)
     reached = value(best)
     for reach in SLIDES:
-        if reached >= GOOD * state.value or stop.requested():
+        if reached >= GOOD * wanted or stop.requested():
             break
-        slid = slide_onto_mesh(bench, body, state.points, None, rng, stop, reach)
-        trial = touch_mesh(bench, body, hand, faces, slid.points, state.hand, slid.normals)
+        slid = slide_onto_mesh(bench, smooth, rng, stop, reach, constrained=False)
+        trial = touch_mesh(bench, Placed(smooth.faces, slid.points, smooth.hand), slid.normals)
         there = value(trial)
         if there > reached:
             best, reached = trial, there
     return best
 
 
-def touch_mesh(
-    bench: Workbench,
-    body: Mesh,
-    hand: Hand,
-    faces: tuple[str, ...],
-    points: FloatArray,
-    values: dict[str, FloatArray],
-    normals: FloatArray | None = None,
-) -> TouchingHand:
+def touch_mesh(bench: Workbench, start: Placed, aim: FloatArray | None = None) -> TouchingHand:
     """Return the hand moved onto the mesh, from contacts on the smooth surface.
 
     Parameters
     ----------
     bench : Workbench
-    body : Mesh
-    hand : Hand
-    faces : tuple of k str
-    points : (k, 3) array
-        Contacts to begin with, near the mesh.
-    values : dict
-        The hand's variables.
-    normals : (k, 3) array, optional
-        Inward normals at the points, when the fingertips are first to go there; otherwise they go to the points of
+    start : Placed
+        Contacts to begin with, near the mesh, and the hand.
+    aim : (k, 3) array, optional
+        Inward normals at these contacts, when the fingertips are first to go there; otherwise they go to the points of
         the mesh nearest to them.
     """
-    compiled = bench.cut_program(faces)
-    program = compiled.program
-    theta = no_cuts(bench, faces, points)
-    z = fill_start(bench, compiled, faces, points, values)
-    smooth = bench.inward_normals(faces, points)
-    rows = program.placement
-    free = np.concatenate([np.arange(b.start, b.stop) for _, b in program.hand_blocks])
-    low, high = (limits[rows] for limits in program.limits)
-    bounds = program.bounds[0][free], program.bounds[1][free]
-    radii = np.asarray(hand.tip_radii)
-    best: TouchingHand | None = None
-    aims = [(points, normals)] * AIMED if normals is not None else []
-    for step_number in range(len(aims) + STEPS):
-        here = hand_values(program, z)
-        centres = bench.tip_centres(here, points_of(bench, program, z))
-        aimed = step_number < len(aims)
-        contacts, inward = aims[step_number] if aimed else _contacts(body, centres, radii, smooth)
-        for i in range(len(radii)):
-            z[program.block(f"position {i}").range] = bench.scaling.position(contacts[i])
-            z[program.block(f"normal {i}").range] = inward[i]
-        g, J = compiled.linearise(z, theta)
-        g = g[rows]
-        g[bench.clearance_rows] = bench.mesh_clearances(body, here) / bench.scaling.length
-        worst = float(np.max(np.maximum(low - g, g - high), initial=0.0)) * bench.scaling.length
-        if not aimed and (best is None or worst < best.gap):
-            best = TouchingHand(contacts, inward, here, worst)
-        if worst <= TOUCHING and not aimed:
-            break
-        linearised = Linearised(g, J[rows][:, free], low, high, *step_bounds(z[free], bounds, LONGEST))
-        step = shortest_step(linearised, np.zeros(len(free)), 1.0)
-        if step is not None:
-            z[free] += step.d
-        elif not aimed:
-            break
-    assert best is not None  # noqa: S101  (for the type checker: the first step that is not aimed sets it)
-    return best
+    touching = _Touching(bench, start)
+    z = touching.z[touching.free]
+    if aim is not None:
+        z = restore(lambda z: touching.rows(z, start.points, aim), z, NewtonRules(AIMED, -np.inf)).last
+    enough = TOUCHING / bench.scaling.length
+    rows = restore(touching.nearest, z, NewtonRules(STEPS, enough)).rows
+    placed = Placed(start.faces, rows.contacts, rows.hand)
+    return TouchingHand(placed, bench.grasp_at(rows.contacts, rows.normals), rows.violation * bench.scaling.length)
 
 
-def _contacts(body: Mesh, centres: FloatArray, radii: FloatArray, smooth: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the points of the mesh nearest to the tips, and inward normals there.
+@dataclass(frozen=True)
+class _TouchRows(Linearised):
+    """The rows that a touching hand keeps, with the contacts and the hand that they are of."""
 
-    Tips that are not round keep the smooth normal: theirs, as they touch along it.
-    """
-    contacts, _, distance = body.closest(centres)
-    towards = contacts - centres
-    outside = np.sum(towards * smooth, axis=1) > 0.0
-    round_tip = (radii > 0.0) & (distance > 0.2 * radii) & outside
-    inward = np.where(round_tip[:, None], towards / np.maximum(distance, 1e-12)[:, None], smooth)
-    return contacts, inward
+    contacts: FloatArray
+    normals: FloatArray
+    hand: Values
+
+
+class _Touching:
+    """A hand on its way: the rows of constraints and hand, linearised in the hand's variables."""
+
+    def __init__(self, bench: Workbench, start: Placed) -> None:
+        self.bench, self.program = bench, bench.exchange.compiled.program
+        self.theta = no_cuts(bench, start)
+        self.z = variables_of(bench, self.program, start)
+        self.smooth = bench.inward_normals(start)
+        self.free = np.concatenate([np.arange(b.start, b.stop) for _, b in self.program.hand_blocks])
+
+    def nearest(self, free: FloatArray) -> _TouchRows:
+        """Return the rows for contacts at the points of the mesh nearest to the fingertips.
+
+        Tips that are not round keep the smooth normal: theirs, as they touch along it.
+        """
+        bench = self.bench
+        radii = np.asarray(bench.hand_points.hand.tip_radii)
+        centres = bench.hand_points.tip_centres(self._hand(free), points_of(bench, self.program, self.z))
+        contacts, _, distance = bench.surface.mesh.closest(centres)
+        towards = contacts - centres
+        outside = np.sum(towards * self.smooth, axis=1) > 0.0
+        round_tip = (radii > 0.0) & (distance > OVERLAP * radii) & outside
+        inward = np.where(round_tip[:, None], towards / np.maximum(distance, 1e-12)[:, None], self.smooth)
+        return self.rows(free, contacts, inward)
+
+    def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchRows:
+        """Return the rows for values of the hand's variables and contacts anywhere."""
+        bench, program, here = self.bench, self.program, self._hand(free)
+        put_contacts(bench, program, self.z, contacts, normals)
+        g, J = bench.exchange.compiled.linearise(self.z, self.theta)
+        used = program.placement
+        g = g[used]
+        g[bench.rows.clearances] = bench.hand_points.mesh_clearances(bench.surface.mesh, here) / bench.scaling.length
+        low, high = (limits[used] for limits in program.limits)
+        bounds = step_bounds(free, (program.bounds[0][self.free], program.bounds[1][self.free]), LONGEST)
+        return _TouchRows(g, J[used][:, self.free], low, high, *bounds, contacts, normals, here)
+
+    def _hand(self, free: FloatArray) -> Values:
+        """Return the hand's variables, and keep them."""
+        self.z[self.free] = free
+        return hand_of(self.program, self.z)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.records import ConstraintReport
-from nlpgrasp.solve.ascent.state import ExchangeState
-from nlpgrasp.solve.surface.put import OnBody
+from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 ACTIVE = 1e-4  # of a row's scale
 
 
-def constraint_reports(bench: Workbench, found: OnBody, state: ExchangeState) -> tuple[ConstraintReport, ...]:
+def constraint_reports(bench: Workbench, found: OnBody, multipliers: FloatArray) -> tuple[ConstraintReport, ...]:
     """Return value, limits, multiplier and activity of every constraint row.
 
     The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the row; a limit moved by
     one unit of the row changes mu by that over the task's and the row's scales.
     """
     reports = []
-    for row, value, multiplier in zip(bench.constraint_rows, found.values, state.multipliers, strict=True):
+    for row, value, multiplier in zip(bench.rows.named, found.values, multipliers, strict=True):
         distance = min(value - row.lower, row.upper - value)
         active = bool(distance <= ACTIVE * row.scale)
         price = float(multiplier) / (bench.scaling.beta * row.scale) if active else 0.0

@@ -10,29 +10,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.screening import sampled_ratios, screening_score
-from nlpgrasp.solve.ascent.weakest import weakest_directions
+from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.solve.start.screen import screening_directions
-from nlpgrasp.solve.workbench.workbench import FEASIBLE, MESH_ANGLE, Workbench
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.surface_samples import MESH_ANGLE
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.stop import Stop
 
 FIRST_REACH, LAST_REACH = 0.12, 0.01  # of the body's size: how far a contact may slide in one move
 TRIALS = 48
 SWEEPS = 12
+GAIN = 1e-3  # relative: a sweep that gains less is undone
+KNOWN, MOST_CUTS = 100, 400  # directions that a search begins from, and that are kept
 
 
 def slide_onto_mesh(
     bench: Workbench,
-    body: Mesh,
-    start: FloatArray,
-    hand: dict[str, FloatArray] | None,
+    start: Placed,
     rng: np.random.Generator,
     stop: Stop,
     reach: float = FIRST_REACH,
+    constrained: bool = True,
 ) -> Grasp:
     """Return a grasp whose contacts are on the mesh, with the mesh's own normals.
 
@@ -42,93 +44,97 @@ def slide_onto_mesh(
     Parameters
     ----------
     bench : Workbench
-    body : Mesh
-    start : (k, 3) array
-        Contacts on the smooth surface.
-    hand : dict or None
-        Values of the hand's variables, for the constraints; None to leave constraints out of it.
+        Of a problem with a mesh.
+    start : Placed
+        Contacts on the smooth surface, and the hand.
     rng : numpy.random.Generator
     stop : Stop
     reach : float
         How far a contact may slide in the first moves, over the body's size.
+    constrained : bool
+        Whether moves have to keep the constraints.
     """
-    points, normals = _nearest_plain(bench, body, start)
-    y = screening_directions(bench)
-    cuts = _weakest(bench, points, normals, y[:0], rng)
-    best_points, best_normals = points.copy(), normals.copy()
-    best = _value(bench, points, normals, cuts)
+    sliding = _Sliding(bench, start, rng, constrained)
+    best, best_value = sliding.contacts(), sliding.value()
     for _ in range(SWEEPS):
         if stop.requested() or reach < LAST_REACH:
             break
-        moved = False
-        for i in range(len(points)):
-            moved |= _move(
-                bench, points, normals, i, np.concatenate([y, cuts]), reach * bench.scaling.length, rng, hand
-            )
-        cuts = np.concatenate([cuts, _weakest(bench, points, normals, cuts, rng)])[-400:]
-        value = _value(bench, points, normals, cuts)
-        if value > best * (1.0 + 1e-3):
-            best, best_points, best_normals = value, points.copy(), normals.copy()
+        moved = sliding.sweep(reach * bench.scaling.length)
+        sliding.look()
+        value = sliding.value()
+        if value > best_value * (1.0 + GAIN):
+            best, best_value = sliding.contacts(), value
         else:
-            points, normals = best_points.copy(), best_normals.copy()
+            sliding.points, sliding.normals = (v.copy() for v in best)
             moved = False
         if not moved:
             reach *= 0.5
-    return Grasp(best_points, best_normals, bench.problem.models, bench.problem.origin)
+    return bench.grasp_at(*best)
 
 
-def _nearest_plain(bench: Workbench, body: Mesh, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+class _Sliding:
+    """Contacts on their way over a mesh, and the directions in which they have been weak."""
+
+    def __init__(self, bench: Workbench, start: Placed, rng: np.random.Generator, constrained: bool) -> None:
+        self.bench, self.start, self.rng, self.constrained = bench, start, rng, constrained
+        self.points, self.normals = _nearest_plain(bench, start.points)
+        self.screening = screening_directions(bench)
+        self.cuts = self.screening[:0]
+        self.look()
+
+    def contacts(self) -> tuple[FloatArray, FloatArray]:
+        """Return points and inward normals as they are now."""
+        return self.points.copy(), self.normals.copy()
+
+    def look(self) -> None:
+        """Add the weakest directions of the contacts where they are."""
+        bench, grasp = self.bench, self.bench.grasp_at(self.points, self.normals)
+        known, task = self.cuts[-KNOWN:], bench.problem.task
+        found = weakest_directions(grasp, task, bench.closure_budget, self.rng, known, QUICK).directions
+        self.cuts = np.concatenate([self.cuts, found])[-MOST_CUTS:]
+
+    def value(self) -> float:
+        """Return the score over all directions: the least ratio, with the tie-break for placements not closed."""
+        return float(self._scores(self.points[None], self.normals[None])[0])
+
+    def sweep(self, reach: float) -> bool:
+        """Move each contact to the best of the mesh points within reach, metres; return whether any moved."""
+        moved = False
+        for i in range(len(self.points)):
+            moved |= self._move(i, reach)
+        return moved
+
+    def _move(self, i: int, reach: float) -> bool:
+        """Move contact i to the best of the nearby mesh points, if one is better; return whether it was."""
+        cloud = self.bench.surface.mesh_cloud
+        near = np.array(cloud.tree.query_ball_point(self.points[i], reach), dtype=int)
+        if not near.size:
+            return False
+        if near.size > TRIALS:
+            near = self.rng.choice(near, TRIALS, replace=False)
+        points, normals = (np.repeat(v[None], near.size + 1, axis=0) for v in (self.points, self.normals))
+        points[1:, i], normals[1:, i] = cloud.points[near], cloud.normals[near]
+        score = self._scores(points, normals)
+        if self.constrained:
+            broken = self.bench.rows.violations(points, normals, self.start.repeated_hand(near.size + 1))
+            score = np.where(broken <= max(FEASIBLE, broken[0]), score, -np.inf)
+        best = int(np.argmax(score))
+        self.points[i], self.normals[i] = points[best, i], normals[best, i]
+        return best != 0
+
+    def _scores(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return how well placements (b, k, 3) resist the task in all directions, (b,)."""
+        problem, y = self.bench.problem, np.concatenate([self.screening, self.cuts])
+        stack = GraspStack(points, normals, problem.models, problem.origin)
+        return screening_score(sampled_ratios(stack, problem.task, y, self.bench.screening_budget))
+
+
+def _nearest_plain(bench: Workbench, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the nearest points of the mesh away from sharp edges, and the mesh's inward normals there."""
+    body, cloud = bench.surface.mesh, bench.surface.mesh_cloud
     positions, outward, _ = body.closest(points)
     smooth = body.evaluate(body.face_names[0], positions)[2]
     edge = np.sum(smooth * outward, axis=1) < np.cos(MESH_ANGLE)
-    cloud, inward, tree = bench.mesh_cloud
-    nearest = tree.query(points)[1]
-    return np.where(edge[:, None], cloud[nearest], positions), np.where(edge[:, None], inward[nearest], -outward)
-
-
-def _move(
-    bench: Workbench,
-    points: FloatArray,
-    normals: FloatArray,
-    i: int,
-    y: FloatArray,
-    reach: float,
-    rng: np.random.Generator,
-    hand: dict[str, FloatArray] | None,
-) -> bool:
-    """Move contact i in place to the best of the nearby mesh points, if one is better; return whether it was."""
-    cloud, inward, tree = bench.mesh_cloud
-    near = np.array(tree.query_ball_point(points[i], reach), dtype=int)
-    if not near.size:
-        return False
-    if near.size > TRIALS:
-        near = rng.choice(near, TRIALS, replace=False)
-    trial_points = np.repeat(points[None], near.size + 1, axis=0)
-    trial_normals = np.repeat(normals[None], near.size + 1, axis=0)
-    trial_points[1:, i], trial_normals[1:, i] = cloud[near], inward[near]
-    score = _scores(bench, trial_points, trial_normals, y)
-    if hand is not None:
-        values = {name: np.repeat(v[None], near.size + 1, axis=0) for name, v in hand.items()}
-        broken = bench.violations(trial_points, trial_normals, values)
-        score = np.where(broken <= max(FEASIBLE, broken[0]), score, -np.inf)
-    best = int(np.argmax(score))
-    points[i], normals[i] = trial_points[best, i], trial_normals[best, i]
-    return best != 0
-
-
-def _scores(bench: Workbench, points: FloatArray, normals: FloatArray, y: FloatArray) -> FloatArray:
-    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
-    return screening_score(sampled_ratios(stack, bench.problem.task, y, bench.screening_budget))
-
-
-def _weakest(
-    bench: Workbench, points: FloatArray, normals: FloatArray, known: FloatArray, rng: np.random.Generator
-) -> FloatArray:
-    grasp = Grasp(points, normals, bench.problem.models, bench.problem.origin)
-    return weakest_directions(grasp, bench.problem.task, known[-100:], rng, bench.closure_budget, 60, 25).directions
-
-
-def _value(bench: Workbench, points: FloatArray, normals: FloatArray, cuts: FloatArray) -> float:
-    """Return the score over all cuts: the least ratio, with the tie-break for placements that are not closed."""
-    return float(_scores(bench, points[None], normals[None], np.concatenate([screening_directions(bench), cuts]))[0])
+    nearest = cloud.tree.query(points)[1]
+    plain, normals = cloud.points[nearest], cloud.normals[nearest]
+    return np.where(edge[:, None], plain, positions), np.where(edge[:, None], normals, -outward)

@@ -21,7 +21,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.stop import Stop
@@ -62,7 +62,7 @@ class Runner:
         else:
             yield from self._in_processes(seed, stop)
 
-    def look_back(self, best: StartResult | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:
+    def look_back(self, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:
         """Return what is worth knowing after the starts; nothing where a worker ends over it."""
         if self._payload is None:
             return look_back(self._workbench(), best, results, seed, stop)
@@ -121,7 +121,7 @@ def _work(token: str, payload: tuple[list[str], bytes], index: int, seed: int, s
 def _look_back(
     token: str,
     payload: tuple[list[str], bytes],
-    best: StartResult | None,
+    best: StartGrasp | None,
     results: list[StartResult],
     seed: int,
     stop: Stop,

@@ -1,0 +1,91 @@
+"""Newton's method onto constraints: linearise the rows, take the shortest step that keeps them, and again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solve.ascent.quadratic import NO_SLACK, Linearised, shortest_step
+from nlpgrasp.solve.ascent.slack import Slack
+
+STALLED = 0.98  # a step that leaves more than this share of the violation hardly helps
+R = TypeVar("R", bound=Linearised)
+
+
+@dataclass(frozen=True)
+class NewtonRules:
+    """When Newton steps end.
+
+    Parameters
+    ----------
+    steps : int
+        At most.
+    enough : float
+        Violation at which they end.
+    patience : int
+        Steps in a row that hardly help, after which they end.
+    slack : Slack
+        With slack a step exists also where the rows contradict each other (Levenberg and Marquardt, with bounds).
+    """
+
+    steps: int
+    enough: float
+    patience: int = 1000
+    slack: Slack = NO_SLACK
+
+
+@dataclass(frozen=True)
+class Restored(Generic[R]):
+    """Where Newton steps led.
+
+    Parameters
+    ----------
+    best : (n,) array
+        The variables of least violation.
+    rows : Linearised
+        The rows there.
+    last : (n,) array
+        The variables after the last step, whose rows have not been looked at where all steps were taken.
+    contradicted : bool
+        Whether the steps ended because the linearised rows contradict each other.
+    """
+
+    best: FloatArray
+    rows: R
+    last: FloatArray
+    contradicted: bool
+
+    @property
+    def violation(self) -> float:
+        """The least violation."""
+        return self.rows.violation
+
+
+def restore(linearise: Callable[[FloatArray], R], z: FloatArray, rules: NewtonRules) -> Restored[R]:
+    """Return variables moved towards constraints.
+
+    Parameters
+    ----------
+    linearise : callable
+        Variables to the rows there, linearised, with bounds of the step.
+    z : (n,) array
+    rules : NewtonRules
+    """
+    rows = linearise(z)
+    best, least, waited, contradicted = z, rows, 0, False
+    for left in reversed(range(rules.steps)):
+        if rows.violation <= rules.enough or waited > rules.patience:
+            break
+        step = shortest_step(rows, slack=rules.slack)
+        if step is None:
+            contradicted = True
+            break
+        z = z + step.d
+        if left:
+            rows = linearise(z)
+            waited = 0 if rows.violation < STALLED * least.violation else waited + 1
+            if rows.violation < least.violation:
+                best, least = z, rows
+    return Restored(best, least, z, contradicted)

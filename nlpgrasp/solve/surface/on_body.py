@@ -1,0 +1,47 @@
+"""A grasp of the body itself, and how well the constraints are kept there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.solution.placed import SurfaceMatch
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+
+
+@dataclass(frozen=True)
+class OnBody:
+    """A grasp of the body itself.
+
+    Parameters
+    ----------
+    placed : Placed
+        Contacts and hand.
+    grasp : Grasp
+        The same contacts with the body's own normals.
+    values : (rows,) array
+        Of the rows of constraints and hand, in their own units; distances from a mesh are the mesh's own.
+    violation : float
+        Largest violation of these rows, relative to their scales.
+    surface : SurfaceMatch or None
+        For meshes.
+    """
+
+    placed: Placed
+    grasp: Grasp
+    values: FloatArray
+    violation: float
+    surface: SurfaceMatch | None = None
+
+    @classmethod
+    def of(cls, bench: Workbench, placed: Placed, grasp: Grasp, surface: SurfaceMatch | None = None) -> OnBody:
+        """Return a grasp with the values of its rows, and how well they are kept."""
+        values = bench.row_values(placed, grasp.normals)
+        return cls(placed, grasp, values, float(bench.rows.excess(values[None])[0]), surface)
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the rows are kept: on a mesh to ten times the tolerance, as its steps end there."""
+        return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)

@@ -1,0 +1,73 @@
+"""Points of the hand: where its fingertips are, and how far its links are from a mesh."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands import Hand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.problem.problem import GraspProblem
+
+
+class HandPoints:
+    """Fingertips and links of a problem's hand as numbers.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    """
+
+    def __init__(self, problem: GraspProblem) -> None:
+        self._problem = problem
+
+    @property
+    def hand(self) -> Hand:
+        """The hand, of a problem that has one."""
+        if self._problem.hand is None:
+            raise InputError("GraspProblem.hand", None, "a hand")
+        return self._problem.hand
+
+    def start(self, points: FloatArray, normals: FloatArray) -> Values:
+        """Return the hand's starting variables for placements (b, k, space), name -> (b, m); none without a hand."""
+        hand = self._problem.hand
+        if hand is None or not hand.variables(self._problem.body.bounds):
+            return {}
+        tips = points - np.asarray(hand.tip_radii)[:, None] * normals
+        starts = [hand.start(t) for t in tips]
+        return {name: np.stack([s[name] for s in starts]) for name in starts[0]}
+
+    def tip_centres(self, values: Values, otherwise: FloatArray) -> FloatArray:
+        """Return the centres of round fingertips (k, 3), and the given points for the others."""
+        centres = self._function(*values.values())[0].full().T
+        return np.where(np.isnan(centres), otherwise, centres)
+
+    def mesh_clearances(self, body: Mesh, values: Values) -> FloatArray:
+        """Return the links' signed distances to the mesh itself, one a clearance row, metres."""
+        centres = np.asarray(self._function(*values.values())[1].full()).T
+        if not len(centres):
+            return np.zeros(0)
+        rough = np.asarray(body.distance_function.map(len(centres))(centres.T).full()).ravel()
+        return np.asarray(np.where(rough < 0.0, -1.0, 1.0) * body.closest(centres)[2])
+
+    @cached_property
+    def tip_motion(self) -> ca.Function:
+        """The hand's variables to its fingertips' places (3, k) and their derivatives (3 k, variables)."""
+        symbols = self.hand.symbols(self._problem.body.bounds)
+        places = ca.horzcat(*self.hand.tip_places(symbols))
+        slopes = ca.densify(ca.jacobian(ca.vec(places), ca.vertcat(*symbols.values())))
+        return ca.Function("tips", list(symbols.values()), [places, slopes], {"cse": True})
+
+    @cached_property
+    def _function(self) -> ca.Function:
+        """The hand's variables to the centres of its round fingertips (NaN for others) and of its links' spheres."""
+        symbols = self.hand.symbols(self._problem.body.bounds)
+        tips = [ca.SX.nan(3) if c is None else c for c in self.hand.tip_centres(symbols)]
+        spheres = [s.centre for s in self.hand.spheres(symbols)]
+        outputs = [ca.horzcat(*tips), ca.horzcat(ca.SX(3, 0), *spheres)]
+        return ca.Function("hand", list(symbols.values()), outputs, {"cse": True})

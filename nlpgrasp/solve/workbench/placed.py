@@ -1,0 +1,33 @@
+"""Where contacts and hand are: the one state that screen, programs, ascent and surface hand on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.base import Values
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Contacts on faces of the body, and the hand.
+
+    Parameters
+    ----------
+    faces : tuple of k str
+        The face each contact is on.
+    points : (k, space) array
+        Metres, body frame.
+    hand : dict
+        Values of the hand's variables, in the hand's units; empty without a hand.
+    """
+
+    faces: tuple[str, ...]
+    points: FloatArray
+    hand: Values = field(default_factory=dict)
+
+    def repeated_hand(self, count: int) -> Values:
+        """Return the hand's values ``count`` times, (count, m) each: for placements that differ in their contacts."""
+        return {name: np.repeat(value[None], count, axis=0) for name, value in self.hand.items()}

@@ -1,0 +1,111 @@
+"""The two programs that all starts of a problem solve, compiled when they are first asked for.
+
+One program serves every assignment of contacts to faces: which of its faces a contact is on is a parameter.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+from nlpgrasp.budgets import ForceBudget, L2Budget
+from nlpgrasp.budgets.base import extremes
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.nlp import (
+    CompiledProgram,
+    Program,
+    has_closed_form,
+    has_pieces,
+    support_program,
+    vertex_program,
+)
+from nlpgrasp.nlp.compile import Option
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solve.options import SolveOptions
+
+SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes the exchange's program holds
+POSED_ITERATIONS = 150  # most of the first program with a hand's pose: another pose is worth more then
+Ipopt = dict[str, Option]
+# with a hand's pose the first program ends once contacts and hand fit together: the exchange is faster from there
+POSED: Ipopt = {
+    "mu_strategy": "adaptive",
+    "acceptable_iter": 1,
+    "acceptable_tol": 1e5,
+    "acceptable_constr_viol_tol": 1e-5,
+    "acceptable_obj_change_tol": 0.5,
+    "acceptable_dual_inf_tol": 1e10,
+    "acceptable_compl_inf_tol": 1e2,
+}
+
+
+def follows_contacts(problem: GraspProblem) -> bool:
+    """Return whether there is no hand, or one whose variables follow from the contacts."""
+    return problem.hand is None or problem.hand.follows_contacts
+
+
+def closure_budget(problem: GraspProblem) -> ForceBudget:
+    """Return the budget to tell force closure by: the paper's where the problem's own needs a posture."""
+    return L2Budget() if problem.budget.follows_hand else problem.budget
+
+
+def first_program(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
+    """Return the first program of a start, which looks at so many samples of the task."""
+    plain = problem.unchecked(force_budget=closure_budget(problem))
+    if options.transcription == "vertex":
+        program = vertex_program(plain, _faces(problem), samples)
+    else:
+        program = support_program(plain, _faces(problem), samples, eliminate=False)
+    limits: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
+    if not follows_contacts(problem):
+        limits |= POSED | {"max_iter": min(options.max_iterations, POSED_ITERATIONS)}
+    return _compiled(program, options, limits)
+
+
+class ExchangeProgram:
+    """The program of the exchange: cutting planes in slots. It is the same for all tasks.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    options : SolveOptions
+    """
+
+    def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
+        self._problem, self._options = problem, options
+
+    @cached_property
+    def linearises(self) -> bool:
+        """Whether the exchange goes by the program's linearisation: with a posed hand and without forces in it."""
+        problem = self._problem
+        known = has_closed_form(problem) or has_pieces(problem) or problem.budget.follows_hand
+        return not follows_contacts(problem) and known
+
+    @property
+    def slots(self) -> int:
+        """Cutting planes the program holds."""
+        return SLOTS if self.linearises or has_closed_form(self._problem) else SLOTS_WITH_FORCES
+
+    @cached_property
+    def compiled(self) -> CompiledProgram:
+        """The program itself."""
+        slots = 0 if self._problem.budget.follows_hand else self.slots
+        program = support_program(self._problem, _faces(self._problem), slots, eliminate=True, pieces=self.linearises)
+        return _compiled(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
+
+    def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
+        """Return the contacts' own supports along directions, (m, k), where the program is made of them."""
+        if has_closed_form(self._problem) or not (self.linearises and has_pieces(self._problem)):
+            return None
+        return extremes(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
+
+
+def _faces(problem: GraspProblem) -> tuple[str, ...]:
+    return tuple(problem.allowed_faces(i)[0] for i in range(len(problem.models)))
+
+
+def _compiled(program: Program, options: SolveOptions, limits: Ipopt) -> CompiledProgram:
+    # MUMPS scaling 7 avoids the factorizations that take 20 times as long as the rest (measured on scans)
+    most: Ipopt = {"max_iter": options.max_iterations, "mumps_scaling": 7}
+    if options.time_limit is not None:
+        most["max_wall_time"] = options.time_limit
+    return CompiledProgram(program, most | limits)

@@ -1,0 +1,101 @@
+"""Points of the body's surface that contacts are drawn from or slide to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.problem.problem import GraspProblem
+
+CLOUD = 600  # sample points a face that contacts are drawn from
+MESH_SAMPLES = 20000  # points of a mesh that contacts may slide to
+MESH_ANGLE = np.radians(30.0)  # most between the mesh's normal there and the smooth one: keeps off sharp edges
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points of a surface with a search tree over them.
+
+    Parameters
+    ----------
+    faces : (m,) array of str
+        The face each point is on.
+    points : (m, space) array
+        Metres.
+    normals : (m, space) array
+        Unit, into the body.
+    tree : scipy.spatial.cKDTree
+    """
+
+    faces: NDArray[np.object_]
+    points: FloatArray
+    normals: FloatArray
+    tree: cKDTree
+
+
+class SurfaceSamples:
+    """Samples of a problem's body, the same in every process.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    """
+
+    def __init__(self, problem: GraspProblem) -> None:
+        self._problem = problem
+        self._clouds: dict[tuple[str, ...], Cloud] = {}
+
+    @cached_property
+    def faces(self) -> dict[str, FloatArray]:
+        """Points on each face that some contact may use, (m, space)."""
+        problem, k = self._problem, len(self._problem.models)
+        names = sorted({n for i in range(k) for n in problem.allowed_faces(i)})
+        rng = np.random.default_rng(0)
+        found = {name: problem.body.sample(name, CLOUD, rng) for name in names}
+        found = {name: points for name, points in found.items() if len(points)}
+        for i in range(k):
+            if not any(n in found for n in problem.allowed_faces(i)):
+                raise InputError(
+                    "GraspProblem.body", f"no point found on {problem.allowed_faces(i)}", "a reachable face"
+                )
+        return found
+
+    def usable(self, contact: int) -> tuple[str, ...]:
+        """Return the faces that a contact may use and that have points."""
+        return tuple(n for n in self._problem.allowed_faces(contact) if n in self.faces)
+
+    def cloud(self, contact: int) -> Cloud:
+        """Return the points that a contact may use."""
+        names = self.usable(contact)
+        if names not in self._clouds:
+            points = np.concatenate([self.faces[n] for n in names])
+            labels = np.concatenate([np.full(len(self.faces[n]), n, dtype=object) for n in names])
+            normals = np.concatenate([-self._problem.body.evaluate(n, self.faces[n])[2] for n in names])
+            self._clouds[names] = Cloud(labels, points, normals, cKDTree(points))
+        return self._clouds[names]
+
+    @property
+    def mesh(self) -> Mesh:
+        """The body, which has to be a mesh."""
+        body = self._problem.body
+        if not isinstance(body, Mesh):
+            raise InputError("GraspProblem.body", type(body).__name__, "a mesh")
+        return body
+
+    @cached_property
+    def mesh_cloud(self) -> Cloud:
+        """Points of the mesh itself, away from sharp edges, with its triangles' inward normals."""
+        body = self.mesh
+        points, normals = body.surface_samples(MESH_SAMPLES, np.random.default_rng(0))
+        smooth = body.evaluate(body.face_names[0], points)[2]
+        plain = np.sum(smooth * normals, axis=1) >= np.cos(MESH_ANGLE)
+        if plain.any():
+            points, normals = points[plain], normals[plain]
+        return Cloud(np.full(len(points), body.face_names[0], dtype=object), points, -normals, cKDTree(points))
