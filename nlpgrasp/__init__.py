@@ -92,7 +92,7 @@ from nlpgrasp.tasks.learnt.fit import EllipsoidFit, fit_ellipsoid
 from nlpgrasp.tasks.learnt.recording import WrenchRecording
 from nlpgrasp.tasks.motion import MassProperties, motion_task, motion_wrenches
 from nlpgrasp.tasks.tools import cut, disturbance, gravity, insert, lift, pour, press, turn, write
-from nlpgrasp.verify.measures import Verification
+from nlpgrasp.verify.check import Verification
 from nlpgrasp.verify.verify import verify
 from nlpgrasp.version import __version__
 

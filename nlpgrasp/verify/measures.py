@@ -1,8 +1,6 @@
-"""What an independent check says, and its checks of certified measures."""
+"""Independent checks of certified measures: computed anew, with other random directions."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,52 +11,10 @@ from nlpgrasp.quality.measures import delta, mu
 from nlpgrasp.quality.volume import nu
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
+from nlpgrasp.verify.check import Check
 
 OTHER_SEED = 7919
 OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not along its tangent
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was checked.
-
-    Parameters
-    ----------
-    name : str
-    passed : bool
-    detail : str
-        What was compared, with numbers.
-    """
-
-    name: str
-    passed: bool
-    detail: str
-
-
-@dataclass(frozen=True)
-class Verification:
-    """The outcome of ``verify``; true when every check passed.
-
-    Parameters
-    ----------
-    checks : tuple of Check
-    mu : Bounds or None
-        Computed anew.
-    """
-
-    checks: tuple[Check, ...]
-    mu: Bounds | None
-
-    @property
-    def passed(self) -> bool:
-        """Whether every check passed."""
-        return all(check.passed for check in self.checks)
-
-    def __bool__(self) -> bool:
-        return self.passed
-
-    def __str__(self) -> str:
-        return "\n".join(f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.detail}" for c in self.checks)
 
 
 def interval(stated: Bounds) -> Check:

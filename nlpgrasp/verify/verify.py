@@ -1,48 +1,55 @@
 """An independent check of a solution: from its file alone, by code that never saw the program.
 
 The grasp map is rebuilt here from positions and normals as sums of ``(f, (p - o) x f)``, the certified bounds are
-computed again with other random directions, and the finger forces are put back into the equilibrium equations.
+computed again with other random directions, the finger forces are put back into the equilibrium equations, and
+contacts, constraints and hand are recomputed from the problem by formulas of this room's own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
-
-from nlpgrasp.budgets import ForceBudget, budget_from_dict
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import contact_from_dict
-from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import Task, task_from_dict
-from nlpgrasp.verify.measures import OTHER_SEED, Check, Verification, interval, other_measures, overlap, robustness
+from nlpgrasp.tasks import task_from_dict
+from nlpgrasp.verify.check import Check, Verification
+from nlpgrasp.verify.evidence import direction_checks, force_checks, grasp_map_check, model_checks
+from nlpgrasp.verify.measures import OTHER_SEED, interval, other_measures, overlap, robustness
+from nlpgrasp.verify.recomputed import recomputed
+from nlpgrasp.verify.sources import Sources
 
-FORCE_TOLERANCE = 1e-6
 
-
-def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verification:
-    """Check a solution, or a solution file, from its task and grasp alone.
+def verify(
+    solution: GraspSolution | str | Path, rtol: float = 0.01, folders: Iterable[str | Path] = ()
+) -> Verification:
+    """Check a solution, or a solution file, from what is in it: problem, grasp, hand.
 
     Parameters
     ----------
     solution : GraspSolution, str or Path
     rtol : float
         Relative gap of the new certificate.
+    folders : iterable of str or Path
+        Where the mesh and the URDF that the file names are looked for, after its own folder and the current one.
 
     Returns
     -------
     Verification
         Fails when there is no grasp, when stated and recomputed intervals do not overlap, when the stated
         interval is empty, when a stated direction contradicts the stated lower bound, or when stated forces
-        do not produce their wrench from inside the cones and the force budget.
+        do not produce their wrench from inside the cones and the force budget; when contacts are off their faces or
+        have other normals; when a row of the constraints or the hand is missing, has another limit than the problem
+        says, another value than positions and hand give, or is broken. What cannot be recomputed (a mesh or URDF that
+        is not there or has another fingerprint, an expression that stays in a script) is a check that was not made.
 
     Raises
     ------
     InputError
         When the file cannot be read or is not of schema 1.
     """
+    file = None if isinstance(solution, GraspSolution) else Path(solution)
     if not isinstance(solution, GraspSolution):
         solution = GraspSolution.load(solution)
     grasp = solution.grasp
@@ -53,117 +60,14 @@ def verify(solution: GraspSolution | str | Path, rtol: float = 0.01) -> Verifica
     found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
     bound = budget.at(grasp.frames, grasp.contacts)
     checks = [
-        _grasp_map(grasp),
+        grasp_map_check(grasp),
         interval(solution.mu),
         overlap("certified quality", solution.mu, found),
-        *_direction(solution, grasp, task, bound),
-        *_forces(solution, grasp, bound),
+        *direction_checks(solution, grasp, task, bound),
+        *force_checks(solution, grasp, bound),
         *other_measures(solution, grasp, budget, rtol),
         *robustness(solution, grasp, task, budget, rtol),
-        *_models(solution, grasp, task),
-        *_constraints(solution),
+        *model_checks(solution, grasp, task),
+        *recomputed(solution, grasp, Sources.beside(file, folders)),
     ]
     return Verification(tuple(checks), found)
-
-
-def _grasp_map(grasp: Grasp) -> Check:
-    """Compare ``G = T_f B`` with columns built one by one."""
-    columns = []
-    for p, n, t, model in zip(grasp.points, grasp.normals, grasp.tangents, grasp.contacts, strict=True):
-        arm = p - grasp.torque_origin
-        for axis in model.axes(grasp.space):
-            if axis >= grasp.space:  # a moment about the contact point
-                turning = np.ones(1) if grasp.space == 2 else [n, *t][axis - 3]
-                columns.append(np.concatenate([np.zeros(grasp.space), turning]))
-                continue
-            e = [n, *t][axis]
-            moment = np.array([arm[0] * e[1] - arm[1] * e[0]]) if grasp.space == 2 else np.cross(arm, e)
-            columns.append(np.concatenate([e, moment]))
-    error = float(np.max(np.abs(np.array(columns).T - grasp.G))) / max(float(np.max(np.abs(grasp.G))), 1e-300)
-    return Check("grasp map", error < 1e-9, f"rebuilt column by column, relative difference {error:.1e}")
-
-
-def _models(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
-    """Compare the grasp's contact models and the kind of measure with the problem's."""
-    asked = [contact_from_dict(c) for c in solution.problem["contacts"]]
-    same = [c.to_dict() for c in asked] == [c.to_dict() for c in grasp.contacts]
-    kind = "mu" if task.is_centred else "mu_tilde"
-    return [
-        Check("contact models", same, f"{len(grasp)} contacts, {'as' if same else 'not as'} the problem asks"),
-        Check("kind of measure", solution.kind == kind, f"stated {solution.kind}, by the task {kind}"),
-    ]
-
-
-def _direction(solution: GraspSolution, grasp: Grasp, task: Task, bound: ForceBudget) -> list[Check]:
-    """Evaluate the stated worst direction by hand: its ratio is an upper bound on mu, so never below lower."""
-    y = solution.mu.worst_direction
-    if y is None:
-        return []
-    if y.shape != (grasp.dimension,):
-        return [Check("worst direction", False, f"{y.size} numbers for dimension {grasp.dimension}")]
-    reach = float(task.support(y[None])[0][0])
-    if reach <= 0.0:
-        return [Check("worst direction", False, "the task asks for nothing in the stated direction")]
-    z = (grasp.G.T @ y)[None, :]
-    work, force = bound.support(z, grasp.contacts, grasp.space)
-    ratio = float(max(work[0], force[0] @ z[0])) / reach
-    good = solution.mu.lower <= ratio * (1.0 + 1e-6) + 1e-12
-    return [
-        Check(
-            "worst direction",
-            good,
-            f"support ratio {ratio:.6g} against the stated lower {solution.mu.lower:.6g}",
-        )
-    ]
-
-
-def _forces(solution: GraspSolution, grasp: Grasp, bound: ForceBudget) -> list[Check]:
-    """Check that stated forces are in the cones and the budget and add up to the stated wrench."""
-    if not solution.forces:
-        return []
-    k, space, d = len(grasp), grasp.space, grasp.dimension
-    worst_balance = worst_cone = most = 0.0
-    for i, (wrench, forces) in enumerate(solution.forces):
-        moments = solution.moments[i] if len(solution.moments) else np.zeros((k, d - space))
-        if forces.shape != (k, space) or moments.shape != (k, d - space) or wrench.shape != (d,):
-            return [Check("forces", False, f"shapes {forces.shape} and {moments.shape} for {k} contacts")]
-        total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces) + moments.sum(axis=0)])
-        arm = max(float(np.max(np.abs(grasp.points - grasp.torque_origin))), 1e-300)
-        units = np.concatenate([np.ones(space), np.full(d - space, 1.0 / arm)])
-        scale = max(float(np.linalg.norm(forces)), float(np.linalg.norm(moments)) / arm, 1e-300)
-        worst_balance = max(worst_balance, float(np.linalg.norm((total - wrench) * units)) / scale)
-        inside = []
-        for force, moment, frame, model in zip(forces, moments, grasp.frames, grasp.contacts, strict=True):
-            local = np.concatenate([frame.T @ force, frame.T @ moment if space == 3 else moment])
-            allowed = np.zeros(d)
-            components = model.project(local[None, list(model.axes(space))])[0]
-            allowed[list(model.axes(space))] = components
-            inside.append(components)
-            worst_cone = max(worst_cone, float(np.linalg.norm(local - allowed)) / scale)
-        most = max(most, float(bound.used(np.concatenate(inside)[None, :], grasp.contacts, space)[0]))
-    good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and most <= 1.0 + FORCE_TOLERANCE
-    residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
-    return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}, {most:.4g} of the force budget")]
-
-
-def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:
-    arm = grasp.points - grasp.torque_origin
-    if grasp.space == 2:
-        return np.array([np.sum(arm[:, 0] * forces[:, 1] - arm[:, 1] * forces[:, 0])])
-    return np.asarray(np.sum(np.cross(arm, forces), axis=0))
-
-
-def _constraints(solution: GraspSolution) -> list[Check]:
-    if not solution.constraints:
-        return []
-    broken = [
-        c.name for c in solution.constraints if not c.lower - _slack(c.lower) <= c.value <= c.upper + _slack(c.upper)
-    ]
-    detail = f"{len(solution.constraints)} stated values" + (
-        f", outside their limits: {', '.join(broken)}" if broken else ""
-    )
-    return [Check("constraints", not broken, detail)]
-
-
-def _slack(limit: float) -> float:
-    return 1e-6 + 1e-4 * abs(limit) if np.isfinite(limit) else 0.0

@@ -1,0 +1,143 @@
+"""Bodies with edges: box, cylinder, polygon, prism. Each face is a flat or round piece with limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.verify.placement import Fit
+from nlpgrasp.verify.sources import Sources
+
+Piece = Callable[[FloatArray], tuple[float, FloatArray, float]]
+"""A point to its distance from the face's plane or cylinder, the outward normal, and how far it is past the edges."""
+
+
+@dataclass(frozen=True)
+class FacedSurface:
+    """A body of several faces.
+
+    Parameters
+    ----------
+    bounds : (2, space) array
+    pieces : mapping
+        Face to its piece.
+    field : callable
+        Points (m, space) to signed distances (m,).
+    """
+
+    bounds: FloatArray
+    pieces: Mapping[str, Piece]
+    field: Callable[[FloatArray], FloatArray]
+    rough: float = 0.0
+
+    def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
+        """Return distance and turn of a contact."""
+        off, outward, past = self.pieces[face](point)
+        return Fit(float(np.hypot(off, max(past, 0.0))), float(np.linalg.norm(normal + outward)))
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance of points (m, space)."""
+        return self.field(points)
+
+
+def box(data: Json, sources: Sources) -> FacedSurface:
+    """Return the six sides ``+x``, ``-x``, ..."""
+    half = array("extents", data["extents"], (3,)) / 2.0
+    pieces = {
+        ("+" if sign > 0.0 else "-") + "xyz"[axis]: _side_of_box(axis, sign, half)
+        for axis in range(3)
+        for sign in (1.0, -1.0)
+    }
+    return FacedSurface(np.stack([-half, half]), pieces, lambda p: _joined(*(np.abs(p) - half).T))
+
+
+def _side_of_box(axis: int, sign: float, half: FloatArray) -> Piece:
+    outward, others = sign * np.eye(3)[axis], [i for i in range(3) if i != axis]
+    return lambda p: (float(sign * p[axis] - half[axis]), outward, float(np.max(np.abs(p[others]) - half[others])))
+
+
+def cylinder(data: Json, sources: Sources) -> FacedSurface:
+    """Return ``side``, ``top`` and ``bottom``."""
+    radius, half = number("radius", data["radius"], above=0.0), number("height", data["height"], above=0.0) / 2.0
+
+    def side(p: FloatArray) -> tuple[float, FloatArray, float]:
+        around = float(np.hypot(p[0], p[1]))
+        outward = np.array([p[0], p[1], 0.0]) / max(around, 1e-300)
+        return around - radius, outward, abs(float(p[2])) - half
+
+    def end(sign: float) -> Piece:
+        outward = np.array([0.0, 0.0, sign])
+        return lambda p: (float(sign * p[2]) - half, outward, float(np.hypot(p[0], p[1])) - radius)
+
+    def field(p: FloatArray) -> FloatArray:
+        return _joined(np.hypot(p[:, 0], p[:, 1]) - radius, np.abs(p[:, 2]) - half)
+
+    corner = np.array([radius, radius, half])
+    return FacedSurface(np.stack([-corner, corner]), {"side": side, "top": end(1.0), "bottom": end(-1.0)}, field)
+
+
+def polygon(data: Json, sources: Sources) -> FacedSurface:
+    """Return the edges ``edge0``, ``edge1``, ..."""
+    v = array("vertices", data["vertices"], (None, 2))
+    pieces = {f"edge{i}": _edge(v, i) for i in range(len(v))}
+    return FacedSurface(np.stack([v.min(axis=0), v.max(axis=0)]), pieces, lambda p: _polygon_distance(v, p))
+
+
+def prism(data: Json, sources: Sources) -> FacedSurface:
+    """Return ``side0``, ``side1``, ..., ``top`` and ``bottom``."""
+    v = array("polygon", data["polygon"], (None, 2))
+    half = number("height", data["height"], above=0.0) / 2.0
+
+    def side(edge: Piece) -> Piece:
+        def piece(p: FloatArray) -> tuple[float, FloatArray, float]:
+            off, outward, past = edge(p[:2])
+            return off, np.append(outward, 0.0), max(past, abs(float(p[2])) - half)
+
+        return piece
+
+    def end(sign: float) -> Piece:
+        outward = np.array([0.0, 0.0, sign])
+        return lambda p: (float(sign * p[2]) - half, outward, float(_polygon_distance(v, p[None, :2])[0]))
+
+    def field(p: FloatArray) -> FloatArray:
+        return _joined(_polygon_distance(v, p[:, :2]), np.abs(p[:, 2]) - half)
+
+    pieces = {f"side{i}": side(_edge(v, i)) for i in range(len(v))} | {"top": end(1.0), "bottom": end(-1.0)}
+    bounds = np.stack([np.append(v.min(axis=0), -half), np.append(v.max(axis=0), half)])
+    return FacedSurface(bounds, pieces, field)
+
+
+def _edge(v: FloatArray, i: int) -> Piece:
+    """Return the piece over the edge from vertex i of a counter-clockwise polygon to the next."""
+    start, along = v[i], v[(i + 1) % len(v)] - v[i]
+    length = float(np.linalg.norm(along))
+    along = along / length
+    outward = np.array([along[1], -along[0]])
+
+    def piece(p: FloatArray) -> tuple[float, FloatArray, float]:
+        at = float((p - start) @ along)
+        return float((p - start) @ outward), outward, max(-at, at - length)
+
+    return piece
+
+
+def _polygon_distance(v: FloatArray, p: FloatArray) -> FloatArray:
+    """Return the signed distance of points (m, 2) to a polygon (n, 2): nearest edge, and how often it goes around."""
+    along = np.roll(v, -1, axis=0) - v
+    there = p[:, None] - v[None]  # (m, n, 2)
+    t = np.clip(np.sum(there * along, axis=2) / np.sum(along**2, axis=1), 0.0, 1.0)
+    nearest = np.min(np.linalg.norm(there - t[..., None] * along, axis=2), axis=1)
+    ahead = np.roll(there, -1, axis=1)
+    cross = there[..., 0] * ahead[..., 1] - there[..., 1] * ahead[..., 0]
+    turns = np.sum(np.arctan2(cross, np.sum(there * ahead, axis=2)), axis=1)
+    return np.asarray(np.where(np.abs(turns) > np.pi, -nearest, nearest))
+
+
+def _joined(*parts: FloatArray) -> FloatArray:
+    """Return the signed distance to an intersection of sets whose own distances grow at right angles."""
+    every = np.stack(parts)
+    return np.asarray(np.linalg.norm(np.maximum(every, 0.0), axis=0) + np.minimum(np.max(every, axis=0), 0.0))

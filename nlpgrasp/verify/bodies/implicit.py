@@ -1,0 +1,39 @@
+"""Bodies given by a script's own function: the file holds their box, and their function as text alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.placement import Fit
+from nlpgrasp.verify.sources import Sources
+
+
+@dataclass(frozen=True)
+class TextSurface:
+    """A body whose function stays in the script that made it.
+
+    Parameters
+    ----------
+    bounds : (2, space) array
+    """
+
+    bounds: FloatArray
+    rough: float = 0.0
+
+    def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
+        """Raise ``NotMadeError``."""
+        if face != "surface":
+            raise KeyError(face)
+        raise NotMadeError("the body's function stays in the script that made it")
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Raise ``NotMadeError``."""
+        raise NotMadeError("the body's function stays in the script that made it")
+
+
+def implicit(data: Json, sources: Sources) -> TextSurface:
+    """Return the box."""
+    return TextSurface(array("bounds", data["bounds"], (2, None)))

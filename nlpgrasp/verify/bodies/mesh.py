@@ -1,0 +1,128 @@
+"""A mesh as numbers: read again from its source, where that is there and has the recorded fingerprint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from nlpgrasp.common.mesh_file import UNITS, mesh_digest, read_mesh, usable_mesh
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.verify.bodies.triangles import TriangleSurface
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.placement import Fit
+from nlpgrasp.verify.sources import Sources
+
+TOUCHING = 1e-6  # of the size: triangles so close to a contact touch it
+ROUND = ("sphere", "cylinder")  # fingertips whose normal is the direction from their centre to the contact
+BESIDE = 1e-3  # of the size: a rise over less than this is measured over this
+GRID_POINTS, GRID_MARGIN, CELL_SHARE = 120_000, 0.5, 0.5  # of the solver's grid of an obstacle's distances
+
+
+@dataclass(frozen=True)
+class MeshSurface:
+    """A mesh; its one face is ``surface``.
+
+    Parameters
+    ----------
+    triangles : TriangleSurface
+    """
+
+    triangles: TriangleSurface
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Bounding box of the triangles, (2, 3)."""
+        corners = self.triangles.corners.reshape(-1, 3)
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+    @cached_property
+    def size(self) -> float:
+        """Half the bounding box's diagonal, metres."""
+        return float(np.linalg.norm(self.bounds[1] - self.bounds[0])) / 2.0
+
+    @property
+    def rough(self) -> float:
+        """Half a cell of the grid on which the solver keeps the distance to an obstacle, metres."""
+        sides = np.ptp(self.bounds, axis=0) + 2.0 * GRID_MARGIN * self.size
+        return CELL_SHARE * float((np.prod(sides) / GRID_POINTS) ** (1.0 / 3.0))
+
+    def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
+        """Return how far a contact is from the nearest triangle, and how its normal differs from what belongs there.
+
+        A free contact has the normal of a triangle that it lies on. A round fingertip touches in the point nearest to
+        its centre, also on edges and corners: no triangle there rises above the plane across its normal. Other
+        fingertips keep the normal of the solver's smooth surface, which the file does not hold.
+        """
+        if face != "surface":
+            raise KeyError(face)
+        which, off = self.triangles.near(point, TOUCHING * self.size)
+        touching = which[off <= np.min(off) + TOUCHING * self.size]
+        if tip is None:
+            differences = np.linalg.norm(normal + self.triangles.normals[touching], axis=1)
+            return Fit(float(np.min(off)), float(np.min(differences)))
+        if tip not in ROUND:
+            return Fit(float(np.min(off)), None)
+        there = (self.triangles.corners[touching] - point).reshape(-1, 3)
+        rise = -(there @ normal) / np.maximum(np.linalg.norm(there, axis=1), BESIDE * self.size)
+        return Fit(float(np.min(off)), max(0.0, float(np.max(rise))))
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance of points (m, 3) to the mesh itself."""
+        sign = [-1.0 if self.triangles.is_inside(p) else 1.0 for p in points]
+        return np.array([s * self.triangles.distance(p) for s, p in zip(sign, points, strict=True)])
+
+
+class OtherMeshError(NotMadeError):
+    """The file at the recorded source has another fingerprint than the one recorded.
+
+    Parameters
+    ----------
+    why : str
+    readings : sequence of MeshSurface
+        What the file holds, in each unit that may be meant.
+    """
+
+    def __init__(self, why: str, readings: Sequence[MeshSurface]) -> None:
+        super().__init__(why)
+        self.readings = readings
+
+
+def mesh(data: Json, sources: Sources) -> MeshSurface:
+    """Return the mesh of the recorded source.
+
+    Files that do not record the unit are read in each that there is, until the fingerprint agrees.
+
+    Raises
+    ------
+    NotMadeError
+        Where the source is not there, is not a mesh, or (``OtherMeshError``) has another fingerprint.
+    """
+    place = sources.find(data.get("source"))
+    known = data.get("unit")
+    readings = []
+    for unit in UNITS if known is None else (str(known),):
+        reading = _read(place, unit)
+        if reading is not None:
+            surface, digest = reading
+            if digest == data.get("sha256"):
+                return surface
+            readings.append(surface)
+    if not readings:
+        raise NotMadeError(f"{place.name} is not a mesh that can be read")
+    raise OtherMeshError(f"{place.name} has another sha256 than the file records", readings)
+
+
+def _read(place: Path, unit: str) -> tuple[MeshSurface, str] | None:
+    """Return the mesh with its fingerprint, None where it cannot be used in this unit."""
+    try:
+        found, _ = usable_mesh(read_mesh(place, unit))
+    except InputError:
+        return None
+    vertices = np.asarray(found.vertices, dtype=float)
+    return MeshSurface(TriangleSurface(vertices, np.asarray(found.faces, dtype=np.int64))), mesh_digest(found)

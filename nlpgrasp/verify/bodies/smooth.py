@@ -1,0 +1,104 @@
+"""Bodies of one smooth face: sphere, ellipsoid, superquadric, torus.
+
+Each is the zero set of a function h with gradient g: ``|h| / |g|`` is the distance to it, exactly for sphere and torus,
+to first order near the surface for the others, and ``g / |g|`` is the outward normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.verify.placement import Fit
+from nlpgrasp.verify.sources import Sources
+
+Field = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+SMALLEST = 1e-300
+ROUNDED = 1e-8  # superquadrics: their powers below 2 are rounded so close to the planes of symmetry
+
+
+@dataclass(frozen=True)
+class SmoothSurface:
+    """A body with the one face ``surface``.
+
+    Parameters
+    ----------
+    corner : (3,) array
+        Upper corner of the bounding box; the lower one is opposite.
+    field : callable
+        Points (m, 3) to signed distances (m,) and gradients of the same sense (m, 3).
+    """
+
+    corner: FloatArray
+    field: Field
+    rough: float = 0.0
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Bounding box, (2, 3)."""
+        return np.stack([-self.corner, self.corner])
+
+    def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
+        """Return distance and turn of a contact."""
+        if face != "surface":
+            raise KeyError(face)
+        distance, gradient = self.field(point[None])
+        outward = gradient[0] / max(float(np.linalg.norm(gradient[0])), SMALLEST)
+        return Fit(abs(float(distance[0])), float(np.linalg.norm(normal + outward)))
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance of points (m, 3)."""
+        return self.field(points)[0]
+
+
+def sphere(data: Json, sources: Sources) -> SmoothSurface:
+    """Return ``|p| - r``."""
+    radius = number("radius", data["radius"], above=0.0)
+    return SmoothSurface(np.full(3, radius), lambda p: (np.linalg.norm(p, axis=1) - radius, p))
+
+
+def ellipsoid(data: Json, sources: Sources) -> SmoothSurface:
+    """Return ``(g - 1) / |grad g|`` with the gauge ``g = |p / a|``: never more than the distance outside."""
+    axes = array("semi_axes", data["semi_axes"], (3,))
+
+    def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        gauge = np.linalg.norm(p / axes, axis=1)
+        gradient = p / axes**2
+        return (gauge - 1.0) * gauge / np.maximum(np.linalg.norm(gradient, axis=1), SMALLEST), gradient
+
+    return SmoothSurface(axes, field)
+
+
+def torus(data: Json, sources: Sources) -> SmoothSurface:
+    """Return the distance from the tube's centre line less the minor radius."""
+    major, minor = (number(key, data[key], above=0.0) for key in ("major_radius", "minor_radius"))
+
+    def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        around = np.linalg.norm(p[:, :2], axis=1)
+        ring = around - major
+        flat = p[:, :2] * (ring / np.maximum(around, SMALLEST))[:, None]
+        return np.hypot(ring, p[:, 2]) - minor, np.column_stack([flat, p[:, 2]])
+
+    return SmoothSurface(np.array([major + minor, major + minor, minor]), field)
+
+
+def superquadric(data: Json, sources: Sources) -> SmoothSurface:
+    """Return ``(F - 1) / |grad F|`` with F of degree 1, ``((x^(2/e2) + y^(2/e2))^(e2/e1) + z^(2/e1))^(e1/2)``."""
+    axes, (e1, e2) = array("semi_axes", data["semi_axes"], (3,)), array("exponents", data["exponents"], (2,))
+
+    def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        share = p / axes
+        x, y, z = (np.sqrt(share[:, i] ** 2 + ROUNDED**2) for i in range(3))
+        flat = x ** (2.0 / e2) + y ** (2.0 / e2)
+        inner = flat ** (e2 / e1) + z ** (2.0 / e1)
+        outer = inner ** (e1 / 2.0 - 1.0)
+        around = outer * flat ** (e2 / e1 - 1.0)
+        slopes = (around * x ** (2.0 / e2 - 1.0), around * y ** (2.0 / e2 - 1.0), outer * z ** (2.0 / e1 - 1.0))
+        gradient = np.column_stack([s / v for s, v in zip(slopes, (x, y, z), strict=True)]) * share / axes
+        return (inner ** (e1 / 2.0) - 1.0) / np.maximum(np.linalg.norm(gradient, axis=1), SMALLEST), gradient
+
+    return SmoothSurface(axes, field)

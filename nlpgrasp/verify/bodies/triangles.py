@@ -1,0 +1,86 @@
+"""Distances from points to triangles, and what is inside a surface of triangles, in numpy alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+
+FACES = NDArray[np.int64]
+SMALLEST = 1e-300
+
+
+@dataclass(frozen=True)
+class TriangleSurface:
+    """A surface of triangles, counter-clockwise from outside.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array
+        Metres.
+    faces : (m, 3) array of int
+    """
+
+    vertices: FloatArray
+    faces: FACES
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """The triangles' corners, (m, 3, 3)."""
+        return self.vertices[self.faces]
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Outward unit normals of the triangles, (m, 3)."""
+        a, b, c = (self.corners[:, i] for i in range(3))
+        normal = np.cross(b - a, c - a)
+        return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None])
+
+    def near(self, point: FloatArray, reach: float) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return the triangles that may be within ``reach`` of the nearest one, and their distances from a point (3,).
+
+        A triangle lies in the ball about its centre through its farthest corner, which rules out nearly all of them.
+        """
+        centre, radius = self._balls
+        apart = np.linalg.norm(centre - point, axis=1)
+        which = np.flatnonzero(apart - radius <= np.min(apart) + reach)
+        return which, distances(point, self.corners[which])
+
+    def distance(self, point: FloatArray) -> float:
+        """Return the distance of a point (3,) from the nearest triangle, metres."""
+        return float(np.min(self.near(point, 0.0)[1]))
+
+    def is_inside(self, point: FloatArray) -> bool:
+        """Return whether the surface winds around a point (3,): solid angles of Van Oosterom and Strackee (1983)."""
+        a, b, c = ((self.corners[:, i] - point) for i in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dot = np.einsum("ij,ij->i", a, b), np.einsum("ij,ij->i", b, c), np.einsum("ij,ij->i", c, a)
+        angles = np.arctan2(volume, la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb)
+        return bool(np.sum(angles) > np.pi)  # each is half a solid angle: together 2 pi inside, 0 outside
+
+    @cached_property
+    def _balls(self) -> tuple[FloatArray, FloatArray]:
+        centre = self.corners.mean(axis=1)
+        return centre, np.max(np.linalg.norm(self.corners - centre[:, None], axis=2), axis=1)
+
+
+def distances(point: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return the distances of a point (3,) from triangles (m, 3, 3): to the plane inside, to the edges outside."""
+    a, b, c = (corners[:, i] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None]
+    inside = np.ones(len(corners), dtype=bool)
+    result = np.full(len(corners), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        along, there = end - start, point - start
+        inside &= np.einsum("ij,ij->i", np.cross(along, there), normal) >= 0.0
+        share = np.einsum("ij,ij->i", there, along) / np.maximum(np.einsum("ij,ij->i", along, along), SMALLEST)
+        off = there - np.clip(share, 0.0, 1.0)[:, None] * along
+        result = np.minimum(result, np.linalg.norm(off, axis=1))
+    plane = np.abs(np.einsum("ij,ij->i", point - a, normal))
+    return np.where(inside & np.any(normal, axis=1), plane, result)

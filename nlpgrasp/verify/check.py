@@ -1,0 +1,77 @@
+"""What an independent check says: one thing after another, passed, failed or not made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from nlpgrasp.errors import NlpgraspError
+from nlpgrasp.quality.bounds import Bounds
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was checked.
+
+    Parameters
+    ----------
+    name : str
+    passed : bool
+    detail : str
+        What was compared, with numbers; where the check could not be made, why not.
+    made : bool
+        False where what it takes is not there, a mesh's file for example. Then ``passed`` is false too.
+    """
+
+    name: str
+    passed: bool
+    detail: str
+    made: bool = True
+
+    @classmethod
+    def not_made(cls, name: str, why: str) -> Check:
+        """Return a check that could not be made."""
+        return cls(name, False, f"not made: {why}", made=False)
+
+    @property
+    def failed(self) -> bool:
+        """Whether it was made and found something wrong."""
+        return self.made and not self.passed
+
+    def __str__(self) -> str:
+        word = "ok  " if self.passed else "FAIL" if self.made else "--  "
+        return f"{word} {self.name}: {self.detail}"
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The outcome of ``verify``; true when no check that could be made failed.
+
+    Parameters
+    ----------
+    checks : tuple of Check
+    mu : Bounds or None
+        Computed anew.
+    """
+
+    checks: tuple[Check, ...]
+    mu: Bounds | None
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed; ``not_made`` says which could not be made."""
+        return not any(check.failed for check in self.checks)
+
+    @property
+    def not_made(self) -> tuple[Check, ...]:
+        """The checks that could not be made, each saying why."""
+        return tuple(check for check in self.checks if not check.made)
+
+    def __bool__(self) -> bool:
+        return self.passed
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.checks))
+
+
+class NotMadeError(NlpgraspError):
+    """Raised by what recomputes a part of a file, where it cannot: the sentence says why."""

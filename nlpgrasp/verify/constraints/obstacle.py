@@ -1,0 +1,45 @@
+"""Another body in the way, as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.verify.placement import StatedPlacement
+from nlpgrasp.verify.rows import RowValue
+
+
+def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the distance of every fingertip's and link's centre from the obstacle, at least radius and clearance.
+
+    The solver keeps off a mesh by a spline through its distances on a grid, far away by a lower bound: there the stated
+    value may be less, and half a cell more, than the distance to the mesh itself.
+    """
+    surface = placement.surface_of(data["body"])
+    clearance, name = number("clearance", data["clearance"], at_least=0.0), str(data["name"])
+
+    def row(part: str, centre: FloatArray, radius: float, error: float) -> RowValue:
+        value = float(surface.distance(_local(data, centre)[None])[0])
+        lower, doubt = radius + clearance, error + surface.rough
+        return RowValue(
+            f"{name}, {part}", value, lower, scale=placement.size, error=doubt, stated_below=surface.rough > 0.0
+        )
+
+    for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
+        yield row(f"finger {i}", tip, radius, 0.0)
+    for ball in placement.links:
+        yield row(ball.name, ball.centre, ball.radius, placement.error)
+
+
+def _local(data: Json, point: FloatArray) -> FloatArray:
+    """Return a point in the obstacle's frame."""
+    if data["position"] is not None:
+        point = point - array("position", data["position"], point.shape)
+    if data["quaternion_wxyz"] is None:
+        return point
+    turned = Rotation.from_quat(array("quaternion_wxyz", data["quaternion_wxyz"], (4,)), scalar_first=True)
+    return np.asarray(turned.inv().apply(point))

@@ -1,0 +1,83 @@
+"""Constraints on where contacts and palm are: table, workspace, forbidden parts, distances, mirror images, approach."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.constraints.regions import corners, inside
+from nlpgrasp.verify.placement import StatedPlacement
+from nlpgrasp.verify.rows import RowValue
+
+
+def table(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the height of the lowest point of every fingertip and link, at least the table's and the clearance."""
+    lower = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
+    for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
+        yield RowValue(f"table, finger {i}", float(tip[-1]) - radius, lower, scale=placement.size)
+    for ball in placement.links:
+        height = float(ball.centre[-1]) - ball.radius
+        yield RowValue(f"table, {ball.name}", height, lower, scale=placement.size, error=placement.error)
+
+
+def spread(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the squared distance of every two contacts."""
+    least, most = number("min", data["min"], at_least=0.0), data["max"]
+    upper = np.inf if most is None else number("max", most) ** 2
+    for i, j in combinations(sorted(_fingers(data, placement)), 2):
+        squared = float(np.sum((placement.points[i] - placement.points[j]) ** 2))
+        yield RowValue(f"spread, fingers {i} and {j}", squared, least**2, upper, placement.size**2)
+
+
+def workspace(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the coordinates of contacts or palm in a box, or their depth in another region."""
+    if data["palm"]:
+        yield from _within(data["region"], "workspace, palm", placement.palm.position, placement.size)
+        return
+    for i in _fingers(data, placement):
+        yield from _within(data["region"], f"workspace, finger {i}", placement.points[i], placement.size)
+
+
+def forbid(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield how deep each contact is in a forbidden region, at most zero; forbidden faces give no rows."""
+    region = data.get("region")
+    if region is not None:
+        for i, point in enumerate(placement.points):
+            yield RowValue(f"forbidden region, finger {i}", inside(region, point), upper=0.0, scale=placement.size)
+
+
+def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield mirror image less contact, a row a coordinate."""
+    i, j = (int(f) for f in data["fingers"])
+    a, b = placement.points[i], placement.points[j]
+    normal = array("normal", data["normal"], (len(a),))
+    tolerance = number("tolerance", data["tolerance"], above=0.0)
+    apart = a - 2.0 * (normal @ a - number("offset", data["offset"])) * normal - b
+    for axis, value in zip("xyz", apart.tolist(), strict=False):
+        yield RowValue(f"symmetric, fingers {i} and {j}, {axis}", value, -tolerance, tolerance, placement.size)
+
+
+def approach(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the cosine between the direction in which the palm faces and the one asked for."""
+    palm = placement.palm
+    if palm.approach is None:
+        raise NotMadeError("the file does not record in which direction the palm faces")
+    along = float(palm.approach @ array("direction", data["direction"], (3,)))
+    yield RowValue("approach, palm", along, float(np.cos(number("angle", data["angle"]))), error=palm.error)
+
+
+def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
+    return range(len(placement.points)) if data.get("fingers") is None else [int(i) for i in data["fingers"]]
+
+
+def _within(region: Json, name: str, point: FloatArray, size: float) -> Iterator[RowValue]:
+    if region["type"] != "box_region":
+        yield RowValue(name, inside(region, point), 0.0, scale=size)
+        return
+    for axis, value, low, high in zip("xyz", point.tolist(), *(c.tolist() for c in corners(region)), strict=False):
+        yield RowValue(f"{name}, {axis}", value, low, high, size)

@@ -1,0 +1,105 @@
+"""Hands without links, as numbers: free fingertips, and parallel jaws."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, integer, number
+from nlpgrasp.verify.placement import Ball, Palm, StatedPlacement
+from nlpgrasp.verify.rows import RowValue
+from nlpgrasp.verify.sources import Sources
+
+
+@dataclass(frozen=True)
+class FreeHand:
+    """A hand that is where its contacts are.
+
+    Parameters
+    ----------
+    data : mapping
+        ``problem.hand``.
+    posture : mapping
+        ``hand``: the variables by name.
+    radii : tuple of float
+        Of the fingertips, metres.
+    """
+
+    data: Json
+    posture: Json
+    radii: Sequence[float]
+    error: float = 0.0
+    linked: bool = False
+
+    @property
+    def posed_tips(self) -> Sequence[None]:
+        """None: every fingertip is free."""
+        return [None] * len(self.radii)
+
+    def palm(self) -> Palm | None:
+        """None: nothing has a pose."""
+        return None
+
+    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
+        """Return none: there are no links."""
+        return []
+
+    def apart(self) -> Sequence[RowValue]:
+        """Return none."""
+        return []
+
+    def limits(self) -> Sequence[RowValue]:
+        """Return none."""
+        return []
+
+
+class FingertipNumbers(FreeHand):
+    """``Fingertips``."""
+
+    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+        """Yield the squared distances of the fingertips' centres from the palm point and from each other."""
+        tips, scale = placement.tips, placement.size**2
+        if self.data["reach"] is not None:
+            palm, most = self._palm_point(tips), number("reach", self.data["reach"]) ** 2
+            for i, tip in enumerate(tips):
+                yield RowValue(f"reach, finger {i}", float(np.sum((tip - palm) ** 2)), upper=most, scale=scale)
+        low, high = (0.0, np.inf) if self.data["spread"] is None else map(float, self.data["spread"])
+        low = max(low, 2.0 * number("radius", self.data["radius"]))
+        if low > 0.0 or np.isfinite(high):
+            for i, j in combinations(range(len(tips)), 2):
+                squared = float(np.sum((tips[i] - tips[j]) ** 2))
+                yield RowValue(f"fingertip distance, fingers {i} and {j}", squared, low**2, high**2, scale)
+
+    def _palm_point(self, tips: FloatArray) -> FloatArray:
+        return array("hand.palm", self.posture["palm"], (tips.shape[1],))
+
+
+class JawNumbers(FreeHand):
+    """``ParallelJaw``."""
+
+    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+        """Yield the opening, and that each jaw faces along the line between the contacts."""
+        (p, q), (m, n) = placement.points, placement.normals
+        between = q - p
+        squared, size = float(between @ between), placement.size
+        closed, opening, tilt = (number(key, self.data[key]) for key in ("closed", "opening", "tilt"))
+        short = np.cos(tilt) * np.sqrt(squared + 1e-12 * size**2)
+        yield RowValue("opening of the jaws", squared, closed**2, opening**2, size**2)
+        yield RowValue("opposed jaws", float(m @ n), upper=-float(np.cos(2.0 * tilt)))
+        yield RowValue("facing, jaw 0", float(m @ between - short), 0.0, scale=size)
+        yield RowValue("facing, jaw 1", float(-n @ between - short), 0.0, scale=size)
+
+
+def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> FingertipNumbers:
+    """Return free fingertips of one radius."""
+    count = integer("count", data["count"], at_least=1)
+    return FingertipNumbers(data, posture, (number("radius", data["radius"], at_least=0.0),) * count)
+
+
+def parallel_jaw(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> JawNumbers:
+    """Return two flat pads."""
+    return JawNumbers(data, posture, (0.0, 0.0))

@@ -1,0 +1,146 @@
+"""Where the links of a URDF are: forward kinematics in numpy, from the file's own text."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.validation import FloatArray
+
+HALF_TURN = np.pi  # a continuous joint goes so far either way
+
+
+@dataclass(frozen=True)
+class Follow:
+    """A joint that follows another: ``value = multiplier * other + offset``."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link with the joint above it.
+
+    Parameters
+    ----------
+    name, parent, joint, kind : str
+        ``kind`` is the joint's type.
+    origin : (4, 4) array
+        The joint's frame in the parent's, at position zero.
+    axis : (3,) array
+        Unit, joint frame.
+    lower, upper : float
+        Limits of the joint, radians or metres.
+    follow : Follow or None
+    """
+
+    name: str
+    parent: str
+    joint: str
+    kind: str
+    origin: FloatArray
+    axis: FloatArray
+    lower: float
+    upper: float
+    follow: Follow | None
+
+    @property
+    def moves(self) -> bool:
+        """Whether the joint is not fixed."""
+        return self.kind != "fixed"
+
+    def step(self, position: float) -> FloatArray:
+        """Return the link's frame in its parent's with the joint at a position, (4, 4)."""
+        move = np.eye(4)
+        if self.kind == "prismatic":
+            move[:3, 3] = position * self.axis
+        elif self.moves:
+            move[:3, :3] = Rotation.from_rotvec(position * self.axis).as_matrix()
+        return np.asarray(self.origin @ move)
+
+
+def links_below(text: bytes, palm: str) -> tuple[Link, ...]:
+    """Return the links that hang from the palm, parents first.
+
+    Parameters
+    ----------
+    text : bytes
+        Of a URDF file.
+    palm : str
+    """
+    root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs, and the text has the recorded sha256)
+    every = [_link(element) for element in root.findall("joint")]
+    found: list[Link] = []
+    names = [palm]
+    for name in names:
+        below = [link for link in every if link.parent == name]
+        found += below
+        names += [link.name for link in below]
+    return tuple(found)
+
+
+def poses(
+    links: tuple[Link, ...], palm: str, base: FloatArray, positions: Mapping[str, float]
+) -> dict[str, FloatArray]:
+    """Return the frames of all links, (4, 4), with the palm's at ``base``."""
+    found = {palm: base}
+    for link in links:
+        found[link.name] = found[link.parent] @ link.step(positions[link.joint] if link.moves else 0.0)
+    return found
+
+
+def reach(links: tuple[Link, ...]) -> float:
+    """Return how far the links' frames may get from the palm's, metres: the longest sum of offsets and slides."""
+    far = {link.parent: 0.0 for link in links}
+    for link in links:
+        slide = max(abs(link.lower), abs(link.upper)) if link.kind == "prismatic" else 0.0
+        far[link.name] = far[link.parent] + float(np.linalg.norm(link.origin[:3, 3])) + slide
+    return max(far.values(), default=0.0)
+
+
+def _link(element: ET.Element) -> Link:
+    kind = element.get("type", "")
+    origin = np.eye(4)
+    origin[:3, 3] = _three(element, "origin", "xyz", "0 0 0")
+    origin[:3, :3] = Rotation.from_euler("xyz", _three(element, "origin", "rpy", "0 0 0")).as_matrix()
+    axis = _three(element, "axis", "xyz", "1 0 0")
+    lower, upper = _limits(element, kind)
+    mimic = element.find("mimic")
+    follow = None
+    if mimic is not None and kind != "fixed":
+        multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
+        follow = Follow(mimic.get("joint", ""), multiplier, offset)
+    return Link(
+        _attribute(element, "child", "link", ""),
+        _attribute(element, "parent", "link", ""),
+        element.get("name", ""),
+        kind,
+        origin,
+        axis / max(float(np.linalg.norm(axis)), 1e-300),
+        lower,
+        upper,
+        follow,
+    )
+
+
+def _limits(element: ET.Element, kind: str) -> tuple[float, float]:
+    if kind == "continuous":
+        return -HALF_TURN, HALF_TURN
+    if element.find("limit") is None:
+        return -np.inf, np.inf
+    return float(_attribute(element, "limit", "lower", "0")), float(_attribute(element, "limit", "upper", "0"))
+
+
+def _attribute(element: ET.Element, tag: str, key: str, default: str) -> str:
+    found = element.find(tag)
+    return default if found is None else found.get(key, default)
+
+
+def _three(element: ET.Element, tag: str, key: str, default: str) -> FloatArray:
+    return np.array([float(v) for v in _attribute(element, tag, key, default).split()])

@@ -1,0 +1,183 @@
+"""A URDF hand as numbers: its palm and joints from the solution file, its links from the URDF itself.
+
+The file states the palm's quaternion at unit length, while the program had one with ``q . q`` within its tolerance of 1
+and a rotation matrix that is a polynomial of it: with R the rotation, that matrix is ``1 + (q . q) (R - 1)``. A point
+at distance d from the palm's origin is then off by at most ``2 |q . q - 1| d``. The row "palm quaternion of unit
+length" states ``q . q``, and so how much that is: ``error``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.hands.kinematics import Link, links_below, poses, reach
+from nlpgrasp.verify.hands.tips import Touching, centre_of, radius_of, touching_rows
+from nlpgrasp.verify.placement import Ball, Palm, StatedPlacement
+from nlpgrasp.verify.rows import PROMISE, RowValue
+from nlpgrasp.verify.sources import Sources
+
+QUATERNION = "palm quaternion of unit length"
+TIP_DEPTH = 0.2  # of its radius: how far a round fingertip may be in the way of the body elsewhere than at its contact
+FOLLOWING = 1e-9  # radians or metres between a joint and the one that it follows
+
+
+@dataclass(frozen=True)
+class URDFNumbers:
+    """A URDF hand in the posture that a file states.
+
+    Parameters
+    ----------
+    data : mapping
+        ``problem.hand``.
+    posture : mapping
+        ``hand``: ``joint_positions`` and ``palm_pose``.
+    stated : mapping
+        Stated values of the rows, by name.
+    sources : Sources
+    """
+
+    data: Json
+    posture: Json
+    stated: Mapping[str, float]
+    sources: Sources
+    linked: bool = True
+
+    @property
+    def tips(self) -> Sequence[Json]:
+        """Link and shape of each fingertip."""
+        return [dict(tip) for tip in self.data["fingertips"]]
+
+    @property
+    def radii(self) -> Sequence[float]:
+        """Radius of each round fingertip, 0 for the others."""
+        return [radius_of(tip) for tip in self.tips]
+
+    @property
+    def posed_tips(self) -> Sequence[str]:
+        """The shape of each fingertip."""
+        return [str(tip["type"]) for tip in self.tips]
+
+    @cached_property
+    def turn(self) -> float:
+        """How far a unit direction of the hand may be off: see above."""
+        return 2.0 * min(abs(self.stated.get(QUATERNION, 1.0) - 1.0), 10.0 * PROMISE)
+
+    @cached_property
+    def span(self) -> float:
+        """How far the hand's links reach from its palm, metres."""
+        spheres = self.data.get("link_spheres") or {}
+        beyond = [np.linalg.norm(np.asarray(s)[:, :3], axis=1).max(initial=0.0) for s in spheres.values()]
+        return reach(self.links) + float(max(beyond, default=0.0))
+
+    @property
+    def error(self) -> float:
+        """How far a point of the hand may be off, metres."""
+        return self.turn * self.span
+
+    @cached_property
+    def base(self) -> FloatArray:
+        """The palm's frame in the body's, (4, 4)."""
+        pose = self.posture["palm_pose"]
+        frame = np.eye(4)
+        frame[:3, 3] = array("hand.palm_pose.position", pose["position"], (3,))
+        quaternion = array("hand.palm_pose.quaternion_wxyz", pose["quaternion_wxyz"], (4,))
+        frame[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+        return frame
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """The links below the palm; raises ``NotMadeError`` where the URDF is not there or is another one."""
+        place = self.sources.find(self.data.get("source"))
+        text = place.read_bytes()
+        if hashlib.sha256(text).hexdigest() != self.data["sha256"]:
+            raise NotMadeError(f"{place.name} has another sha256 than the file records")
+        return links_below(text, str(self.data["palm"]))
+
+    @cached_property
+    def poses(self) -> dict[str, FloatArray]:
+        """The links' frames in the body's, (4, 4)."""
+        return poses(self.links, str(self.data["palm"]), self.base, self.posture["joint_positions"])
+
+    def palm(self) -> Palm:
+        """Return where the palm is."""
+        approach = self.data.get("approach")
+        facing = None if approach is None else self.base[:3, :3] @ array("approach", approach, (3,))
+        return Palm(self.base[:3, 3], facing, self.turn)
+
+    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
+        """Return the links' spheres, then the balls that round fingertips touch with."""
+        found = list(self.link_balls)
+        for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
+            radius = radius_of(tip)
+            if radius > 0.0:
+                centre = centre_of(tip, self._touching("", tip, p, n, placement.size))
+                name = f"{tip['link']}, finger {i}"
+                found.append(Ball(name, centre, radius, (1.0 - TIP_DEPTH) * radius, is_tip=True))
+        return found
+
+    @cached_property
+    def link_balls(self) -> Sequence[Ball]:
+        """The spheres of the links, body frame; older files do not record them."""
+        spheres = self.data.get("link_spheres")
+        if spheres is None:
+            raise NotMadeError("the file does not record the spheres that stand for the hand's links")
+        clearance = number("clearance", self.data["clearance"])
+        found = []
+        for link, rows in spheres.items():
+            frame = self.poses[link]
+            for i, (x, y, z, radius) in enumerate(rows):
+                centre = frame[:3, :3] @ np.array([x, y, z]) + frame[:3, 3]
+                found.append(Ball(f"{link}/{i}", centre, radius, radius + clearance))
+        return found
+
+    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+        """Yield the quaternion's length, then each contact on its fingertip."""
+        length = float(np.sum(array("quaternion", self.posture["palm_pose"]["quaternion_wxyz"], (4,)) ** 2))
+        yield RowValue(QUATERNION, length, 1.0, 1.0, error=0.5 * self.turn)
+        for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
+            name = f"on fingertip {tip['link']}, finger {i}"
+            yield from touching_rows(tip, self._touching(name, tip, p, n, placement.size))
+
+    def _touching(self, name: str, tip: Json, p: FloatArray, n: FloatArray, size: float) -> Touching:
+        return Touching(name, self.poses[str(tip["link"])], p, n, size, self.error, self.turn)
+
+    def apart(self) -> Iterator[RowValue]:
+        """Yield the squared distances of the spheres that are kept from each other."""
+        count = 0
+        for a, b in combinations(self.link_balls, 2):
+            name = f"self-collision, {a.name} and {b.name}"
+            if name in self.stated:
+                count += 1
+                squared, least = float(np.sum((a.centre - b.centre) ** 2)), (a.radius + b.radius) ** 2
+                error = 4.0 * np.sqrt(squared) * self.error
+                yield RowValue(name, squared, least, scale=self.span**2, error=error)
+        wanted = int(self.data["watched_pairs"])
+        if count < wanted:
+            yield RowValue(f"self-collision: {wanted} pairs of spheres, {count} in the file", np.nan)
+
+    def limits(self) -> Iterator[RowValue]:
+        """Yield that joints keep the URDF's limits, and that those that follow others do."""
+        positions = self.posture["joint_positions"]
+        for link in self.links:
+            if link.moves:
+                value = number(f"joint_positions.{link.joint}", positions[link.joint])
+                yield RowValue(f"joint {link.joint}", value, link.lower, link.upper)
+                follow = link.follow
+                if follow is not None:
+                    off = value - follow.multiplier * float(positions[follow.joint]) - follow.offset
+                    yield RowValue(f"joint {link.joint} follows {follow.joint}", off, 0.0, 0.0, 0.0, FOLLOWING)
+
+
+def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> URDFNumbers:
+    """Return a URDF hand."""
+    return URDFNumbers(data, posture, stated, sources)

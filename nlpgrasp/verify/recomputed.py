@@ -1,0 +1,124 @@
+"""The rows of constraints and hand, recomputed from the problem, the positions and the hand in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from xml.etree.ElementTree import ParseError
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.solution.solution import ConstraintReport, GraspSolution
+from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.hands.unknown import UnknownHand
+from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
+from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
+from nlpgrasp.verify.rows import PROMISE, RowValue, StatedRows, compare, kept
+from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.surface import face_check, size_of, surface_checks
+
+ON_MESH = 10.0  # times the promise: steps over a mesh end there
+BROKEN = (KeyError, IndexError, TypeError, ValueError, AttributeError, InputError, OSError, ParseError)
+
+
+def recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
+    """Return the checks of surface, faces, constraints and hand."""
+    try:
+        return _recomputed(solution, grasp, sources)
+    except BROKEN as error:
+        return [Check("problem", False, _sentence(error))]
+
+
+def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
+    stated = StatedRows(solution.constraints)
+    values = stated.values()
+    hand = _hand(solution, values, sources)
+    surface, checks = surface_checks(solution, grasp, hand, sources)
+    size = _drawn_size(solution, grasp) if surface is None else size_of(surface)
+    placement = StatedPlacement(
+        grasp.points, grasp.normals, size, hand, lambda body: BODIES.of(body)(body, sources), values
+    )
+    promise = PROMISE * (ON_MESH if solution.problem["body"]["type"] == "mesh" else 1.0)
+    parts: dict[str, Callable[[], Iterable[RowValue]]] = {
+        f"constraint {i}, {data['type']}": partial(_constraint_rows, data, placement)
+        for i, data in enumerate(solution.problem["constraints"])
+    }
+    if hand is not None:
+        parts["hand"] = partial(hand.rows, placement)
+    if hand is not None and hand.linked:
+        parts["links"] = partial(_link_rows, hand, surface, placement)
+    rows = [_guarded(name, given, partial(compare, stated=stated, promise=promise)) for name, given in parts.items()]
+    unmet = stated.left if all(check.made for check in rows) else []
+    if hand is not None and hand.linked:
+        rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
+    return [*checks, face_check(solution), *rows, *_stated_check(solution, unmet)]
+
+
+def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources) -> HandNumbers | None:
+    data = solution.problem["hand"]
+    if data is None:
+        return None
+    try:
+        return HANDS.of(data)(data, solution.hand or {}, values, sources)
+    except NotMadeError as reason:
+        return UnknownHand(str(reason))
+
+
+def _drawn_size(solution: GraspSolution, grasp: Grasp) -> float:
+    """Return about half the diagonal of a body that is not there: that of its drawing, or of the contacts."""
+    seen = grasp.points if solution.drawing is None else solution.drawing.body.vertices
+    return float(np.linalg.norm(np.ptp(seen, axis=0))) / 2.0
+
+
+def _constraint_rows(data: Json, placement: StatedPlacement) -> Iterable[RowValue]:
+    return CONSTRAINTS.of(data)(data, placement)
+
+
+def _link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the distance of each sphere of the hand from the held body, then what keeps the hand off itself."""
+    balls = hand.balls(placement)
+    if balls and surface is None:
+        raise NotMadeError("the body is not there")
+    if balls and surface is not None:
+        distances = surface.distance(np.array([ball.centre for ball in balls]))
+        for ball, value in zip(balls, distances.tolist(), strict=True):
+            name = f"clearance from the body, {ball.name}"
+            yield RowValue(name, value, ball.least, scale=placement.size, error=placement.error)
+    yield from hand.apart()
+
+
+def _guarded(
+    name: str, rows: Callable[[], Iterable[RowValue]], judge: Callable[[str, Iterable[RowValue]], Check]
+) -> Check:
+    """Return what a comparison of rows says; parts of a file that make no sense fail."""
+    try:
+        return judge(name, rows())
+    except NotMadeError as reason:
+        return Check.not_made(name, str(reason))
+    except BROKEN as error:
+        return Check(name, False, _sentence(error))
+
+
+def _stated_check(solution: GraspSolution, unmet: list[str]) -> list[Check]:
+    """Return whether the stated values are within the stated limits, and every stated row is some part's own."""
+    if not solution.constraints:
+        return []
+    wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _within(c)]
+    wrong += [f"{name} is nothing that the problem asks" for name in unmet]
+    detail = f"{len(solution.constraints)} stated values"
+    return [Check("constraints", not wrong, f"{detail}: {'; '.join(wrong)}" if wrong else detail)]
+
+
+def _within(row: ConstraintReport) -> bool:
+    return row.lower - _slack(row.lower) <= row.value <= row.upper + _slack(row.upper)
+
+
+def _slack(limit: float) -> float:
+    return 1e-6 + 1e-4 * abs(limit) if np.isfinite(limit) else 0.0
+
+
+def _sentence(error: Exception) -> str:
+    return f"the file makes no sense here: {type(error).__name__}: {error}"

@@ -1,0 +1,69 @@
+"""The kinds of bodies, constraints and hands that can be recomputed: each by a numeric twin of its own.
+
+A twin restates in numpy, from JSON data alone, what the kind states to the solver as a CasADi expression; the two share
+no code. A new kind joins with one line, also from outside the package::
+
+    from nlpgrasp.verify import RowValue, register_constraint
+
+    def ceiling(data, placement):
+        for i, p in enumerate(placement.points):
+            yield RowValue(f"ceiling, finger {i}", p[2], upper=data["height"], scale=placement.size)
+
+    register_constraint("ceiling", ceiling)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Generic, TypeVar
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
+from nlpgrasp.verify.rows import RowValue
+from nlpgrasp.verify.sources import Sources
+
+Twin = TypeVar("Twin")
+BodyTwin = Callable[[Json, Sources], Surface]
+"""``problem.body`` and where files are looked for, to the body's numbers."""
+ConstraintTwin = Callable[[Json, StatedPlacement], Iterable[RowValue]]
+"""One of ``problem.constraints`` and the placement, to the rows that it gives, in their order."""
+HandTwin = Callable[[Json, Json, Mapping[str, float], Sources], HandNumbers]
+"""``problem.hand``, ``hand``, the stated values of the rows by name, and where files are looked for."""
+
+
+class Twins(Generic[Twin]):
+    """Twins by the type that stands for their kind in JSON.
+
+    Parameters
+    ----------
+    what : str
+        What they are twins of, for messages.
+    """
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._known: dict[str, Twin] = {}
+
+    def register(self, kind: str, twin: Twin) -> None:
+        """Add the twin of a kind; a later one takes the place of an earlier one."""
+        self._known[kind] = twin
+
+    def of(self, data: Json) -> Twin:
+        """Return the twin of JSON data with a ``type``; raise ``NotMadeError`` where there is none."""
+        kind = data.get("type")
+        twin = self._known.get(str(kind))
+        if twin is None:
+            raise NotMadeError(f"nothing recomputes a {self._what} of type {kind!r}")
+        return twin
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The types there are twins of."""
+        return tuple(self._known)
+
+
+BODIES: Twins[BodyTwin] = Twins("body")
+CONSTRAINTS: Twins[ConstraintTwin] = Twins("constraint")
+HANDS: Twins[HandTwin] = Twins("hand")
+register_body, register_constraint, register_hand = BODIES.register, CONSTRAINTS.register, HANDS.register

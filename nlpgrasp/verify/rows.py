@@ -1,0 +1,136 @@
+"""Rows recomputed from numbers, and how they compare with those that a file states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.solution.solution import ConstraintReport
+from nlpgrasp.verify.check import Check, NotMadeError
+
+ROUNDING = 1e-6  # of a row's scale: recomputed values differ by rounding alone, by less than a thousandth of this
+LIMITS = 1e-9  # relative: limits are the problem's own numbers, or their squares
+PROMISE = 1e-5  # of a row's scale: how well the solver keeps its rows; on a mesh ten times as much
+
+
+@dataclass(frozen=True)
+class RowValue:
+    """One row ``lower <= value <= upper``, with its value computed from positions and hand.
+
+    Parameters
+    ----------
+    name : str
+        As the file states it.
+    value : float
+        In the row's own unit.
+    lower, upper : float
+    scale : float
+        Typical size of the value: tolerances are relative to it.
+    error : float
+        How far the value may be off for want of digits in the file, in the row's own unit.
+    stated_below : bool
+        Whether the solver may have stated less than the value: it keeps some distances by a lower bound.
+    """
+
+    name: str
+    value: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    scale: float = 1.0
+    error: float = 0.0
+    stated_below: bool = False
+
+    def breaks(self, promise: float) -> bool:
+        """Return whether the value is outside its limits by more than what the solver promises."""
+        slack = promise * self.scale + self.error
+        return not self.lower - slack <= self.value <= self.upper + slack
+
+    def contradicts(self, stated: ConstraintReport) -> str:
+        """Return what a stated row says that is not so, nothing where it agrees."""
+        if not (_same(stated.lower, self.lower, self.scale) and _same(stated.upper, self.upper, self.scale)):
+            return f"{self.name}: stated within [{stated.lower:g}, {stated.upper:g}], the problem says {self._limits}"
+        difference = stated.value - self.value
+        if not (self.stated_below and difference < 0.0) and not abs(difference) <= ROUNDING * self.scale + self.error:
+            return f"{self.name}: stated {stated.value:.9g}, recomputed {self.value:.9g}"
+        return ""
+
+    @property
+    def _limits(self) -> str:
+        return f"[{self.lower:g}, {self.upper:g}]"
+
+
+def _same(stated: float, own: float, scale: float) -> bool:
+    return stated == own or abs(stated - own) <= LIMITS * max(abs(own), scale)
+
+
+class StatedRows:
+    """The rows a file states, each to be met once by a row recomputed.
+
+    Parameters
+    ----------
+    reports : iterable of ConstraintReport
+    """
+
+    def __init__(self, reports: Iterable[ConstraintReport]) -> None:
+        self._left: dict[str, list[ConstraintReport]] = {}
+        for report in reports:
+            self._left.setdefault(report.name, []).append(report)
+
+    def take(self, name: str) -> ConstraintReport | None:
+        """Return the next row of this name that was not taken yet, ``None`` without one."""
+        waiting = self._left.get(name, [])
+        return waiting.pop(0) if waiting else None
+
+    def values(self) -> Mapping[str, float]:
+        """Return the stated values of the rows not taken yet, by name; of several the first."""
+        return {name: reports[0].value for name, reports in self._left.items() if reports}
+
+    @property
+    def left(self) -> list[str]:
+        """Names of the rows that none recomputed has met."""
+        return [name for name, reports in self._left.items() for _ in reports]
+
+
+def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: float) -> Check:
+    """Return whether the file states these rows, their limits and values, and whether the values keep the limits.
+
+    Rows come as they are computed: where one raises ``NotMadeError``, those before it have been compared, and the check
+    fails by them or is not made.
+    """
+    count, wrong, why = 0, [], ""
+    worst = 0.0
+    try:
+        for row in rows:
+            count += 1
+            said = stated.take(row.name)
+            if said is None:
+                wrong.append(f"{row.name}: not in the file")
+                continue
+            contradiction = row.contradicts(said)
+            if contradiction:
+                wrong.append(contradiction)
+            elif row.breaks(promise):
+                wrong.append(f"{row.name}: {row.value:.6g} is outside {row._limits}")
+            worst = max(worst, abs(said.value - row.value) / row.scale)
+    except NotMadeError as reason:
+        why = str(reason)
+    if wrong:
+        return Check(name, False, _listed(wrong))
+    agree = f"{count} row{'s' if count != 1 else ''} recomputed, relative difference {worst:.1e}"
+    if why:
+        return Check.not_made(name, f"{why} ({agree})" if count else why)
+    return Check(name, True, agree)
+
+
+def kept(name: str, rows: Iterable[RowValue], promise: float) -> Check:
+    """Return whether rows that the file does not state keep their limits."""
+    found = list(rows)
+    wrong = [f"{row.name}: {row.value:.9g} is outside {row._limits}" for row in found if row.breaks(promise)]
+    return Check(name, not wrong, _listed(wrong) if wrong else f"{len(found)} within their limits")
+
+
+def _listed(wrong: list[str], most: int = 4) -> str:
+    more = len(wrong) - most
+    return "; ".join(wrong[:most]) + (f"; and {more} more" if more > 0 else "")

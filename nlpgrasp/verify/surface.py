@@ -1,0 +1,109 @@
+"""Whether the stated contacts are on the faces that they name, with those faces' normals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import trimesh
+
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.bodies.mesh import OtherMeshError
+from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.placement import Fit, HandNumbers, Surface
+from nlpgrasp.verify.registry import BODIES
+from nlpgrasp.verify.sources import Sources
+
+ON_FACE = 1e-6  # of the body's size
+NORMAL = 1e-6  # length of the difference of unit normals
+ELSEWHERE = "unknown"  # the kind of fingertips of a hand that nothing recomputes
+
+
+def size_of(surface: Surface) -> float:
+    """Return a body's characteristic length: half its bounding box's diagonal, metres."""
+    return float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+
+
+def surface_checks(
+    solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None, sources: Sources
+) -> tuple[Surface | None, list[Check]]:
+    """Return the held body as numbers, None where it cannot be had, and the checks of contacts and normals on it."""
+    tips = _tips(hand, len(grasp))
+    body = solution.problem["body"]
+    try:
+        surface = BODIES.of(body)(body, sources)
+    except OtherMeshError as other:
+        return _on_another_mesh(solution, grasp, tips, other)
+    except NotMadeError as reason:
+        return None, _not_made(str(reason))
+    return surface, _fitted(solution, grasp, tips, surface)
+
+
+def face_check(solution: GraspSolution) -> Check:
+    """Return whether every contact is on a face that its model may use and that nothing forbids."""
+    contacts, constraints = solution.problem["contacts"], solution.problem["constraints"]
+    forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
+    wrong = []
+    for i, (face, model) in enumerate(zip(solution.faces, contacts, strict=False)):
+        allowed = model.get("faces")
+        if face in forbidden:
+            wrong.append(f"contact {i} on {face}, which is forbidden")
+        elif allowed is not None and face not in allowed:
+            wrong.append(f"contact {i} on {face}, allowed on {', '.join(allowed)}")
+    return Check("faces", not wrong, "; ".join(wrong) if wrong else ", ".join(solution.faces))
+
+
+def _tips(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
+    try:
+        return [None] * count if hand is None else hand.posed_tips
+    except NotMadeError:
+        return [ELSEWHERE] * count
+
+
+def _on_another_mesh(
+    solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], other: OtherMeshError
+) -> tuple[Surface | None, list[Check]]:
+    """Return what to say of a mesh with another fingerprint than the one recorded.
+
+    Where contacts and normals fit it all the same, and the same version of trimesh read it, it is the recorded
+    fingerprint that is wrong. Otherwise it may well be another mesh, which says nothing of the file.
+    """
+    same_reader = solution.solver.get("versions", {}).get("trimesh") == trimesh.__version__
+    for surface in other.readings if same_reader else ():
+        checks = _fitted(solution, grasp, tips, surface)
+        if all(check.passed for check in checks):
+            return surface, [Check("mesh file", False, f"{other}, though the contacts fit it"), *checks]
+    return None, _not_made(str(other))
+
+
+def _fitted(solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], surface: Surface) -> list[Check]:
+    fits = []
+    for i, (face, p, n, tip) in enumerate(zip(solution.faces, grasp.points, grasp.normals, tips, strict=True)):
+        try:
+            fits.append(surface.fit(face, p, n, tip))
+        except KeyError:
+            return [Check("surface", False, f"contact {i} on {face!r}, which is no face of the body")]
+        except NotMadeError as reason:
+            return _not_made(str(reason))
+    return [_on_surface(fits, ON_FACE * size_of(surface)), _normals(fits)]
+
+
+def _on_surface(fits: Sequence[Fit], most: float) -> Check:
+    off = [fit.off for fit in fits]
+    worst = int(np.argmax(off))
+    text = f"contact {worst} is {off[worst]:.2g} m off its face, allowed {most:.2g} m"
+    return Check("surface", bool(max(off) <= most), text)
+
+
+def _normals(fits: Sequence[Fit]) -> Check:
+    known = [fit.turned for fit in fits if fit.turned is not None]
+    if not known:
+        return Check.not_made("normals", "the fingertips keep normals of the solver's smooth surface")
+    left = len(fits) - len(known)
+    more = f"; {left} of the solver's smooth surface not compared" if left else ""
+    return Check("normals", max(known) <= NORMAL, f"{len(known)} compared, at most {max(known):.2g} off{more}")
+
+
+def _not_made(why: str) -> list[Check]:
+    return [Check.not_made("surface", why), Check.not_made("normals", why)]
