@@ -11,7 +11,8 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.solution.solution import ConstraintReport, GraspSolution
+from nlpgrasp.solution.records import ConstraintReport
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotMadeError
 from nlpgrasp.verify.hands.unknown import UnknownHand
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
@@ -27,7 +28,8 @@ BROKEN = (KeyError, IndexError, TypeError, ValueError, AttributeError, InputErro
 def recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
     """Return the checks of surface, faces, constraints and hand."""
     try:
-        return _recomputed(solution, grasp, sources)
+        with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
+            return _recomputed(solution, grasp, sources)
     except BROKEN as error:
         return [Check("problem", False, _sentence(error))]
 

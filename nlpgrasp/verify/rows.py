@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.solution.solution import ConstraintReport
+from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.verify.check import Check, NotMadeError
 
 ROUNDING = 1e-6  # of a row's scale: recomputed values differ by rounding alone, by less than a thousandth of this

@@ -93,7 +93,7 @@ def _on_surface(fits: Sequence[Fit], most: float) -> Check:
     off = [fit.off for fit in fits]
     worst = int(np.argmax(off))
     text = f"contact {worst} is {off[worst]:.2g} m off its face, allowed {most:.2g} m"
-    return Check("surface", bool(max(off) <= most), text)
+    return Check("surface", bool(np.max(off) <= most), text)
 
 
 def _normals(fits: Sequence[Fit]) -> Check:
@@ -102,7 +102,8 @@ def _normals(fits: Sequence[Fit]) -> Check:
         return Check.not_made("normals", "the fingertips keep normals of the solver's smooth surface")
     left = len(fits) - len(known)
     more = f"; {left} of the solver's smooth surface not compared" if left else ""
-    return Check("normals", max(known) <= NORMAL, f"{len(known)} compared, at most {max(known):.2g} off{more}")
+    worst = float(np.max(known))
+    return Check("normals", worst <= NORMAL, f"{len(known)} compared, at most {worst:.2g} off{more}")
 
 
 def _not_made(why: str) -> list[Check]:
