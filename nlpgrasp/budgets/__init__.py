@@ -6,7 +6,7 @@ from nlpgrasp.budgets.joint_torques import JointTorqueLimits
 from nlpgrasp.budgets.l2 import L2Budget
 from nlpgrasp.budgets.per_finger import PerFingerBudget
 from nlpgrasp.budgets.per_finger_size import PerFingerSizeBudget
-from nlpgrasp.budgets.registry import budget_from_dict, force_budget
+from nlpgrasp.budgets.registry import budget_from_dict, force_budget, register
 from nlpgrasp.budgets.shared import SharedBudget
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
 
@@ -22,4 +22,5 @@ __all__ = [
     "budget_from_dict",
     "force_budget",
     "hand_torque_limits",
+    "register",
 ]

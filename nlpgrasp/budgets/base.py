@@ -4,40 +4,54 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import Any, ClassVar
 
-import numpy as np
-
+from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.common.jointed import JointedHand
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import BilateralContact, ContactModel
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
 Row = tuple[str, Any, float, float]  # name, expression, lower, upper
 
 
 class ForceBudget(ABC):
-    """A convex set B of finger forces, the unit of force: the grasp wrench set is ``G(B n K)`` (theory, Section 2).
+    """What one unit of finger force means: a convex set B of forces, as stated (docs/certified_bounds.md).
 
-    Finger forces are stacked as in G: contact by contact, each in its frame, normal force first.
+    The grasp wrench set is ``G(B n K)``; the set itself, of contacts in their places, is what ``at`` returns. A kind
+    has a ``kind``, its name in files, and is registered (``nlpgrasp.budgets.registry``).
     """
 
     kind: ClassVar[str]
     depends_on_frames: ClassVar[bool] = False
     follows_hand: ClassVar[bool] = False  # whether it is known only with the posture of a hand
-    costly: bool = False  # whether a support is a conic program: too slow for the many thousand that nu needs
     limited: ClassVar[str] = ""  # what it limits, where that leaves bilateral contacts without a bound
-    power: ClassVar[float] = 2.0  # p, where the support is near the p-norm of the contacts' own supports
+    by_name: ClassVar[bool] = True  # whether its name alone states it, with the default of every parameter
+    absolute: ClassVar[bool] = False  # whether it is all that the hand has, not a unit of it
+    largest: ClassVar[float] = 50.0  # bound on the program's force variables, in units of ``force_scale``
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
         """Raise ``InputError`` on contacts whose forces this budget does not bound, or does not fit."""
-        if self.limited and any(isinstance(c, BilateralContact) for c in contacts):
+        if self.limited and not all(c.unilateral for c in contacts):
             raise InputError("force_budget", self.limited, '"l2" with bilateral contacts')
 
-    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceBudget:
-        """Return the budget for contacts with these frames, (k, space, space), axes as columns, normal first."""
-        return self
+    @abstractmethod
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceSet:
+        """Return the forces that it allows contacts with these frames.
+
+        Parameters
+        ----------
+        frames : (k, space, space) array
+            Axes as columns, normal first.
+        contacts : sequence of k ContactModel
+            That ``check`` lets pass.
+
+        Raises
+        ------
+        InputError
+            When the forces are not bounded, or not known without the posture of a hand.
+        """
 
     def check_hand(self, hand: JointedHand | None) -> None:
         """Raise ``InputError`` on hands of which this budget cannot say what they can exert."""
@@ -81,18 +95,6 @@ class ForceBudget(ABC):
         return 1.0
 
     @abstractmethod
-    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
-        """Return ``max <z, x>`` over x in B n K, exactly, and a force that attains it: (m, n) to (m,) and (m, n)."""
-
-    @abstractmethod
-    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-        """Return the least factor f with x in f B, for forces of K: (m, n) to (m,)."""
-
-    @abstractmethod
-    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
-        """Return matrices M: x is in f B where every ``M (x, f)`` is in a second-order cone (one row: at least 0)."""
-
-    @abstractmethod
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return the budget's rows on the program's force variables (symbolic): name, expression, lower, upper."""
 
@@ -105,34 +107,20 @@ class ForceBudget(ABC):
     def __repr__(self) -> str:
         return f"{type(self).__name__}()"
 
-    def to_dict(self) -> str | dict[str, Any]:
-        """Return the budget as JSON data: its name alone where it has no parameters."""
+    def to_dict(self) -> str | Json:
+        """Return the budget as JSON data: its ``kind`` alone, or as ``type`` beside its parameters."""
         return self.kind
+
+    @classmethod
+    def from_dict(cls, data: Json) -> ForceBudget:
+        """Return the budget whose parameters ``to_dict`` wrote.
+
+        Raises
+        ------
+        InputError
+            When a number is missing or out of range, or the budget has no parameters.
+        """
+        raise InputError("force_budget", str(data), f'"{cls.kind}", its name alone')
 
 
 SMOOTH = 1e-8  # under the root that rounds the kinks of a closed form
-
-
-def ranges(contacts: Sequence[ContactModel], space: int) -> list[slice]:
-    """Return where each contact's components are among all finger forces."""
-    ends = np.cumsum([0] + [c.components(space) for c in contacts])
-    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
-
-
-def extremes(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
-    """Return each contact's largest work of unit normal force, (m, k), and the forces, (m, n)."""
-    if all(c == contacts[0] for c in contacts):
-        shape = (len(z), len(contacts), contacts[0].components(space))
-        values, forces = contacts[0].extreme(z.reshape(shape))
-        return values, forces.reshape(z.shape)
-    parts = [c.extreme(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
-    return np.stack([p[0] for p in parts], axis=1), np.concatenate([p[1] for p in parts], axis=1)
-
-
-def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-    """Return the projection of finger forces (m, n) onto the force domain K, the product of the contacts'."""
-    if all(c == contacts[0] for c in contacts):
-        shape = (len(z), len(contacts), contacts[0].components(space))
-        return contacts[0].project(z.reshape(shape)).reshape(z.shape)
-    parts = [c.project(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
-    return np.concatenate(parts, axis=1)

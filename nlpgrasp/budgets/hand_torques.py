@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.budgets.base import ForceBudget
+from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
-from nlpgrasp.budgets.unplaced import UnplacedBudget
 from nlpgrasp.common.jointed import JointedHand, PosedHand
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -19,7 +20,7 @@ from nlpgrasp.errors import InputError
 MOST_FORCE = 100.0  # newtons: what a contact bears where joints need no torque for it
 
 
-class HandTorques(UnplacedBudget):
+class HandTorques(ForceBudget):
     """What the joints of the problem's hand can hold: ``|sum_i J_i(q)^T f_i| <= tau`` in the posture q of the grasp.
 
     mu is then the scale of the task that the motors resist. A posture in which some force loads no joint (a
@@ -33,8 +34,9 @@ class HandTorques(UnplacedBudget):
 
     kind: ClassVar[str] = "hand_torques"
     follows_hand: ClassVar[bool] = True
-    without: ClassVar[str] = '"hand_torques" without a posture'
-    instead: ClassVar[str] = "ng.hand_torque_limits(hand, posture, points)"
+    depends_on_frames: ClassVar[bool] = True
+    absolute: ClassVar[bool] = True
+    limited: ClassVar[str] = "joint-torque limits"
 
     def __init__(self, force_limit: float = MOST_FORCE) -> None:
         self.force_limit = number("HandTorques.force_limit", force_limit, above=0.0)
@@ -58,13 +60,23 @@ class HandTorques(UnplacedBudget):
         """Return a tenth of the limit on normal force."""
         return 0.1 * self.force_limit
 
-    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceBudget:
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceSet:
         """Refuse: the torques depend on the hand's posture."""
-        self._refuse()
+        instead = "ng.hand_torque_limits(hand, posture, points)"
+        raise InputError("force_budget", '"hand_torques" without a posture', instead)
 
-    def to_dict(self) -> dict[str, Any]:
+    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+        """Return no rows: the program carries no forces, its cuts come from virtual work (``nlp/virtual_work.py``)."""
+        return []
+
+    def to_dict(self) -> Json:
         """Return the limit on normal force; the joints' limits are the hand's."""
         return {"type": self.kind, "force_limit": self.force_limit}
+
+    @classmethod
+    def from_dict(cls, data: Json) -> HandTorques:
+        """Return the budget that ``to_dict`` wrote."""
+        return cls(data.get("force_limit", 0.0))
 
 
 def hand_torque_limits(

@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from nlpgrasp.budgets.base import ForceBudget, Row
-from nlpgrasp.budgets.sets.torques_at_contacts import TorquesAtContacts, check_jacobian, torque_rows
-from nlpgrasp.budgets.unplaced import UnplacedBudget
+from nlpgrasp.budgets.sets.torques import TorqueSet, check_jacobian, torque_rows
 from nlpgrasp.common.spatial import wrench_dimension
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
 
-class JointTorqueLimits(UnplacedBudget):
+class JointTorqueLimits(ForceBudget):
     """``|J_i^T f_i| <= tau_i`` for every contact i: fingers without common joints, each with its own limits.
 
     Parameters
@@ -36,6 +36,10 @@ class JointTorqueLimits(UnplacedBudget):
     """
 
     kind: ClassVar[str] = "joint_torques"
+    depends_on_frames: ClassVar[bool] = True
+    by_name: ClassVar[bool] = False
+    absolute: ClassVar[bool] = True
+    limited: ClassVar[str] = "joint-torque limits"
 
     def __init__(self, jacobians: Sequence[ArrayLike], limits: ArrayLike | Sequence[ArrayLike]) -> None:
         try:
@@ -68,12 +72,12 @@ class JointTorqueLimits(UnplacedBudget):
         for i, J in enumerate(self.jacobians):
             check_jacobian(f"JointTorqueLimits.jacobians[{i}]", J, space, d)
 
-    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceBudget:
-        """Return the budget in the contacts' frames."""
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> TorqueSet:
+        """Return the limits in the contacts' frames."""
         space = frames.shape[1]
         self.check(contacts, space)
         each = torque_rows(self.jacobians, self.limits, frames, contacts)
-        return TorquesAtContacts(self, block_diag(*each), contacts, space, "JointTorqueLimits")
+        return TorqueSet(block_diag(*each), contacts, space, "JointTorqueLimits")
 
     def force_scale(self) -> float:
         """Return the mean over contacts of the force that takes some joint to its limit."""
@@ -94,13 +98,18 @@ class JointTorqueLimits(UnplacedBudget):
                 result.append((f"torque limit, finger {i}, joint {j}", torque / float(tau[j]), -1.0, 1.0))
         return result
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return Jacobians and limits."""
         return {
             "type": self.kind,
             "jacobians": [J.tolist() for J in self.jacobians],
             "limits": [tau.tolist() for tau in self.limits],
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> JointTorqueLimits:
+        """Return the limits that ``to_dict`` wrote."""
+        return cls(data.get("jacobians", ()), data.get("limits", ()))
 
 
 def _limits(i: int, value: Any, joints: int) -> FloatArray:

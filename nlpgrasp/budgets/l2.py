@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.budgets.base import ForceBudget, Row, project
+from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
@@ -16,21 +17,11 @@ class L2Budget(ForceBudget):
     """``|x| <= 1`` over all force components together. Torsion counts as force through the unit of length."""
 
     kind: ClassVar[str] = "l2"
+    largest: ClassVar[float] = 1.1
 
-    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
-        """Return ``|P_K(z)|``, attained at ``P_K(z)`` over its norm (Moreau)."""
-        x = project(z, contacts, space)
-        size = np.linalg.norm(x, axis=1)
-        return size, x / np.where(size > 0.0, size, 1.0)[:, None]
-
-    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-        """Return ``|x|``."""
-        return np.asarray(np.linalg.norm(x, axis=1))
-
-    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
-        """Return ``|x| <= f``."""
-        n = sum(c.components(space) for c in contacts)
-        return [np.roll(np.eye(n + 1), 1, axis=0)]
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> L2Set:
+        """Return the forces in the cones that it allows."""
+        return L2Set(contacts, frames.shape[1])
 
     def closed_form(
         self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any

@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.budgets.base import SMOOTH, ForceBudget, Row, extremes, ranges
+from nlpgrasp.budgets.base import SMOOTH, ForceBudget, Row
+from nlpgrasp.budgets.sets.per_finger import PerFingerSet
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
@@ -17,22 +18,10 @@ class PerFingerBudget(ForceBudget):
 
     kind: ClassVar[str] = "per_finger"
     limited: ClassVar[str] = "limits on normal force"
-    power: ClassVar[float] = 1.0
 
-    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
-        """Return the sum of the contacts' ``max(0, z_n + mu |z_t|)``; each presses fully or not at all."""
-        values, forces = extremes(z, contacts, space)
-        return np.sum(values, axis=1), forces
-
-    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-        """Return the largest normal force."""
-        return np.asarray(np.max(np.stack([x[:, r.start] for r in ranges(contacts, space)]), axis=0))
-
-    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
-        """Return ``f - f_n >= 0`` for every contact."""
-        where = ranges(contacts, space)
-        unit = np.eye(where[-1].stop + 1)
-        return [unit[-1:] - unit[r.start : r.start + 1] for r in where]
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> PerFingerSet:
+        """Return the forces in the cones that it allows."""
+        return PerFingerSet(contacts, frames.shape[1])
 
     def closed_form(
         self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any

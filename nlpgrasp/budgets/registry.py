@@ -1,9 +1,9 @@
-"""Force budgets from their names and from JSON data."""
+"""The kinds of force budget that a problem may name and a file may hold."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TypeVar
 
 from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.hand_torques import HandTorques
@@ -13,11 +13,33 @@ from nlpgrasp.budgets.per_finger import PerFingerBudget
 from nlpgrasp.budgets.per_finger_size import PerFingerSizeBudget
 from nlpgrasp.budgets.shared import SharedBudget
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
+from nlpgrasp.common.registry import Registry
+from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 
-NAMED: dict[str, ForceBudget] = {
-    b.kind: b for b in (L2Budget(), PerFingerBudget(), SharedBudget(), PerFingerSizeBudget(), HandTorques())
-}
+Kind = TypeVar("Kind", bound=ForceBudget)
+
+BUDGETS: Registry[ForceBudget] = Registry("force_budget")
+NAMED: dict[str, ForceBudget] = {}  # those that their name alone states
+
+
+def register(budget: type[Kind]) -> type[Kind]:
+    """Add a force budget, of this package or another, to those that have a name; also as a decorator.
+
+    Parameters
+    ----------
+    budget : subclass of ForceBudget
+        With ``kind``, its name or the ``type`` that its ``to_dict`` gives; with ``from_dict`` where it has parameters.
+
+    Raises
+    ------
+    InputError
+        When another budget has that name.
+    """
+    BUDGETS.add(budget.kind, budget)
+    if budget.by_name:
+        NAMED[budget.kind] = budget()
+    return budget
 
 
 def force_budget(value: str | ForceBudget, field: str = "force_budget") -> ForceBudget:
@@ -35,12 +57,23 @@ def force_budget(value: str | ForceBudget, field: str = "force_budget") -> Force
     raise InputError(field, value, "one of " + ", ".join(NAMED) + ", or ng.JointTorqueLimits(...)")
 
 
-def budget_from_dict(data: str | Mapping[str, Any], field: str = "force_budget") -> ForceBudget:
+def names_for_any_frames() -> list[str]:
+    """Return the names of the budgets that mean the same for contacts in any place."""
+    return [name for name, budget in NAMED.items() if not budget.depends_on_frames]
+
+
+def budget_from_dict(data: str | Json, field: str = "force_budget") -> ForceBudget:
     """Return the budget that ``to_dict`` wrote."""
-    if isinstance(data, Mapping) and data.get("type") == JointTorqueLimits.kind:
-        return JointTorqueLimits(data.get("jacobians", ()), data.get("limits", ()))
-    if isinstance(data, Mapping) and data.get("type") == SharedJointTorqueLimits.kind:
-        return SharedJointTorqueLimits(data.get("jacobians", ()), data.get("limits", ()), data.get("force_limit"))
-    if isinstance(data, Mapping) and data.get("type") == HandTorques.kind:
-        return HandTorques(data.get("force_limit", 0.0))
+    kind = BUDGETS.find(data.get("type")) if isinstance(data, Mapping) else None
+    if kind is not None and isinstance(data, Mapping):
+        return kind.from_dict(data)
     return force_budget(data if isinstance(data, str) else str(data), field)
+
+
+register(L2Budget)
+register(PerFingerBudget)
+register(SharedBudget)
+register(PerFingerSizeBudget)
+register(HandTorques)
+register(JointTorqueLimits)
+register(SharedJointTorqueLimits)

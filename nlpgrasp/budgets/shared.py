@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nlpgrasp.budgets.base import ForceBudget, Row, extremes, ranges
+from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.sets.shared import SharedSet
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
@@ -20,26 +21,10 @@ class SharedBudget(ForceBudget):
 
     kind: ClassVar[str] = "shared"
     limited: ClassVar[str] = "limits on normal force"
-    power: ClassVar[float] = 8.0
 
-    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
-        """Return the largest of the contacts' ``max(0, z_n + mu |z_t|)``; that contact presses alone."""
-        values, forces = extremes(z, contacts, space)
-        best = np.argmax(values, axis=1)
-        chosen = np.zeros_like(forces)
-        for i, where in enumerate(ranges(contacts, space)):
-            chosen[best == i, where] = forces[best == i, where]
-        return values[np.arange(len(z)), best], chosen
-
-    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-        """Return the sum of the normal forces."""
-        return np.asarray(np.sum(np.stack([x[:, r.start] for r in ranges(contacts, space)]), axis=0))
-
-    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
-        """Return ``f - sum f_n >= 0``."""
-        where = ranges(contacts, space)
-        unit = np.eye(where[-1].stop + 1)
-        return [unit[-1:] - unit[[r.start for r in where]].sum(axis=0, keepdims=True)]
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> SharedSet:
+        """Return the forces in the cones that it allows."""
+        return SharedSet(contacts, frames.shape[1])
 
     def pieces(
         self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any

@@ -8,16 +8,17 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.budgets.base import Row, ranges
-from nlpgrasp.budgets.sets.torques_at_contacts import TorquesAtContacts, check_jacobian, torque_rows
-from nlpgrasp.budgets.unplaced import UnplacedBudget
+from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.sets.torques import TorqueSet, check_jacobian, torque_rows
 from nlpgrasp.common.spatial import wrench_dimension
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import ranges
 from nlpgrasp.errors import InputError
 
 
-class SharedJointTorqueLimits(UnplacedBudget):
+class SharedJointTorqueLimits(ForceBudget):
     """``|sum_i J_i^T f_i| <= tau``, and ``f_n <= F`` for every contact (Murray, Li and Sastry 1994, Section 5.2).
 
     Parameters
@@ -38,6 +39,10 @@ class SharedJointTorqueLimits(UnplacedBudget):
     """
 
     kind: ClassVar[str] = "shared_joint_torques"
+    depends_on_frames: ClassVar[bool] = True
+    by_name: ClassVar[bool] = False
+    absolute: ClassVar[bool] = True
+    limited: ClassVar[str] = "joint-torque limits"
 
     def __init__(self, jacobians: Sequence[ArrayLike], limits: ArrayLike, force_limit: float | None = None) -> None:
         name = "SharedJointTorqueLimits"
@@ -65,8 +70,8 @@ class SharedJointTorqueLimits(UnplacedBudget):
         for i, J in enumerate(self.jacobians):
             check_jacobian(f"SharedJointTorqueLimits.jacobians[{i}]", J, space, wrench_dimension(space))
 
-    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> TorquesAtContacts:
-        """Return the budget in the contacts' frames: first the joints' rows, then one a contact's normal force."""
+    def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> TorqueSet:
+        """Return the limits in the contacts' frames: first the joints' rows, then one a contact's normal force."""
         space = frames.shape[1]
         self.check(contacts, space)
         limits = [self.limits] * len(contacts)
@@ -76,7 +81,7 @@ class SharedJointTorqueLimits(UnplacedBudget):
             for i, where in enumerate(ranges(contacts, space)):
                 pressing[i, where.start] = 1.0 / self.force_limit
             torques = np.concatenate([torques, pressing])
-        return TorquesAtContacts(self, torques, contacts, space, "SharedJointTorqueLimits")
+        return TorqueSet(torques, contacts, space, "SharedJointTorqueLimits")
 
     def force_scale(self) -> float:
         """Return the force that takes some joint to its limit, the mean over contacts."""
@@ -101,7 +106,7 @@ class SharedJointTorqueLimits(UnplacedBudget):
         limits = enumerate(zip(totals, self.limits, strict=True))
         return [(f"torque limit, joint {j}", total / float(tau), -1.0, 1.0) for j, (total, tau) in limits] + result
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return Jacobians and limits."""
         return {
             "type": self.kind,
@@ -109,3 +114,8 @@ class SharedJointTorqueLimits(UnplacedBudget):
             "limits": self.limits.tolist(),
             "force_limit": self.force_limit,
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> SharedJointTorqueLimits:
+        """Return the limits that ``to_dict`` wrote."""
+        return cls(data.get("jacobians", ()), data.get("limits", ()), data.get("force_limit"))

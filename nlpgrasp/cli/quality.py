@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
+from nlpgrasp.budgets.registry import names_for_any_frames
 from nlpgrasp.cli.options import AsJson, Rtol
 from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.cli.script import load_problem
@@ -23,9 +24,6 @@ from nlpgrasp.tasks import Task, task_from_dict
 GraspFile = Annotated[
     Path, typer.Argument(metavar="F", help="Solution file, CSV table of contacts, or isaac_grasp file (.yaml).")
 ]
-
-
-BY_NAME = ("l2", "per_finger", "shared", "per_finger_size")  # budgets of any grasp
 
 
 @dataclass(frozen=True)
@@ -129,9 +127,8 @@ def _of_postures(file: Path, script: Path | None) -> Iterator[_Given]:
         raise InputError("--problem", "nothing", "the script of a problem whose hand the isaac_grasp file is for")
     postures = read_isaac_grasps(file)
     problem = load_problem(script)
-    if problem.budget.kind not in BY_NAME:
-        raise InputError(
-            "--problem", f"force budget {problem.budget.kind}", "a problem with one of " + ", ".join(BY_NAME)
-        )
+    if problem.budget.depends_on_frames:
+        given = f"force budget {problem.budget.kind}"
+        raise InputError("--problem", given, "a problem with one of " + ", ".join(names_for_any_frames()))
     for posture in postures:
         yield _Given(posture.name, grasp_of_posture(problem, posture), problem.task, problem.budget)

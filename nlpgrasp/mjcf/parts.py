@@ -7,11 +7,11 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.shown.drawing import Drawing, Triangles
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import ranges
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.mjcf.scales import Scales
 from nlpgrasp.tasks.mass import Mass

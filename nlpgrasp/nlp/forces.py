@@ -8,20 +8,17 @@ from itertools import accumulate
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.nlp.placement import ContactSymbols, Scaling
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem.problem import GraspProblem
 
-LARGEST, LARGEST_OTHERWISE = 1.1, 50.0  # solver units: the L2 ball's own bound, and a wide one
-
 
 def add_forces(program: Program, problem: GraspProblem, scaling: Scaling, direction: int) -> list[ca.SX]:
     """Add one copy of all finger forces, in solver units; return each contact's in newtons, as columns."""
     sizes = [m.variables(problem.body.space) for m in problem.models]
-    most = LARGEST if isinstance(problem.budget, L2Budget) else LARGEST_OTHERWISE
+    most = problem.budget.largest
     block = program.variable(f"forces {direction}", sum(sizes), -most, most, scaling.force)
     return list(ca.vertsplit(scaling.force * block, [0, *accumulate(sizes)]))
 

@@ -6,9 +6,10 @@ import numpy as np
 from scipy.linalg import eigh
 
 from nlpgrasp.budgets import ForceBudget, force_budget
-from nlpgrasp.budgets.base import project, ranges
+from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.common.directions import directions
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.product import project
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import task_for
@@ -42,13 +43,13 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     if not isinstance(stack, GraspStack):
         raise InputError("stack", stack, "a GraspStack")
     task = task_for(task, stack)
-    budget = _budget(stack, force_budget)
+    force_set = _bound(stack, _budget(stack, force_budget))
     if not len(stack):
         return np.zeros(0)
     y = directions(stack.dimension, 2) @ np.linalg.inv(np.linalg.cholesky(_shape(stack, task)))
     reach = task.support(y)[0]
     y = y[reach > 1e-9 * np.max(reach)]
-    parts = [_descend(_View(stack, slice(a, a + CHUNK), budget), task, y) for a in range(0, len(stack), CHUNK)]
+    parts = [_descend(_View(stack, slice(a, a + CHUNK), force_set), task, y) for a in range(0, len(stack), CHUNK)]
     return np.concatenate(parts)
 
 
@@ -82,7 +83,7 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
     """
     reach = task.support(y)[0]
     y, reach = y[reach > 0.0], reach[reach > 0.0]
-    view = _View(stack, slice(None), budget)
+    view = _View(stack, slice(None), _bound(stack, budget))
     return np.asarray(view.support(np.broadcast_to(y, (len(stack), *y.shape)))[0] / reach)
 
 
@@ -96,14 +97,14 @@ def screening_score(ratios: FloatArray) -> FloatArray:
 class _View:
     """The support functions of some grasps of a stack, evaluated together."""
 
-    def __init__(self, stack: GraspStack, where: slice, budget: ForceBudget) -> None:
+    def __init__(self, stack: GraspStack, where: slice, force_set: ForceSet) -> None:
         self.G = stack.G[where]
-        self._contacts, self._space, self._budget = stack.contacts, stack.space, budget
+        self._set = force_set
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ``phi`` and its maximisers for directions of each grasp: (b, m, d) to (b, m) and (b, m, d)."""
         z = y @ self.G
-        phi, x = self._budget.support(z.reshape(-1, z.shape[2]), self._contacts, self._space)
+        phi, x = self._set.support(z.reshape(-1, z.shape[2]))
         return phi.reshape(z.shape[:2]), x.reshape(z.shape) @ self.G.transpose(0, 2, 1)
 
     def quadratic(self, y: FloatArray, task: Task) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -114,14 +115,13 @@ class _View:
         """
         z = y @ self.G
         flat = z.reshape(-1, z.shape[2])
-        phi = self._budget.support(flat, self._contacts, self._space)[0].reshape(y.shape[:2])
-        x = project(flat, self._contacts, self._space)
-        where = ranges(self._contacts, self._space)
-        sizes = np.stack([np.linalg.norm(x[:, r], axis=1) for r in where])
+        phi = self._set.support(flat)[0].reshape(y.shape[:2])
+        x = project(flat, self._set.contacts, self._set.space)
+        sizes = np.stack([np.linalg.norm(x[:, r], axis=1) for r in self._set.ranges])
         sizes = np.maximum(sizes / np.maximum(np.max(sizes, axis=0), 1e-300), LEAST_WEIGHT)
         H = np.zeros((*y.shape, y.shape[2]))
-        for contact, r, size in zip(self._contacts, where, sizes, strict=True):
-            matrix = contact.derivative(flat[:, r]) * (size ** (self._budget.power - 2.0))[:, None, None]
+        for contact, r, size in zip(self._set.contacts, self._set.ranges, sizes, strict=True):
+            matrix = contact.derivative(flat[:, r]) * (size ** (self._set.power - 2.0))[:, None, None]
             Gi = self.G[:, None, :, r]
             H += Gi @ matrix.reshape(*y.shape[:2], *matrix.shape[1:]) @ Gi.transpose(0, 1, 3, 2)
         scale = np.einsum("bdn,bdn->b", self.G, self.G)[:, None, None, None]
@@ -157,6 +157,12 @@ def _descend(view: _View, task: Task, y: FloatArray) -> FloatArray:
         value = np.where(better, found, value)
         step = np.where(better, np.minimum(1.0, 2.0 * step), 0.3 * step)
     return np.asarray(np.minimum(least, value.min(axis=1)))
+
+
+def _bound(stack: GraspStack, budget: ForceBudget) -> ForceSet:
+    """Return the forces that a budget allows, whatever the grasps' frames: it does not depend on them."""
+    any_frames = np.broadcast_to(np.eye(stack.space), (len(stack.contacts), stack.space, stack.space))
+    return budget.at(any_frames, stack.contacts)
 
 
 def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.product import ranges
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
 

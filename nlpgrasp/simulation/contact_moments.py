@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import ranges
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.mjcf.parts import force_indices
 

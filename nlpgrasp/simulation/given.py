@@ -67,8 +67,8 @@ class Given:
         """Return the grasp in MuJoCo, with the contacts as they really are."""
         unit = scales(self.grasp, float(np.linalg.norm(self.least.forces)), self.mass.mass)
         scene = mjcf(self.solution, grasp=there, mass=self.mass, unit=unit, stiffness=False)
-        budget = self.budget.at(there.frames, there.contacts)
-        return Press(scene, there, budget, self.effort, unit, gravity)
+        allowed = self.budget.at(there.frames, there.contacts)
+        return Press(scene, there, allowed, self.effort, unit, gravity)
 
 
 def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> Given:
@@ -79,7 +79,7 @@ def given(solution: GraspSolution, share: float, mass: float | None, count: int)
     if solution.mu.upper > WIDEST * solution.mu.lower:
         raise InputError("quality.mu", str(solution.mu), f"bounds within a factor of {WIDEST:g}: solve it again")
     budget, task = budget_from_dict(solution.problem["force_budget"]), task_from_dict(solution.problem["task"])
-    effort = 1.0 if "joint_torques" in budget.kind else 1.0 / solution.mu.lower
+    effort = 1.0 if budget.absolute else 1.0 / solution.mu.lower
     hardest = solution.mu.worst_direction
     if hardest is None:
         hardest = mu(grasp, task, RTOL, force_budget=budget).worst_direction

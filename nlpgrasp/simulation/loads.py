@@ -77,11 +77,11 @@ def gripping(grasp: Grasp, budget: ForceBudget) -> FloatArray:
 
 def _most_grip(grasp: Grasp, x: FloatArray, grip: FloatArray, budget: ForceBudget, most: float) -> float:
     """Return the most of a grip that forces can be given within an effort, by bisection."""
-    budget = budget.at(grasp.frames, grasp.contacts)
-    size = float(budget.used(grip[None], grasp.contacts, grasp.space)[0])
+    allowed = budget.at(grasp.frames, grasp.contacts)
+    size = float(allowed.used(grip[None])[0])
     low, high = 0.0, most / size if size > 0.0 else 0.0
     for _ in range(20):
         middle = 0.5 * (low + high)
-        used = float(budget.used((x + middle * grip)[None], grasp.contacts, grasp.space)[0])
+        used = float(allowed.used((x + middle * grip)[None])[0])
         low, high = (middle, high) if used <= most else (low, middle)
     return low

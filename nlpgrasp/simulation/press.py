@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.common.extras.mujoco import import_mujoco
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
@@ -35,7 +35,8 @@ class Press:
         MJCF text of ``mjcf``, without stiffness.
     grasp : Grasp
         The scene's.
-    budget : ForceBudget
+    allowed : ForceSet
+        What one unit of the force budget allows the scene's contacts.
     effort : float
         How many units of the budget the hand has.
     unit : Scales
@@ -45,10 +46,10 @@ class Press:
     """
 
     def __init__(
-        self, scene: str, grasp: Grasp, budget: ForceBudget, effort: float, unit: Scales, gravity: float = 0.0
+        self, scene: str, grasp: Grasp, allowed: ForceSet, effort: float, unit: Scales, gravity: float = 0.0
     ) -> None:
         self.mujoco = import_mujoco("a simulation")
-        self.grasp, self.budget, self.effort, self.unit = grasp, budget, effort, unit
+        self.grasp, self.allowed, self.effort, self.unit = grasp, allowed, effort, unit
         self.gravity = -gravity * np.eye(3)[2 if grasp.space == 3 else 1]
         self.mujoco.set_mju_user_warning(lambda _: None)  # no log files in the user's folder
         try:
@@ -103,7 +104,7 @@ class Press:
         if self.moments:
             give = self.stiffness * (self.turning @ self._rotation())
             command[self.moment_indices] -= give + self.damping * (self.turning @ self._angular_velocity())
-        used = float(self.budget.used(command[None], self.grasp.contacts, self.grasp.space)[0]) / self.effort
+        used = float(self.allowed.used(command[None])[0]) / self.effort
         if used > 1.0:
             command /= used
         data.ctrl[:] = command[self.forces]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.grasp.grasp import Grasp
@@ -43,7 +43,7 @@ def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Chec
     ]
 
 
-def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, bound: ForceBudget) -> list[Check]:
+def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
     """Evaluate the stated worst direction by hand: its ratio is an upper bound on mu, so never below lower."""
     y = solution.mu.worst_direction
     if y is None:
@@ -54,7 +54,7 @@ def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, bound: F
     if reach <= 0.0:
         return [Check("worst direction", False, "the task asks for nothing in the stated direction")]
     z = (grasp.G.T @ y)[None, :]
-    work, force = bound.support(z, grasp.contacts, grasp.space)
+    work, force = force_set.support(z)
     ratio = float(max(work[0], force[0] @ z[0])) / reach
     good = solution.mu.lower <= ratio * (1.0 + 1e-6) + 1e-12
     return [
@@ -66,7 +66,7 @@ def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, bound: F
     ]
 
 
-def force_checks(solution: GraspSolution, grasp: Grasp, bound: ForceBudget) -> list[Check]:
+def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> list[Check]:
     """Check that stated forces are in the cones and the budget and add up to the stated wrench."""
     if not solution.forces:
         return []
@@ -89,7 +89,7 @@ def force_checks(solution: GraspSolution, grasp: Grasp, bound: ForceBudget) -> l
             allowed[list(model.axes(space))] = components
             inside.append(components)
             worst_cone = max(worst_cone, float(np.linalg.norm(local - allowed)) / scale)
-        most = max(most, float(bound.used(np.concatenate(inside)[None, :], grasp.contacts, space)[0]))
+        most = max(most, float(force_set.used(np.concatenate(inside)[None, :])[0]))
     good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and most <= 1.0 + FORCE_TOLERANCE
     residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
     return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}, {most:.4g} of the force budget")]

@@ -58,13 +58,13 @@ def verify(
     task = task_from_dict(solution.problem["task"])
     budget = budget_from_dict(solution.problem["force_budget"])
     found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
-    bound = budget.at(grasp.frames, grasp.contacts)
+    force_set = budget.at(grasp.frames, grasp.contacts)
     checks = [
         grasp_map_check(grasp),
         interval(solution.mu),
         overlap("certified quality", solution.mu, found),
-        *direction_checks(solution, grasp, task, bound),
-        *force_checks(solution, grasp, bound),
+        *direction_checks(solution, grasp, task, force_set),
+        *force_checks(solution, grasp, force_set),
         *other_measures(solution, grasp, budget, rtol),
         *robustness(solution, grasp, task, budget, rtol),
         *model_checks(solution, grasp, task),

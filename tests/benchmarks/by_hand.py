@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 import nlpgrasp as ng
+from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.nlp import CompiledProgram, support_program, vertex_program
 from nlpgrasp.quality import WrenchSet
 from nlpgrasp.quality.certificate.minimise import random_directions
@@ -36,7 +37,7 @@ def slsqp(points, rng):
         n = -p / AXES**2
         n /= np.linalg.norm(n, axis=1, keepdims=True)
         G = ng.GraspStack(p[None], n[None], CONTACTS).G[0]
-        return WrenchSet(G, CONTACTS, 3).support(y)[0]
+        return WrenchSet(G, L2Set(CONTACTS, 3)).support(y)[0]
 
     constraints = [
         {"type": "ineq", "fun": lambda x: support(x) - x[12]},

@@ -8,7 +8,7 @@ from scipy import sparse
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import budget_from_dict, force_budget
-from nlpgrasp.budgets.base import ranges
+from nlpgrasp.contacts.product import ranges
 from nlpgrasp.quality import WrenchSet
 from tests.contacts.test_contacts import program_variables
 from tests.samples import CONTACTS, closed_ellipsoid_grasp
@@ -62,7 +62,7 @@ def largest_work(grasp, bound, z):
             full = np.zeros((len(M), n))
             full[:, r] = M
             add(full, np.zeros(len(M)))
-    for M in bound.cones(grasp.contacts, 3):
+    for M in bound.cones():
         add(M[:, :n], M[:, n])
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -77,9 +77,9 @@ def largest_work(grasp, bound, z):
 def test_support_is_exact_and_attained(name, budget, rng):
     grasp, _, bound = made(name, budget, rng)
     z = rng.standard_normal((25, grasp.G.shape[1]))
-    phi, x = bound.support(z, grasp.contacts, 3)
+    phi, x = bound.support(z)
     np.testing.assert_allclose(np.sum(z * x, axis=1), phi, atol=1e-9)
-    assert np.max(bound.used(x, grasp.contacts, 3)) <= 1.0 + 1e-9
+    assert np.max(bound.used(x)) <= 1.0 + 1e-9
     for contact, r in zip(grasp.contacts, ranges(grasp.contacts, 3), strict=True):
         np.testing.assert_allclose(contact.project(x[:, r]), x[:, r], atol=1e-7)
     expected = [largest_work(grasp, bound, row) for row in z]
@@ -91,11 +91,11 @@ def test_used_is_what_the_cones_say(name, budget, rng):
     grasp, _, bound = made(name, budget, rng)
     n = grasp.G.shape[1]
     x = np.concatenate([c.project(rng.standard_normal((50, c.components(3)))) for c in grasp.contacts], axis=1)
-    used = bound.used(x, grasp.contacts, 3)
+    used = bound.used(x)
     for factor in (0.999, 1.001):
         y = np.concatenate([x, factor * used[:, None]], axis=1)
         inside = np.ones(len(x), dtype=bool)
-        for M in bound.cones(grasp.contacts, 3):
+        for M in bound.cones():
             value = y @ M.T
             inside &= value[:, 0] >= (np.linalg.norm(value[:, 1:], axis=1) if len(M) > 1 else 0.0)
         assert inside[used > 0].all() == (factor > 1.0)
@@ -109,7 +109,7 @@ def test_the_programs_rows_say_the_same(name, budget, rng):
     grasp, given, bound = made(name, budget, rng)
     for _ in range(10):
         x = np.concatenate([c.project(rng.standard_normal((1, c.components(3))))[0] for c in grasp.contacts])
-        used = bound.used(x[None], grasp.contacts, 3)[0]
+        used = bound.used(x[None])[0]
         if used <= 0.0:
             continue
         for factor in (0.999, 1.001):
@@ -135,9 +135,9 @@ def test_planar_torque_limits(rng):
     grasp = ng.Grasp([[0.0, 1.0]], [[0.0, -1.0]], ng.FrictionContact(0.5))
     budget = ng.JointTorqueLimits([[[1.0, 0.2], [0.3, 1.0]]], 0.7).at(grasp.frames, grasp.contacts)
     z = rng.standard_normal((50, 2))
-    phi, _ = budget.support(z, grasp.contacts, 2)
+    phi, _ = budget.support(z)
     grid = np.stack(np.meshgrid(np.linspace(0, 5, 2001), np.linspace(-2.5, 2.5, 2001)), axis=-1).reshape(-1, 2)
-    allowed = grid[(np.abs(grid[:, 1]) <= 0.5 * grid[:, 0]) & (budget.used(grid, grasp.contacts, 2) <= 1.0)]
+    allowed = grid[(np.abs(grid[:, 1]) <= 0.5 * grid[:, 0]) & (budget.used(grid) <= 1.0)]
     brute = np.max(z @ allowed.T, axis=1)
     assert np.all(phi >= brute - 1e-9)
     np.testing.assert_allclose(phi, brute, atol=2e-2)

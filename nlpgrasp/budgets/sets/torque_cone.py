@@ -12,11 +12,11 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from nlpgrasp.budgets.base import project, ranges
 from nlpgrasp.budgets.sets.torque_polytope import check_bounded
 from nlpgrasp.common.conic import cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import project, ranges
 
 TOLERANCE = 1e-10
 INSIDE = 1.0 - 1e-9  # keeps the attaining force within the limits to the solver's tolerance

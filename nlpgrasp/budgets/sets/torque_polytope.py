@@ -14,9 +14,9 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import nnls
 
-from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import ranges
 from nlpgrasp.errors import InputError
 
 INSIDE = 1e-9  # relative violation that rounding explains

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
-from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
@@ -49,7 +48,7 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
     U, S, _ = np.linalg.svd(wrenches.G, full_matrices=False)
     white = wrenches.transformed((U / S).T)  # rows of G orthonormal: as well-conditioned as the question allows
     pressing = np.zeros(wrenches.G.shape[1])
-    pressing[[r.start for r in ranges(wrenches.contacts, wrenches.space)]] = 1.0
+    pressing[[r.start for r in wrenches.ranges]] = 1.0
     target = -white.G @ pressing
     if np.linalg.norm(target) <= ZERO_SUPPORT:
         return None
@@ -67,7 +66,7 @@ def unreachable(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> F
     of the wrench is orthogonal to that point and in the polar of the cone.
     """
     scale, size = float(np.linalg.norm(wrenches.G, 2)), float(np.linalg.norm(target))
-    where = ranges(wrenches.contacts, wrenches.space)
+    where = wrenches.ranges
     rays = [wrenches.G[:, r.start : r.start + 1] for r in where]
     best, least = target / size, np.inf
     for _ in range(rounds):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nlpgrasp.budgets import L2Budget
+from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.quality.forces import conic
@@ -109,13 +109,13 @@ def _gauge(white: WrenchSet) -> Gauge:
     def gauge(w: FloatArray) -> tuple[FloatArray, FloatArray]:
         size = np.linalg.norm(w, axis=1)
         unit = w / np.where(size > 0.0, size, 1.0)[:, None]
-        if isinstance(white.budget, L2Budget):
+        if isinstance(white.force_set, L2Set):
             y, x = dual_newton(white, unit, GAUGE_TOLERANCE, FAR / float(np.min(size)))
             force = np.linalg.norm(x, axis=1)
             produced = np.linalg.norm(unit - x @ white.G.T, axis=1) <= 1e3 * GAUGE_TOLERANCE
             return np.where(produced, force * size, np.inf), y / np.where(produced & (force > 0.0), force, 1.0)[:, None]
         x, y = conic.least_forces(white, unit)
-        used = white.budget.used(x, white.contacts, white.space) * size
+        used = white.force_set.used(x) * size
         return np.where(np.isfinite(used), used, np.inf), y
 
     return gauge

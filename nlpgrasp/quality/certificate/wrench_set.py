@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from nlpgrasp.budgets import ForceBudget, L2Budget, force_budget
-from nlpgrasp.budgets.base import project
-from nlpgrasp.common.spatial import space_dimension
+from nlpgrasp.budgets import ForceBudget, force_budget
+from nlpgrasp.budgets.sets.base import ForceSet
+from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import BilateralContact, ContactModel
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import project
 from nlpgrasp.grasp.grasp import Grasp
 
 
@@ -18,23 +18,18 @@ class WrenchSet:
     """``{G x : x in K, x in B}``, exactly.
 
     For the L2 budget ``phi(y) = ||P_K(G^T y)||`` by Moreau's decomposition, attained at ``x = P_K(G^T y)`` over its
-    norm; the other budgets have closed forms too: no inner optimisation anywhere (theory, Section 2).
+    norm; the other budgets have closed forms too: no inner optimisation anywhere (docs/certified_bounds.md).
 
     Parameters
     ----------
     G : (d, n) array
         Grasp map, possibly after a linear change of wrench coordinates.
-    contacts : sequence of ContactModel
-    space : int
-        2 or 3: the space the contacts live in.
-    budget : ForceBudget
-        B.
+    force_set : ForceSet
+        ``B n K``.
     """
 
     G: FloatArray
-    contacts: Sequence[ContactModel]
-    space: int
-    budget: ForceBudget = L2Budget()  # noqa: RUF009  # no state
+    force_set: ForceSet
 
     @classmethod
     def of(cls, grasp: Grasp, budget: str | ForceBudget = "l2") -> WrenchSet:
@@ -47,12 +42,27 @@ class WrenchSet:
         """
         given = force_budget(budget)
         given.check(grasp.contacts, grasp.space)
-        return cls(grasp.G, grasp.contacts, space_dimension(grasp.dimension), given.at(grasp.frames, grasp.contacts))
+        return cls(grasp.G, given.at(grasp.frames, grasp.contacts))
+
+    @property
+    def contacts(self) -> tuple[ContactModel, ...]:
+        """The contacts, k of them."""
+        return self.force_set.contacts
+
+    @property
+    def space(self) -> int:
+        """2 or 3: the space the contacts live in."""
+        return self.force_set.space
+
+    @property
+    def ranges(self) -> list[slice]:
+        """Where each contact's components are among the columns of G."""
+        return self.force_set.ranges
 
     @property
     def is_ellipsoid(self) -> bool:
         """Whether it is ``{G x : |x| <= 1}``: bilateral contacts only, and the L2 budget."""
-        return isinstance(self.budget, L2Budget) and all(isinstance(c, BilateralContact) for c in self.contacts)
+        return isinstance(self.force_set, L2Set) and not any(c.unilateral for c in self.contacts)
 
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of force components (m, n) onto the force domain K."""
@@ -60,7 +70,7 @@ class WrenchSet:
 
     def forces(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ``phi(y | G(B n K))`` (m,) and finger forces that attain it (m, n)."""
-        return self.budget.support(y @ self.G, self.contacts, self.space)
+        return self.force_set.support(y @ self.G)
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ``phi(y | G(B n K))`` (m,) and the wrenches that attain it (m, d)."""
@@ -69,4 +79,4 @@ class WrenchSet:
 
     def transformed(self, matrix: FloatArray) -> WrenchSet:
         """Return the linear image of the set under ``matrix`` (d', d)."""
-        return WrenchSet(matrix @ self.G, self.contacts, self.space, self.budget)
+        return WrenchSet(matrix @ self.G, self.force_set)

@@ -10,7 +10,6 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.conic import cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
@@ -24,15 +23,14 @@ def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArra
     A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver found none.
     """
     d, n = wrench_set.G.shape
-    contacts, space = wrench_set.contacts, wrench_set.space
     rows: list[FloatArray] = [np.concatenate([wrench_set.G, np.zeros((d, 1))], axis=1)]
     cones = [clarabel.ZeroConeT(d)]
     matrices = []
-    for contact, r in zip(contacts, ranges(contacts, space), strict=True):
-        for M in contact.cones(space):
+    for contact, r in zip(wrench_set.contacts, wrench_set.ranges, strict=True):
+        for M in contact.cones(wrench_set.space):
             matrices.append(np.zeros((len(M), n + 1)))
             matrices[-1][:, r] = M
-    matrices += wrench_set.budget.cones(contacts, space)
+    matrices += wrench_set.force_set.cones()
     rows += [-M for M in matrices]
     cones += [cone_of(M) for M in matrices]
     A = sparse.csc_matrix(np.concatenate(rows))

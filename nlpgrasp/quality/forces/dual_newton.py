@@ -15,7 +15,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import upper_triangle
 from nlpgrasp.quality.certificate.cholesky import solve_columns
@@ -93,7 +92,7 @@ class _Solver:
         self.tolerance, self.limit = tolerance, limit
         self.G = np.ascontiguousarray(wrench_set.G)
         self.contacts = wrench_set.contacts
-        self.where = ranges(wrench_set.contacts, wrench_set.space)
+        self.where = wrench_set.ranges
         self.same = all(c == self.contacts[0] for c in self.contacts)
         self.size = float(np.sum(self.G**2))
         d = len(self.G)

@@ -8,7 +8,8 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nlpgrasp.budgets import ForceBudget, L2Budget
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
@@ -104,7 +105,7 @@ def finger_forces(
     feasible = residual <= PRODUCED
     why = why / scale
     why /= np.where(feasible, np.nan, np.linalg.norm(why, axis=1))[:, None]
-    used = np.where(feasible, scaled.budget.used(x, grasp.contacts, grasp.space) * size, np.inf)
+    used = np.where(feasible, scaled.force_set.used(x) * size, np.inf)
     return FingerForces(x * size[:, None], feasible, residual, used, why)
 
 
@@ -140,14 +141,14 @@ def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray
     why[open_[proven]] = y[open_[proven]] @ basis.T
     open_ = open_[~proven]
     if open_.size:  # narrow cones are hard for Newton's method: ask a conic solver
-        again = conic.least_forces(replace(inside, budget=L2Budget()), local[open_])[0]
+        again = conic.least_forces(replace(inside, force_set=L2Set(inside.contacts, inside.space)), local[open_])[0]
         left = np.linalg.norm(again @ inside.G.T - local[open_], axis=1)
         good = left <= PRODUCED  # false for NaN
         x[open_[good]], residual[open_[good]] = again[good], left[good]
         for i in open_[~good]:
             found = unreachable(inside, local[i])
             why[i] = basis @ (y[i] if found is None else found)
-    if not isinstance(wrench_set.budget, L2Budget):
+    if not isinstance(wrench_set.force_set, L2Set):
         able = np.flatnonzero(residual <= PRODUCED)
         least = conic.least_forces(inside, local[able])[0]
         failed = able[~np.all(np.isfinite(least), axis=1) & np.any(local[able] != 0.0, axis=1)]

@@ -12,8 +12,8 @@ from typing import overload
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from nlpgrasp.budgets.base import ranges
 from nlpgrasp.common.validation import FloatArray, integer, number
+from nlpgrasp.contacts.product import ranges
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from nlpgrasp.budgets.registry import BUDGETS, NAMED
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts.base import CONTACTS
 from nlpgrasp.errors import InputError
@@ -11,7 +12,7 @@ EXPECTED = "what schema 1 says (docs/json.md)"
 
 
 def check_kinds(data: Json, name: str) -> None:
-    """Refuse data of a file, which keeps the schema, with contacts or a task of a kind that nobody has registered.
+    """Refuse data, which keep the schema, with contacts, a task or a budget of a kind that nobody has registered.
 
     Parameters
     ----------
@@ -28,6 +29,9 @@ def check_kinds(data: Json, name: str) -> None:
     task = data["problem"]["task"]
     if not _known_task(task):
         raise InputError(f"{name}: problem.task", _misfit(task), EXPECTED)
+    budget = data["problem"]["force_budget"]
+    if not (budget in NAMED if isinstance(budget, str) else BUDGETS.find(budget["type"])):
+        raise InputError(f"{name}: problem.force_budget", _misfit(budget), EXPECTED)
 
 
 def _known_task(task: Json) -> bool:

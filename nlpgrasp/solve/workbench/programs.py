@@ -8,8 +8,8 @@ from __future__ import annotations
 from functools import cached_property
 
 from nlpgrasp.budgets import ForceBudget, L2Budget
-from nlpgrasp.budgets.base import extremes
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.product import extremes
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.nlp import (
     CompiledProgram,

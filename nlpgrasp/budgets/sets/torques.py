@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from nlpgrasp.budgets.base import ForceBudget, Row, ranges
+from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.budgets.sets.torque_cone import TorqueCone
 from nlpgrasp.budgets.sets.torque_polytope import TorquePolytope
 from nlpgrasp.common.spatial import wrench_transform
@@ -25,13 +25,11 @@ from nlpgrasp.errors import InputError
 MOST_LISTED = 4  # components of a contact whose extreme points are listed
 
 
-class TorquesAtContacts(ForceBudget):
-    """Joint-torque limits of contacts with known frames.
+class TorqueSet(ForceSet):
+    """``{x in K : |T x| <= 1}``.
 
     Parameters
     ----------
-    given : ForceBudget
-        The limits as stated, for JSON.
     torques : (m, n) array
         T: torques over their limits per force component.
     contacts : sequence of ContactModel
@@ -45,17 +43,17 @@ class TorquesAtContacts(ForceBudget):
         When some forces need no torque at all: the set is unbounded.
     """
 
-    limited: ClassVar[str] = "joint-torque limits"
+    def __init__(self, torques: FloatArray, contacts: Sequence[ContactModel], space: int, name: str) -> None:
+        super().__init__(contacts, space)
+        self.torques, self._name = torques, name
+        self._groups = [self._group(own) for own in _independent(torques, self.ranges)]
 
-    def __init__(
-        self, given: ForceBudget, torques: FloatArray, contacts: Sequence[ContactModel], space: int, name: str
-    ) -> None:
-        self.given, self.torques = given, torques
-        self._contacts, self._space, self._name = tuple(contacts), space, name
-        self._groups = [self._group(own) for own in _independent(torques, ranges(contacts, space))]
-        self.costly = any(isinstance(one, TorqueCone) for _, one in self._groups)
+    @property
+    def costly(self) -> bool:
+        """Whether some contacts are too many, or too manifold, to have their extreme points listed."""
+        return any(isinstance(one, TorqueCone) for _, one in self._groups)
 
-    def support(self, z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the sum of the independent contacts' largest works within their limits."""
         total, forces = np.zeros(len(z)), np.zeros_like(z)
         for where, one in self._groups:
@@ -73,47 +71,38 @@ class TorquesAtContacts(ForceBudget):
             forces[:, where], prices[:, rows] = cone.priced(z[:, where])
         return forces, prices
 
-    def used(self, x: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+    def used(self, x: FloatArray) -> FloatArray:
         """Return the largest torque over its limit."""
         return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
 
-    def cones(self, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
+    def cones(self) -> list[FloatArray]:
         """Return ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` for every limit."""
         signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
         return [np.append(row, 1.0)[None, :] for row in signed]
 
-    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
-        """Return the rows of the limits as stated."""
-        return self.given.rows(contacts, forces, normals)
-
-    def to_dict(self) -> str | dict[str, Any]:
-        """Return the limits as stated."""
-        return self.given.to_dict()
-
-    def _group(self, own: list[int]) -> tuple[FloatArray, TorquePolytope | TorqueCone]:
+    def _group(self, own: list[int]) -> tuple[NDArray[np.intp], TorquePolytope | TorqueCone]:
         """Return components and set of contacts that limits tie together."""
         where, rows = self._part(own)
-        models = [self._contacts[i] for i in own]
+        models = [self.contacts[i] for i in own]
         T = self.torques[np.ix_(rows, where)]
         name = f"{self._name}, contact{'s' * (len(own) > 1)} {', '.join(map(str, own))}"
         single = len(own) == 1 and T.shape[1] <= MOST_LISTED
-        if single and sum(len(M) > 1 for M in models[0].cones(self._space)) <= 1:
-            return where, TorquePolytope(models[0], T, self._space, name)
-        return where, TorqueCone(models, T, self._space, name)
+        if single and sum(len(M) > 1 for M in models[0].cones(self.space)) <= 1:
+            return where, TorquePolytope(models[0], T, self.space, name)
+        return where, TorqueCone(models, T, self.space, name)
 
-    def _part(self, own: list[int]) -> tuple[Any, Any]:
+    def _part(self, own: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the components of contacts and the rows of T that see them."""
-        parts = ranges(self._contacts, self._space)
-        where = np.concatenate([np.arange(parts[i].start, parts[i].stop) for i in own])
+        where = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in own])
         return where, np.flatnonzero(np.any(self.torques[:, where] != 0.0, axis=1))
 
     @cached_property
-    def _cones(self) -> list[tuple[Any, Any, TorqueCone]]:
+    def _cones(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], TorqueCone]]:
         result = []
-        for own in _independent(self.torques, ranges(self._contacts, self._space)):
+        for own in _independent(self.torques, self.ranges):
             where, rows = self._part(own)
-            models = [self._contacts[i] for i in own]
-            result.append((where, rows, TorqueCone(models, self.torques[np.ix_(rows, where)], self._space, self._name)))
+            models = [self.contacts[i] for i in own]
+            result.append((where, rows, TorqueCone(models, self.torques[np.ix_(rows, where)], self.space, self._name)))
         return result
 
 

@@ -1,0 +1,27 @@
+"""The forces of unit L2 norm in the cones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.budgets.sets.base import ForceSet
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.product import project
+
+
+class L2Set(ForceSet):
+    """``{x in K : |x| <= 1}``: ``B_1^n n K`` of (2.5-2)."""
+
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``|P_K(z)|``, attained at ``P_K(z)`` over its norm (Moreau)."""
+        x = project(z, self.contacts, self.space)
+        size = np.linalg.norm(x, axis=1)
+        return size, x / np.where(size > 0.0, size, 1.0)[:, None]
+
+    def used(self, x: FloatArray) -> FloatArray:
+        """Return ``|x|``."""
+        return np.asarray(np.linalg.norm(x, axis=1))
+
+    def cones(self) -> list[FloatArray]:
+        """Return ``|x| <= f``."""
+        return [np.roll(np.eye(self.size + 1), 1, axis=0)]
