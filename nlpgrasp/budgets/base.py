@@ -8,12 +8,11 @@ from typing import Any, ClassVar
 
 from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.common.jointed import JointedHand
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-
-Row = tuple[str, Any, float, float]  # name, expression, lower, upper
 
 
 class ForceBudget(ABC):
@@ -96,7 +95,7 @@ class ForceBudget(ABC):
 
     @abstractmethod
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
-        """Return the budget's rows on the program's force variables (symbolic): name, expression, lower, upper."""
+        """Return the budget's rows on the program's force variables (symbolic)."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ForceBudget) and self.to_dict() == other.to_dict()

@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
 from nlpgrasp.common.jointed import JointedHand, PosedHand
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts import ContactModel

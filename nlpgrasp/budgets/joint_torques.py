@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.torques import TorqueSet, check_jacobian, torque_rows
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
@@ -95,7 +96,7 @@ class JointTorqueLimits(ForceBudget):
                 torque = sum(float(J[a, j]) * force[a] for a in range(space))
                 if moment is not None and len(J) > space:
                     torque += sum(float(J[space + a, j]) * moment[a] for a in range(len(J) - space))
-                result.append((f"torque limit, finger {i}, joint {j}", torque / float(tau[j]), -1.0, 1.0))
+                result.append(Row("torque limit", torque / float(tau[j]), -1.0, 1.0, fingers=(i,), part=f"joint {j}"))
         return result
 
     def to_dict(self) -> Json:

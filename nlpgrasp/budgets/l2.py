@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import numpy as np
-
-from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.l2 import L2Set
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
@@ -32,4 +31,4 @@ class L2Budget(ForceBudget):
 
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return ``|x|^2 <= 1``."""
-        return [("force budget", sum(x.T @ x for x in forces), -np.inf, 1.0)]
+        return [Row("force budget", sum(x.T @ x for x in forces), upper=1.0)]

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import numpy as np
-
-from nlpgrasp.budgets.base import SMOOTH, ForceBudget, Row
+from nlpgrasp.budgets.base import SMOOTH, ForceBudget
 from nlpgrasp.budgets.sets.per_finger import PerFingerSet
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
@@ -33,6 +32,6 @@ class PerFingerBudget(ForceBudget):
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return ``f_n <= 1`` for every contact."""
         return [
-            (f"force budget, finger {i}", c.normal_force(x, n), -np.inf, 1.0)
+            Row("force budget", c.normal_force(x, n), upper=1.0, fingers=(i,))
             for i, (c, x, n) in enumerate(zip(contacts, forces, normals, strict=True))
         ]

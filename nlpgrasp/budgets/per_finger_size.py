@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import numpy as np
-
-from nlpgrasp.budgets.base import SMOOTH, ForceBudget, Row
+from nlpgrasp.budgets.base import SMOOTH, ForceBudget
 from nlpgrasp.budgets.sets.per_finger_size import PerFingerSizeSet
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
@@ -31,4 +30,4 @@ class PerFingerSizeBudget(ForceBudget):
 
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return ``|x_i|^2 <= 1`` for every contact."""
-        return [(f"force budget, finger {i}", x.T @ x, -np.inf, 1.0) for i, x in enumerate(forces)]
+        return [Row("force budget", x.T @ x, upper=1.0, fingers=(i,)) for i, x in enumerate(forces)]

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import numpy as np
-
-from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.shared import SharedSet
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
@@ -36,4 +35,4 @@ class SharedBudget(ForceBudget):
     def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
         """Return ``sum f_n <= 1``."""
         total = sum(c.normal_force(x, n) for c, x, n in zip(contacts, forces, normals, strict=True))
-        return [("force budget", total, -np.inf, 1.0)]
+        return [Row("force budget", total, upper=1.0)]

@@ -8,8 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.budgets.base import ForceBudget, Row
+from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.torques import TorqueSet, check_jacobian, torque_rows
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
@@ -102,9 +103,10 @@ class SharedJointTorqueLimits(ForceBudget):
                     totals[j] = totals[j] + sum(float(J[space + a, j]) * moment[a] for a in range(len(J) - space))
             if self.force_limit is not None:
                 pressing = contact.normal_force(x, n) / self.force_limit
-                result.append((f"force limit, finger {i}", pressing, -np.inf, 1.0))
+                result.append(Row("force limit", pressing, upper=1.0, fingers=(i,)))
         limits = enumerate(zip(totals, self.limits, strict=True))
-        return [(f"torque limit, joint {j}", total / float(tau), -1.0, 1.0) for j, (total, tau) in limits] + result
+        of_joints = [Row("torque limit", t / float(tau), -1.0, 1.0, part=f"joint {j}") for j, (t, tau) in limits]
+        return of_joints + result
 
     def to_dict(self) -> Json:
         """Return Jacobians and limits."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
@@ -30,25 +30,71 @@ class Solid(Protocol):
         """Return the body as JSON data."""
 
 
+# kinds of rows that are told from others
+CLEARANCE = "clearance from the body"
+ON_FINGERTIP = "on fingertip"  # alone written in one with its link
+SELF_COLLISION = "self-collision"
+UNIT_QUATERNION = "palm quaternion of unit length"
+
+
 @dataclass(frozen=True)
-class Row:
-    """One scalar constraint ``lower <= expression <= upper``.
+class Label:
+    """What a row says, and of whom.
 
     Parameters
     ----------
-    name : str
-        What the row says, for example ``"table, finger 2"``.
+    kind : str
+        What all rows of this sort have in common, for example ``"table"``.
+    fingers : tuple of int
+        The contacts it is about.
+    link : str
+        The part of the hand it is about, for example ``"finger/2"`` or ``"palm"``.
+    part : str
+        What tells it from others of the same kind, fingers and link: a coordinate, a joint, a direction, or
+        ``"[3]"`` for an element of an expression.
+    """
+
+    kind: str
+    fingers: tuple[int, ...] = field(default=(), kw_only=True)
+    link: str = field(default="", kw_only=True)
+    part: str = field(default="", kw_only=True)
+
+    @property
+    def name(self) -> str:
+        """The label written out: ``"table, finger 2"``, ``"spread, fingers 0 and 1"``, ``"level[0]"``."""
+        first = f"{self.kind} {self.link}" if self.kind == ON_FINGERTIP else self.kind
+        link = "" if self.kind == ON_FINGERTIP else self.link
+        which = f"finger{'s' * (len(self.fingers) > 1)} {' and '.join(map(str, self.fingers))}" if self.fingers else ""
+        if self.part.startswith("["):
+            return ", ".join(filter(None, (first, link, which))) + self.part
+        return ", ".join(filter(None, (first, link, which, self.part)))
+
+    @property
+    def label(self) -> Label:
+        """The label alone."""
+        return Label(self.kind, fingers=self.fingers, link=self.link, part=self.part)
+
+
+@dataclass(frozen=True)
+class Row(Label):
+    """One scalar constraint ``lower <= expression <= upper``; all the rest of a label is given by name.
+
+    Parameters
+    ----------
+    kind : str
+        As in ``Label``.
     expression : casadi.SX
-        Scalar.
+        Scalar; in a program also a column, each element within the limits.
     lower, upper : float
         In the expression's own unit.
     scale : float
         Typical size of the expression, for the solver's scaling.
     unit : {"", "m", "m2", "cos"}
         What the expression is: a length, the square of one, the cosine of an angle, or something else.
+    fingers, link, part
+        As in ``Label``.
     """
 
-    name: str
     expression: Expression
     lower: float = -np.inf
     upper: float = np.inf
@@ -57,14 +103,15 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Clearance:
+class Clearance(Label):
     """A point that stays a distance away from a body: ``lower <= distance(point)``.
 
     Kept apart from ``Row`` because the distance to a mesh is a spline, which exists as ``MX`` only.
 
     Parameters
     ----------
-    name : str
+    kind : str
+        As in ``Label``.
     distance : casadi.Function
         Point (space,) to signed distance, metres; never more than the true one outside.
     point : casadi.SX
@@ -73,19 +120,31 @@ class Clearance:
         Metres.
     scale : float
         As in ``Row``.
+    fingers, link, part
+        As in ``Label``.
     """
 
-    name: str
     distance: ca.Function
     point: Expression
     lower: float
     scale: float = 1.0
 
+    def row(self, expression: Expression) -> Row:
+        """Return the same as a row of an expression."""
+        return Row(
+            self.kind,
+            expression,
+            self.lower,
+            scale=self.scale,
+            unit="m",
+            fingers=self.fingers,
+            link=self.link,
+            part=self.part,
+        )
+
     def as_row(self) -> Row | None:
         """Return the same as a row, or None where the distance is no ``SX`` expression."""
-        if not self.distance.is_a("SXFunction"):
-            return None
-        return Row(self.name, self.distance(self.point), self.lower, scale=self.scale, unit="m")
+        return self.row(self.distance(self.point)) if self.distance.is_a("SXFunction") else None
 
 
 @dataclass(frozen=True)
@@ -94,8 +153,8 @@ class LinkSphere:
 
     Parameters
     ----------
-    name : str
-        ``"link/number"``.
+    link : str
+        ``"link/number"``, or the link of a fingertip.
     centre : casadi.SX
         Column, metres, body frame.
     radius : float
@@ -103,15 +162,20 @@ class LinkSphere:
     clearance : float
         Least distance to the held body, metres; negative for a fingertip, which touches it: so far it may reach
         into the solver's surface before the answer is put onto the body.
-    is_tip : bool
-        Whether it is a fingertip's own sphere, which constraints see as a fingertip already.
+    finger : int, optional
+        Whose own sphere it is, of a fingertip: constraints see it as such already.
     """
 
-    name: str
+    link: str
     centre: Expression
     radius: float
     clearance: float = 0.0
-    is_tip: bool = False
+    finger: int | None = None
+
+    @property
+    def is_tip(self) -> bool:
+        """Whether it is a fingertip's own sphere."""
+        return self.finger is not None
 
 
 @dataclass(frozen=True)

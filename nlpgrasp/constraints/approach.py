@@ -51,7 +51,7 @@ class Approach(PlacementConstraint):
         if placement.palm is None:
             raise InputError("Approach", "no palm", "a hand with a palm, such as ng.URDFHand")
         along = ca.dot(placement.palm.approach, ca.DM(np.asarray(self.direction)))
-        return [Row("approach, palm", along, float(np.cos(self.angle)), unit="cos")]
+        return [Row("approach", along, float(np.cos(self.angle)), unit="cos", link="palm")]
 
     def to_dict(self) -> Json:
         """Return direction and angle."""

@@ -81,8 +81,8 @@ class Constraint(PlacementConstraint):
             upper = np.broadcast_to(np.ravel(self.upper, order="F"), count)
         except ValueError:
             raise InputError(field, f"{count} elements", "as many limits as elements, or one") from None
-        label = [self.name] if count == 1 else [f"{self.name}[{i}]" for i in range(count)]
-        return [Row(label[i], value[i], float(lower[i]), float(upper[i])) for i in range(count)]
+        parts = [""] if count == 1 else [f"[{i}]" for i in range(count)]
+        return [Row(self.name, value[i], float(lower[i]), float(upper[i]), part=parts[i]) for i in range(count)]
 
     def to_dict(self) -> Json:
         """Return name and limits; the expression stays in the script."""

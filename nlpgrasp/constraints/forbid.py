@@ -55,7 +55,14 @@ class Forbid(PlacementConstraint):
             return []
         region = self.region
         return [
-            Row(f"forbidden region, finger {i}", region.inside(p), upper=0.0, scale=placement.size, unit=region.unit)
+            Row(
+                "forbidden region",
+                region.inside(p),
+                upper=0.0,
+                scale=placement.size,
+                unit=region.unit,
+                fingers=(i,),
+            )
             for i, p in enumerate(placement.positions)
         ]
 

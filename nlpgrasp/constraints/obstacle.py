@@ -73,12 +73,15 @@ class Obstacle(PlacementConstraint):
     def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
         """Return one row a fingertip and one a link's sphere."""
         tips = zip(placement.tips, placement.radii, strict=True)
-        parts = [(f"{self.name}, finger {i}", tip, radius) for i, (tip, radius) in enumerate(tips)]
-        parts += [(f"{self.name}, {s.name}", s.centre, s.radius) for s in placement.links]
-        return [
-            Clearance(name, self.body.distance_function, self._local(point), radius + self.clearance, placement.size)
-            for name, point, radius in parts
-        ]
+        of_tips = [self._off(tip, radius, placement.size, fingers=(i,)) for i, (tip, radius) in enumerate(tips)]
+        return of_tips + [self._off(s.centre, s.radius, placement.size, link=s.link) for s in placement.links]
+
+    def _off(
+        self, point: Expression, radius: float, size: float, fingers: tuple[int, ...] = (), link: str = ""
+    ) -> Clearance:
+        """Return that a sphere of the hand stays away from the obstacle."""
+        distance, lower = self.body.distance_function, radius + self.clearance
+        return Clearance(self.name, distance, self._local(point), lower, size, fingers=fingers, link=link)
 
     def _local(self, point: Expression) -> Expression:
         """Return a point in the obstacle's frame."""

@@ -60,7 +60,7 @@ class Spread(PlacementConstraint):
         """Return one row a pair: the squared distance within the squared limits."""
         upper = np.inf if self.max is None else self.max**2
         return [
-            Row(f"spread, fingers {i} and {j}", ca.sumsqr(p - q), self.min**2, upper, placement.size**2, unit="m2")
+            Row("spread", ca.sumsqr(p - q), self.min**2, upper, placement.size**2, "m2", fingers=(i, j))
             for (i, p), (j, q) in combinations(enumerate(placement.positions), 2)
             if self.fingers is None or {i, j} <= set(self.fingers)
         ]

@@ -63,10 +63,9 @@ class Symmetric(PlacementConstraint):
         a, b = (placement.positions[i] for i in self.fingers)
         n = ca.DM(np.asarray(self.normal))
         apart = a - 2.0 * (ca.dot(n, a) - self.offset) * n - b
-        i, j = self.fingers
-        name = f"symmetric, fingers {i} and {j}"
+        fingers, near = tuple(self.fingers), self.tolerance
         return [
-            Row(f"{name}, {axis}", apart[c], -self.tolerance, self.tolerance, placement.size, "m")
+            Row("symmetric", apart[c], -near, near, placement.size, "m", fingers=fingers, part=axis)
             for c, axis in zip(range(apart.shape[0]), "xyz", strict=False)
         ]
 

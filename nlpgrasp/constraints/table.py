@@ -33,10 +33,10 @@ class Table(PlacementConstraint):
         """Return one row a fingertip: ``tip_z - radius >= height + clearance``."""
         lower = self.height + self.clearance
         return [
-            Row(f"table, finger {i}", tip[-1] - radius, lower, scale=placement.size, unit="m")
+            Row("table", tip[-1] - radius, lower, scale=placement.size, unit="m", fingers=(i,))
             for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True))
         ] + [
-            Row(f"table, {s.name}", s.centre[-1] - s.radius, lower, scale=placement.size, unit="m")
+            Row("table", s.centre[-1] - s.radius, lower, scale=placement.size, unit="m", link=s.link)
             for s in placement.links
         ]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.rows import Label, Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.regions import BoxRegion, ExpressionRegion, Region
@@ -60,21 +60,22 @@ class Workspace(PlacementConstraint):
         if self.palm:
             if placement.palm is None:
                 raise InputError("Workspace.palm", True, "a hand with a palm")
-            return self._inside("workspace, palm", placement.palm.position, placement.size)
+            return self._inside(Label("workspace", link="palm"), placement.palm.position, placement.size)
         used = range(len(placement.positions)) if self.fingers is None else self.fingers
-        return [
-            row for i in used for row in self._inside(f"workspace, finger {i}", placement.positions[i], placement.size)
-        ]
+        labels = [Label("workspace", fingers=(i,)) for i in used]
+        pairs = zip(used, labels, strict=True)
+        return [row for i, label in pairs for row in self._inside(label, placement.positions[i], placement.size)]
 
-    def _inside(self, name: str, p: Expression, size: float) -> list[Row]:
+    def _inside(self, label: Label, p: Expression, size: float) -> list[Row]:
+        kind, fingers, link = label.kind, label.fingers, label.link
         region = self._region
         if isinstance(region, BoxRegion):
             limits = zip("xyz", np.asarray(region.lower), np.asarray(region.upper), strict=False)
             return [
-                Row(f"{name}, {axis}", p[i], float(low), float(high), size, "m")
+                Row(kind, p[i], float(low), float(high), size, "m", fingers=fingers, link=link, part=axis)
                 for i, (axis, low, high) in enumerate(limits)
             ]
-        return [Row(name, region.inside(p), 0.0, scale=size, unit=region.unit)]
+        return [Row(kind, region.inside(p), 0.0, scale=size, unit=region.unit, fingers=fingers, link=link)]
 
     def to_dict(self) -> Json:
         """Return the region, and what has to be in it."""

@@ -75,11 +75,12 @@ class Fingertips(Hand):
         if self.reach is not None:
             rows += [
                 Row(
-                    f"reach, finger {i}",
+                    "reach",
                     ca.sumsqr(tip - variables["palm"]),
                     upper=self.reach**2,
                     scale=size2,
                     unit="m2",
+                    fingers=(i,),
                 )
                 for i, tip in enumerate(tips)
             ]
@@ -87,14 +88,7 @@ class Fingertips(Hand):
         low = max(low, 2.0 * self.radius)
         if low > 0.0 or np.isfinite(high):
             rows += [
-                Row(
-                    f"fingertip distance, fingers {i} and {j}",
-                    ca.sumsqr(p - q),
-                    low**2,
-                    high**2,
-                    size2,
-                    unit="m2",
-                )
+                Row("fingertip distance", ca.sumsqr(p - q), low**2, high**2, size2, "m2", fingers=(i, j))
                 for (i, p), (j, q) in combinations(enumerate(tips), 2)
             ]
         return rows

@@ -63,8 +63,8 @@ class ParallelJaw(Hand):
         return [
             Row("opening of the jaws", squared, self.closed**2, self.opening**2, placement.size**2, unit="m2"),
             Row("opposed jaws", ca.dot(m, n), upper=-float(np.cos(2.0 * self.tilt))),
-            Row("facing, jaw 0", ca.dot(m, between) - cosine * length, 0.0, scale=placement.size),
-            Row("facing, jaw 1", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size),
+            Row("facing", ca.dot(m, between) - cosine * length, 0.0, scale=placement.size, part="jaw 0"),
+            Row("facing", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size, part="jaw 1"),
         ]
 
     def to_dict(self) -> Json:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import accumulate
 
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.nlp.placement import ContactSymbols, Scaling
@@ -19,7 +21,7 @@ def add_forces(program: Program, problem: GraspProblem, scaling: Scaling, direct
     """Add one copy of all finger forces, in solver units; return each contact's in newtons, as columns."""
     sizes = [m.variables(problem.body.space) for m in problem.models]
     most = problem.budget.largest
-    block = program.variable(f"forces {direction}", sum(sizes), -most, most, scaling.force)
+    block = program.variable("forces", sum(sizes), -most, most, scaling.force, index=direction)
     return list(ca.vertsplit(scaling.force * block, [0, *accumulate(sizes)]))
 
 
@@ -58,9 +60,10 @@ def add_membership(
     """Add "each force is in its cone" and "all forces together are within the budget" for one direction."""
     for i, (model, n, x) in enumerate(zip(problem.models, contacts.normals, forces, strict=True)):
         for name, expression in model.membership(x / scaling.force, n):
-            program.constrain(f"{name}, finger {i}, direction {direction}", expression, 0.0, np.inf)
-    for name, expression, lower, upper in problem.budget.rows(problem.models, forces, contacts.normals):
-        program.constrain(f"{name}, direction {direction}", expression, lower, upper)
+            program.constrain(Row(name, expression, 0.0, fingers=(i,), part=f"direction {direction}"))
+    for row in problem.budget.rows(problem.models, forces, contacts.normals):
+        part = ", ".join(filter(None, (row.part, f"direction {direction}")))
+        program.constrain(replace(row, part=part))
 
 
 def pressing_forces(models: Sequence[ContactModel], normals: FloatArray, size: float) -> FloatArray:

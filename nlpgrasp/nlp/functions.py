@@ -11,8 +11,9 @@ from functools import cached_property
 
 import casadi as ca
 
+from nlpgrasp.nlp.blocks import FacePart
 from nlpgrasp.nlp.distances import DistanceRows, chain_first, chain_second
-from nlpgrasp.nlp.program import FacePart, Program
+from nlpgrasp.nlp.program import Program
 
 
 class ProgramFunctions:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.rows import Label, Row
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.nlp.blocks import FaceRows
 from nlpgrasp.nlp.program import HAND, Program
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import placement_rows
@@ -81,17 +83,12 @@ def add_placement(program: Program, problem: GraspProblem, scaling: Scaling) -> 
     lower, upper = problem.body.bounds
     margin = BOX_MARGIN * scaling.length
     low, high = scaling.position(lower - margin), scaling.position(upper + margin)
-    positions = [program.variable(f"position {i}", space, low, high, scaling.length) for i in range(k)]
-    normals = [program.variable(f"normal {i}", space, -1.1, 1.1) for i in range(k)]
+    positions = [program.variable("position", space, low, high, scaling.length, index=i) for i in range(k)]
+    normals = [program.variable("normal", space, -1.1, 1.1, index=i) for i in range(k)]
     if problem.hand is not None:
         for item in problem.hand.variables(problem.body.bounds):
-            program.variable(
-                HAND + item.name,
-                len(item.lower),
-                item.lower / item.scale,
-                item.upper / item.scale,
-                item.scale,
-            )
+            lower, upper = item.lower / item.scale, item.upper / item.scale
+            program.variable(HAND, len(lower), lower, upper, item.scale, index=item.name)
     return ContactSymbols(positions, normals)
 
 
@@ -102,9 +99,9 @@ def add_constraints(program: Program, problem: GraspProblem, scaling: Scaling, c
     found = placement_rows(problem.body, problem.constraints, problem.hand, metres, contacts.normals, symbols)
     begin = program.rows[-1].stop if program.rows else 0
     for row in found.rows:
-        program.constrain(row.name, row.expression, row.lower, row.upper, row.scale)
+        program.constrain(row)
     for item in found.clearances:
-        program.constrain_distance(item.name, item.distance, item.point, item.lower, item.scale)
+        program.constrain_distance(item)
     program.placement = slice(begin, begin + len(found.named))
 
 
@@ -125,9 +122,9 @@ def add_placement_rows(
     if splines:
         for i, name in enumerate(faces):
             function, extents = _scaled_face(problem, name, scaling)
-            names = [(row, size, low, 0.0) for row, size, low in _face_rows(i, extents, problem.body.space)]
+            rows = _face_rows(i, extents, problem.body.space)
             linear = ca.vertcat(ca.SX.zeros(1 + extents), contacts.normals[i])
-            program.constrain_face(names, function, f"position {i}", linear)
+            program.constrain_face(rows, function, program.block("position", i), linear)
 
 
 def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
@@ -144,7 +141,7 @@ def _add_choice(program: Program, problem: GraspProblem, scaling: Scaling, conta
     names = problem.allowed_faces(i)
     functions = [_scaled_face(problem, name, scaling) for name in names]
     most = max(extents for _, extents in functions)
-    chosen = program.parameter(f"face {i}", len(names)) if len(names) > 1 else ca.SX(1)
+    chosen = program.parameter("face", len(names), i) if len(names) > 1 else ca.SX(1)
     total = ca.SX(0.0)
     for j, (function, extents) in enumerate(functions):
         parts = function(contacts.positions[i])
@@ -152,16 +149,17 @@ def _add_choice(program: Program, problem: GraspProblem, scaling: Scaling, conta
         total = total + ca.if_else(chosen[j] > 0.5, padded, 0.0)
     total = total + ca.vertcat(ca.SX.zeros(1 + most), contacts.normals[i])
     done = 0
-    for row, size, low in _face_rows(i, most, problem.body.space):
-        program.constrain(row, total[done : done + size], low, 0.0)
-        done += size
+    for rows in _face_rows(i, most, problem.body.space):
+        own = total[done : done + rows.size]
+        program.constrain(Row(rows.label.kind, own, rows.lower, 0.0, fingers=(i,)))
+        done += rows.size
 
 
-def _face_rows(i: int, extents: int, space: int) -> list[tuple[str, int, float]]:
-    """Return name, number and lower limit of a contact's face rows; their upper limit is zero."""
-    rows = [(f"on the surface, finger {i}", 1, 0.0)]
-    rows += [(f"extent of the face, finger {i}", extents, -np.inf)] if extents else []
-    return [*rows, (f"normal, finger {i}", space, 0.0)]
+def _face_rows(i: int, extents: int, space: int) -> list[FaceRows]:
+    """Return what ties contact i to its face."""
+    rows = [FaceRows(Label("on the surface", fingers=(i,)), 1)]
+    rows += [FaceRows(Label("extent of the face", fingers=(i,)), extents, -np.inf)] if extents else []
+    return [*rows, FaceRows(Label("normal", fingers=(i,)), space)]
 
 
 def _scaled_face(problem: GraspProblem, name: str, scaling: Scaling) -> tuple[ca.Function, int]:

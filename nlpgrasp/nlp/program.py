@@ -6,61 +6,18 @@ block of rows has a name, so that a report says "friction, finger 2, direction 1
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.rows import Clearance, Label, Row
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.nlp.blocks import Block, DistancePart, FacePart, FaceRows, Range, RowBlock, block_name
 
-HAND = "hand "  # what the names of the hand's variables begin with
-
-
-@dataclass(frozen=True)
-class Block:
-    """A named range of variables, parameters or rows.
-
-    Parameters
-    ----------
-    name : str
-    start, stop : int
-        Half-open range.
-    scale : float
-        What one unit of the solver's value is worth in the user's units.
-    """
-
-    name: str
-    start: int
-    stop: int
-    scale: float = 1.0
-
-    @property
-    def range(self) -> slice:
-        """The range as a slice."""
-        return slice(self.start, self.stop)
-
-
-@dataclass
-class FacePart:
-    """Rows that see the program only through one contact position: the body's surface there.
-
-    ``rows(p)`` plus a linear expression of the variables. Kept apart because a mesh's spline exists as
-    ``MX`` only, while everything else is an ``SX`` graph that evaluates many times faster.
-    """
-
-    function: ca.Function  # p (space,) scaled -> rows
-    position: Block
-    linear: ca.SX  # as many as rows
-
-
-@dataclass
-class DistancePart:
-    """Rows ``distance(point(z)) / scale`` through a body's distance, kept apart for the same reason."""
-
-    function: ca.Function  # point (space,) metres -> metres
-    points: list[ca.SX]  # columns of the variables
-    scales: list[float]
+HAND = "hand"  # kind of the hand's variables
 
 
 @dataclass
@@ -69,7 +26,7 @@ class Program:
 
     variables: list[Block] = field(default_factory=list)
     parameters: list[Block] = field(default_factory=list)
-    rows: list[Block] = field(default_factory=list)
+    rows: list[RowBlock] = field(default_factory=list)
     distance_parts: list[DistancePart] = field(default_factory=list)
     face_parts: list[FacePart] = field(default_factory=list)
     contained: int = 0  # rows of containment come first, this many
@@ -81,68 +38,79 @@ class Program:
     _bounds: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     _limits: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
 
-    def variable(self, name: str, size: int, lower: ArrayLike, upper: ArrayLike, scale: float = 1.0) -> ca.SX:
+    def variable(
+        self,
+        kind: str,
+        size: int,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        scale: float = 1.0,
+        index: int | str | None = None,
+    ) -> ca.SX:
         """Add variables and return their symbols (size,)."""
-        symbol = ca.SX.sym(name.replace(" ", "_"), size)
-        self._append(self.variables, self._z, name, symbol, scale)
+        symbol = ca.SX.sym(block_name(kind, index).replace(" ", "_"), size)
+        start = _end(self.variables)
+        self.variables.append(Block(start, start + size, scale, kind=kind, index=index))
+        self._z.append(symbol)
         self._bounds.append((_filled(lower, size), _filled(upper, size)))
         return symbol
 
-    def parameter(self, name: str, size: int) -> ca.SX:
+    def parameter(self, kind: str, size: int, index: int | None = None) -> ca.SX:
         """Add parameters and return their symbols (size,)."""
-        symbol = ca.SX.sym(name.replace(" ", "_"), size)
-        self._append(self.parameters, self._theta, name, symbol, 1.0)
+        symbol = ca.SX.sym(block_name(kind, index).replace(" ", "_"), size)
+        start = _end(self.parameters)
+        self.parameters.append(Block(start, start + size, kind=kind, index=index))
+        self._theta.append(symbol)
         return symbol
 
-    def constrain(self, name: str, expression: ca.SX, lower: float, upper: float, scale: float = 1.0) -> None:
-        """Add rows ``lower <= expression <= upper``, limits in the user's units, divided by ``scale``."""
-        rows = ca.vec(expression) / scale
-        self._append(self.rows, self._g, name, rows, scale)
-        size = rows.shape[0]
-        self._limits.append((_filled(lower / scale, size), _filled(upper / scale, size)))
+    def constrain(self, row: Row) -> None:
+        """Add a row, or a column of them, divided by its scale."""
+        expression: ca.SX = row.expression
+        self._g.append(ca.vec(expression) / row.scale)
+        self._add_rows(row, expression.numel(), (row.lower / row.scale, row.upper / row.scale), row.scale)
 
-    def constrain_distance(self, name: str, function: ca.Function, point: ca.SX, lower: float, scale: float) -> None:
-        """Add the row ``lower <= function(point)``, divided by ``scale``; call these after ``constrain``."""
-        if not self.distance_parts or self.distance_parts[-1].function is not function:
-            self.distance_parts.append(DistancePart(function, [], []))
+    def constrain_distance(self, item: Clearance) -> None:
+        """Add a row through a distance, divided by its scale; call these after ``constrain``."""
+        if not self.distance_parts or self.distance_parts[-1].function is not item.distance:
+            self.distance_parts.append(DistancePart(item.distance, [], []))
         part = self.distance_parts[-1]
-        part.points.append(point)
-        part.scales.append(scale)
-        start = self.rows[-1].stop if self.rows else 0
-        self.rows.append(Block(name, start, start + 1, scale))
-        self._limits.append((_filled(lower / scale, 1), _filled(np.inf, 1)))
+        part.points.append(item.point)
+        part.scales.append(item.scale)
+        self._add_rows(item, 1, (item.lower / item.scale, np.inf), item.scale)
 
-    def constrain_face(
-        self, names: list[tuple[str, int, float, float]], function: ca.Function, position: str, linear: ca.SX
-    ) -> None:
-        """Add rows ``function(position) + linear`` given as (name, size, lower, upper); call these last."""
-        for name, size, lower, upper in names:
-            start = self.rows[-1].stop if self.rows else 0
-            self.rows.append(Block(name, start, start + size))
-            self._limits.append((_filled(lower, size), _filled(upper, size)))
-        self.face_parts.append(FacePart(function, self.block(position), linear))
+    def constrain_face(self, rows: Sequence[FaceRows], function: ca.Function, position: Block, linear: ca.SX) -> None:
+        """Add rows ``function(position) + linear``, a contact's own; call these last."""
+        for row in rows:
+            self._add_rows(row.label, row.size, (row.lower, 0.0))
+        self.face_parts.append(FacePart(function, position, linear))
 
-    def block(self, name: str) -> Block:
-        """Return the variable or parameter block of a name."""
-        return next(b for b in (*self.variables, *self.parameters) if b.name == name)
+    def _add_rows(self, label: Label, size: int, limits: tuple[float, float], scale: float = 1.0) -> None:
+        start = _end(self.rows)
+        self.rows.append(RowBlock(start, start + size, scale, label=label.label))
+        self._limits.append((_filled(limits[0], size), _filled(limits[1], size)))
 
-    def has(self, name: str) -> bool:
-        """Return whether there is a variable block of this name."""
-        return any(b.name == name for b in self.variables)
+    def block(self, kind: str, index: int | str | None = None) -> Block:
+        """Return the one block of variables or parameters of a kind, or with an index the one of that."""
+        wanted = block_name(kind, index)
+        return next(b for b in (*self.variables, *self.parameters) if b.name == wanted)
+
+    def blocks(self, kind: str) -> list[Block]:
+        """Return all blocks of variables of a kind, in order."""
+        return [b for b in self.variables if b.kind == kind]
 
     @property
     def hand_blocks(self) -> list[tuple[str, Block]]:
         """The hand's variables: their own names, and where they are."""
-        return [(b.name.removeprefix(HAND), b) for b in self.variables if b.name.startswith(HAND)]
+        return [(str(b.index), b) for b in self.blocks(HAND)]
 
     @property
     def hand_symbols(self) -> dict[str, ca.SX]:
         """The hand's variables in the hand's units, by their own names."""
         return {name: b.scale * self.z[b.range] for name, b in self.hand_blocks}
 
-    def rows_named(self, beginning: str) -> list[int]:
-        """Return the rows of the blocks whose names begin so."""
-        return [i for b in self.rows if b.name.startswith(beginning) for i in range(b.start, b.stop)]
+    def rows_of(self, kind: str) -> list[int]:
+        """Return all rows of a kind."""
+        return [i for b in self.rows if b.kind == kind for i in range(b.start, b.stop)]
 
     def row_name(self, row: int) -> str:
         """Return the name of a row, with its index in the block when that has several."""
@@ -184,11 +152,10 @@ class Program:
         """Lower and upper limits of the rows, face rows last."""
         return _stacked(self._limits)
 
-    @staticmethod
-    def _append(blocks: list[Block], symbols: list[ca.SX], name: str, symbol: ca.SX, scale: float) -> None:
-        start = blocks[-1].stop if blocks else 0
-        blocks.append(Block(name, start, start + symbol.shape[0], scale))
-        symbols.append(symbol)
+
+def _end(blocks: Sequence[Range]) -> int:
+    """Return where the next block begins."""
+    return blocks[-1].stop if blocks else 0
 
 
 def _filled(value: ArrayLike, size: int) -> FloatArray:

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.rows import Row
 from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
 from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem.problem import GraspProblem
 
+SUPPORT = "support"  # kind of the rows of containment
 SMOOTHING = 1e-12  # under the root of |z_t|^2, for its derivative at zero
 
 Work = tuple[ca.SX, ca.SX, ca.SX]  # of a contact: along its normal, across it, about it
@@ -64,12 +66,12 @@ def support_program(
             value = function(directions[:, j], *contacts.positions, *contacts.normals)
             if weights is not None:
                 value = ca.dot(weights[:, j], value)
-            program.constrain(f"support, direction {j}", value - (beta * reach[j]) ** degree, 0.0, np.inf)
+            program.constrain(Row(SUPPORT, value - (beta * reach[j]) ** degree, 0.0, part=f"direction {j}"))
             continue
         forces = add_forces(program, problem, scaling, j)
         produced = symbolic_wrench(problem.models, contacts, forces, scaling.length) / scaling.force
         work = ca.dot(directions[:, j], produced)
-        program.constrain(f"support, direction {j}", work - beta * reach[j], 0.0, np.inf)
+        program.constrain(Row(SUPPORT, work - beta * reach[j], 0.0, part=f"direction {j}"))
         add_membership(program, problem, scaling, contacts, forces, j)
     add_placement_rows(program, problem, scaling, contacts, faces)
     program.objective = beta

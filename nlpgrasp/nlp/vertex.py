@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from nlpgrasp.common.rows import Row
 from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
 from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
@@ -39,7 +40,8 @@ def vertex_program(problem: GraspProblem, faces: Sequence[str], count: int) -> P
     for j in range(count):
         forces = add_forces(program, problem, scaling, j)
         produced = symbolic_wrench(problem.models, contacts, forces, scaling.length) / scaling.force
-        program.constrain(f"wrench balance, direction {j}", produced - beta * wrenches[:, j], 0.0, 0.0)
+        balance = produced - beta * wrenches[:, j]
+        program.constrain(Row("wrench balance", balance, 0.0, 0.0, part=f"direction {j}"))
         add_membership(program, problem, scaling, contacts, forces, j)
     add_placement_rows(program, problem, scaling, contacts, faces)
     program.objective = beta

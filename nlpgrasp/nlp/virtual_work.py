@@ -39,11 +39,11 @@ class VirtualWork:
         k, z = len(problem.models), program.z
         y, rates = ca.SX.sym("y", 6), ca.SX.sym("rates", len(problem.hand.loaded_joints))
         forces, moments, before = (ca.SX.sym(name, 3, k) for name in ("f", "m", "n"))
-        points = [ca.DM(scaling.origin) + scaling.length * z[program.block(f"position {i}").range] for i in range(k)]
+        points = [ca.DM(scaling.origin) + scaling.length * z[program.block("position", i).range] for i in range(k)]
         moved = problem.hand.contact_motion(program.hand_symbols, rates, points)
         work = ca.SX(0)
         for i, (velocity, angular) in enumerate(moved):
-            turn = ca.cross(before[:, i], z[program.block(f"normal {i}").range])
+            turn = ca.cross(before[:, i], z[program.block("normal", i).range])
             force = forces[:, i] + ca.cross(turn, forces[:, i])
             moment = moments[:, i] + ca.cross(turn, moments[:, i])
             of_body = y[:3] + ca.cross(y[3:], points[i] - ca.DM(scaling.origin))

@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from nlpgrasp.bodies import Body
-from nlpgrasp.common.rows import Clearance, LinkSphere, Placement, Row
+from nlpgrasp.common.rows import CLEARANCE, Clearance, LinkSphere, Placement, Row
 from nlpgrasp.common.types import Expression
 from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.hands import Hand
-
-CLEARANCE = "clearance from the body"
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,7 @@ class PlacementRows:
     @property
     def named(self) -> tuple[Row, ...]:
         """All rows in order, those of clearances without an expression."""
-        distances = (Row(c.name, None, c.lower, scale=c.scale, unit="m") for c in self.clearances)
-        return (*self.rows, *distances)
+        return (*self.rows, *(c.row(None) for c in self.clearances))
 
 
 def placement_of(
@@ -112,8 +109,9 @@ def collected(given: Sequence[Sequence[Row | Clearance]], shared: bool) -> Place
 
 
 def _clear(body: Body, sphere: LinkSphere) -> Clearance:
-    lower = sphere.radius + sphere.clearance
-    return Clearance(f"{CLEARANCE}, {sphere.name}", body.distance_function, sphere.centre, lower, body.size)
+    lower, fingers = sphere.radius + sphere.clearance, () if sphere.finger is None else (sphere.finger,)
+    distance = body.distance_function
+    return Clearance(CLEARANCE, distance, sphere.centre, lower, body.size, fingers=fingers, link=sphere.link)
 
 
 def _shared(rows: list[Row], clearances: list[Clearance]) -> PlacementRows:

@@ -117,6 +117,10 @@ class ConstraintReport:
         ``d mu / d limit`` of the active limit at the last solve, 0 when none is active.
     active : bool
         Within 1e-4 of its scale from a limit.
+    kind : str
+        What all rows of this sort have in common, for example ``"table"``; empty in files of older versions.
+    fingers : tuple of int
+        The contacts it is about.
     """
 
     name: str
@@ -125,16 +129,21 @@ class ConstraintReport:
     upper: float
     multiplier: float
     active: bool
+    kind: str = ""
+    fingers: tuple[int, ...] = ()
 
     def to_dict(self) -> ConstraintData:
         """Return the report as JSON data, None for no limit."""
-        return {
+        data: ConstraintData = {
             "name": self.name,
             "value": self.value,
             "bound": [_finite_or_none(self.lower), _finite_or_none(self.upper)],
             "multiplier": self.multiplier,
             "active": self.active,
         }
+        if self.kind:
+            data |= {"kind": self.kind, "fingers": list(self.fingers)}
+        return data
 
     @classmethod
     def from_dict(cls, data: ConstraintData) -> ConstraintReport:
@@ -147,6 +156,8 @@ class ConstraintReport:
             math.inf if upper is None else upper,
             data["multiplier"],
             data["active"],
+            data.get("kind", ""),
+            tuple(data.get("fingers", ())),
         )
 
 

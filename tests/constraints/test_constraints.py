@@ -162,7 +162,7 @@ def test_approach_and_palm_workspace_are_about_the_palm():
 
 
 def test_table_sees_the_links_and_a_fingertip_once():
-    spheres = [LinkSphere("finger/0", ca.SX([0, 0, 0.5]), 0.1), LinkSphere("tip", ca.SX([0, 0, 0.4]), 0.1, is_tip=True)]
+    spheres = [LinkSphere("finger/0", ca.SX([0, 0, 0.5]), 0.1), LinkSphere("tip", ca.SX([0, 0, 0.4]), 0.1, finger=0)]
     placement = Placement([ca.SX(POSITIONS[0])], [ca.SX(NORMALS[0])], [0.1], 1.0, spheres)
     rows = ng.Table(0.0).rows(placement)
     assert [r.name for r in rows] == ["table, finger 0", "table, finger/0"]

@@ -12,6 +12,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.cli.experiment import write_outputs
+from nlpgrasp.common.rows import Row
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.found.ranking import ranks, ties
@@ -184,12 +185,27 @@ def test_wilson_interval():
 
 
 def test_active_constraints_are_named_once():
-    def report(name, active=True):
-        return ConstraintReport(name, 0.0, 0.0, 1.0, 0.0, active)
+    def report(row, active=True):
+        return ConstraintReport(row.name, 0.0, 0.0, 1.0, 0.0, active, row.kind, row.fingers)
 
-    reports = [report("table, finger 1"), report("table, finger 2"), report("reach, finger 0", False), report("x")]
-    reports += [report("fingertip distance, fingers 0 and 1")]
-    assert active_constraints(reports) == ("table, fingers 1, 2", "x", "fingertip distance, fingers 0 and 1")
+    reports = [report(Row("table", None, fingers=(i,))) for i in (1, 2)]
+    reports += [report(Row("reach", None, fingers=(0,)), False), report(Row("x", None))]
+    reports += [report(Row("fingertip distance", None, fingers=(0, 1)))]
+    reports += [report(Row("workspace", None, fingers=(2,), part=axis)) for axis in "xz"]
+    reports += [report(Row("level", None, part=f"[{i}]")) for i in range(2)]
+    assert active_constraints(reports) == (
+        "table, fingers 1, 2",
+        "x",
+        "fingertip distance, fingers 0 and 1",
+        "workspace, finger 2",
+        "level[0]",
+        "level[1]",
+    )
+
+
+def test_active_constraints_of_older_files_keep_their_names():
+    reports = [ConstraintReport(f"table, finger {i}", 0.0, 0.0, 1.0, 0.0, True) for i in (1, 2)]
+    assert active_constraints(reports) == ("table, finger 1", "table, finger 2")
 
 
 def test_file_names_differ_where_names_do(tmp_path):

@@ -44,7 +44,7 @@ def test_slopes_of_supports_by_central_differences(hand, contact, rng):
     def support(z):
         """From the definition: contacts and normals as the variables say, wherever that is."""
         where = points_of(bench, program, z)
-        normals = np.array([z[program.block(f"normal {i}").range] for i in range(hand.count)])
+        normals = np.array([z[program.block("normal", i).range] for i in range(hand.count)])
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         budget = given.budget.posed(hand, hand_of(program, z), where)
         grasp = Grasp(where, normals, given.models, given.origin)
@@ -54,7 +54,7 @@ def test_slopes_of_supports_by_central_differences(hand, contact, rng):
     for _ in range(6):
         step = 1e-5 * rng.standard_normal(len(z))
         step[program.block("beta").range] = 0.0
-        turn = program.block("hand palm_quaternion").range
+        turn = program.block("hand", "palm_quaternion").range
         step[turn] -= z[turn] * (z[turn] @ step[turn])  # keep its length
         measured = (support(z + step) - support(z - step)) / 2.0
         np.testing.assert_allclose(slopes @ step, measured, rtol=2e-3, atol=2e-6 * np.max(np.abs(value)))

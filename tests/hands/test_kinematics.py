@@ -122,7 +122,7 @@ def test_rows_of_the_hand_have_the_derivatives_they_claim(rng):
     values, _tips = hand.draw(1, np.zeros((1, 3)), rng)
     z = 0.3 * rng.standard_normal(program.z.shape[0])
     for name, value in values.items():
-        block = program.block(f"hand {name}")
+        block = program.block("hand", name)
         z[block.range] = value[0] / block.scale
     J = np.asarray(jacobian(z, theta)[1].full())
     h = 1e-6

@@ -17,7 +17,7 @@ TIPS = {
 
 
 def values(tip, pose, p, n, slide=0.0):
-    rows = tip.rows(Touch("tip", ca.DM(pose), ca.DM(p), ca.DM(n), slide, 1.0))
+    rows = tip.rows(Touch("tip", 0, ca.DM(pose), ca.DM(p), ca.DM(n), slide, 1.0))
     return {row.name: float(ca.evalf(ca.SX(row.expression))) for row in rows}, rows
 
 

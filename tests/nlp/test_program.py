@@ -64,7 +64,7 @@ def test_mesh_derivatives_agree_with_casadi(mesh_problem, build, rng):
     z = 0.3 * rng.standard_normal(x.shape[0])
     for i in range(3):
         direction = rng.standard_normal(3)
-        z[program.block(f"position {i}").range] = 0.5 * direction / np.linalg.norm(direction)
+        z[program.block("position", i).range] = 0.5 * direction / np.linalg.norm(direction)
     arguments = z, rng.standard_normal(p.shape[0]), 0.7, rng.standard_normal(lam.shape[0])
     jacobian, hessian = reference(*arguments)
     _, ours = derivatives["jac_g"](*arguments[:2])
@@ -123,8 +123,8 @@ def test_support_program_bounds_the_measure_from_above():
     grasp = closed_ellipsoid_grasp(np.random.default_rng(1))
     z = np.zeros(program.z.shape[0])
     for i, (p, n) in enumerate(zip(scaling.position(grasp.points), grasp.normals, strict=True)):
-        z[program.block(f"position {i}").range] = p
-        z[program.block(f"normal {i}").range] = n
+        z[program.block("position", i).range] = p
+        z[program.block("normal", i).range] = n
     y = np.random.default_rng(2).standard_normal((10, 6))
     y /= BALL.support(y)[0][:, None]
     lower, upper = (b.copy() for b in program.bounds)
@@ -148,11 +148,10 @@ def test_both_forms_of_the_support_program_agree():
         program = support_program(problem, ("surface",) * 4, 6, eliminate)
         z = np.zeros(program.z.shape[0])
         for i, (p, n) in enumerate(zip(scaling.position(grasp.points), grasp.normals, strict=True)):
-            z[program.block(f"position {i}").range] = p
-            z[program.block(f"normal {i}").range] = n
-        for block in program.variables:
-            if block.name.startswith("forces"):
-                z[block.range] = 0.2 * grasp.normals.ravel()
+            z[program.block("position", i).range] = p
+            z[program.block("normal", i).range] = n
+        for block in program.blocks("forces"):
+            z[block.range] = 0.2 * grasp.normals.ravel()
         lower, upper = (b.copy() for b in program.bounds)
         fixed = slice(0, program.block("beta").start)
         lower[fixed], upper[fixed] = z[fixed] - 1e-9, z[fixed] + 1e-9

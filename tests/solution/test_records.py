@@ -22,7 +22,7 @@ PLAIN = [
     START,
     StartRecord(0, ng.Status.FAILED, mu=UNKNOWN, violation=math.inf, message="RuntimeError: no"),
     ConstraintReport("Table", 0.1, -math.inf, 0.1, 2.5, True),
-    ConstraintReport("Table", 0.1, 1 / 3, math.inf, 0.0, False),
+    ConstraintReport("Table", 0.1, 1 / 3, math.inf, 0.0, False, "table", (0, 2)),
     ng.ShadowPrice("Spread.max", 0.09, 1e-3, "1 mm", 0.007),
     CONFLICT,
     ng.WhyNot((CONFLICT,), None, ("Too wide.",), ("Move the table.",), True),

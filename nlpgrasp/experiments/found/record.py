@@ -131,19 +131,20 @@ class SolveRecord:
 
 def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
     """Return the constraints at their limits, each once, with the fingers: ``"table, fingers 1, 2"``."""
-    fingers: dict[str, list[str]] = {}
+    active: dict[str, list[tuple[int, ...]]] = {}
     for report in reports:
         if report.active:
-            name, _, which = report.name.partition(", finger")
-            fingers.setdefault(name, []).append(which.removeprefix("s").strip())
-    return tuple(_with_fingers(name, [w for w in which if w]) for name, which in fingers.items())
+            own = active.setdefault(report.kind if report.fingers else report.name, [])
+            if report.fingers and report.fingers not in own:
+                own.append(report.fingers)
+    return tuple(_with_fingers(name, fingers) for name, fingers in active.items())
 
 
-def _with_fingers(name: str, which: list[str]) -> str:
-    if not which:
+def _with_fingers(name: str, fingers: Sequence[tuple[int, ...]]) -> str:
+    if not fingers:
         return name
-    several = len(which) > 1 or not which[0].isdigit()
-    return f"{name}, finger{'s' if several else ''} {', '.join(which)}"
+    which = ", ".join(" and ".join(map(str, group)) for group in fingers)
+    return f"{name}, finger{'s' * (sum(map(len, fingers)) > 1)} {which}"
 
 
 ALSO_RECORDED = {"unit", "approach", "link_spheres", "watched_pairs"}  # of body and hand, not in older files

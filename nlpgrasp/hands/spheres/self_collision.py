@@ -8,7 +8,7 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.rows import LinkSphere, Row
+from nlpgrasp.common.rows import SELF_COLLISION, LinkSphere, Row
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
@@ -46,12 +46,12 @@ def colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple
 
 def apart(pairs: Sequence[tuple[str, str]], spheres: Sequence[LinkSphere], span: float) -> list[Row]:
     """Return one row a pair: the spheres do not overlap; ``span`` is the hand's size, metres, for scaling."""
-    by_name = {s.name: s for s in spheres}
+    by_name = {s.link: s for s in spheres if not s.is_tip}
     rows = []
     for first, second in pairs:
         if first not in by_name or second not in by_name:
             continue  # made so small for a fingertip that nothing is left
         a, b = by_name[first], by_name[second]
-        name, least = f"self-collision, {first} and {second}", (a.radius + b.radius) ** 2
-        rows.append(Row(name, ca.sumsqr(a.centre - b.centre), least, scale=span**2, unit="m2"))
+        squared, least = ca.sumsqr(a.centre - b.centre), (a.radius + b.radius) ** 2
+        rows.append(Row(SELF_COLLISION, squared, least, scale=span**2, unit="m2", part=f"{first} and {second}"))
     return rows

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.rows import Row
+from nlpgrasp.common.rows import ON_FINGERTIP, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array
 
@@ -24,8 +24,10 @@ class Touch:
 
     Parameters
     ----------
-    name : str
-        How reports call it.
+    link : str
+        The link's name.
+    finger : int
+        Which contact.
     pose : casadi.SX
         (4, 4) transform from the link's frame to the body's.
     p, n : casadi.SX
@@ -36,12 +38,22 @@ class Touch:
         The body's characteristic length, for scaling.
     """
 
-    name: str
+    link: str
+    finger: int
     pose: Expression
     p: Expression
     n: Expression
     slide: Expression
     size: float
+
+    def row(
+        self, part: str, expression: Expression, lower: float = 0.0, upper: float = np.inf, *, length: bool = False
+    ) -> Row:
+        """Return a row of the tip, of a length in metres or of a number; ``part`` says what of it."""
+        scale, unit = (self.size, "m") if length else (1.0, "")
+        return Row(
+            ON_FINGERTIP, expression, lower, upper, scale, unit, fingers=(self.finger,), link=self.link, part=part
+        )
 
 
 class Tip(ABC):
@@ -91,7 +103,7 @@ class Tip(ABC):
 
 def equal(touch: Touch, left: Expression, right: Expression) -> list[Row]:
     """Return rows for ``left = right``, columns of 3."""
-    return [Row(f"{touch.name}, {axis}", left[i] - right[i], 0.0, 0.0, touch.size, "m") for i, axis in enumerate("xyz")]
+    return [touch.row(axis, left[i] - right[i], 0.0, 0.0, length=True) for i, axis in enumerate("xyz")]
 
 
 def frame_of(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:

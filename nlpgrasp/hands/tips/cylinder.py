@@ -72,7 +72,7 @@ class CylinderTip(Tip):
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
         return [
             *equal(touch, self.ball_centre(touch.pose, touch.slide), touch.p - self.radius * touch.n),
-            Row(f"{touch.name}, across", ca.dot(along, touch.n), 0.0, 0.0),
+            touch.row("across", ca.dot(along, touch.n), 0.0, 0.0),
         ]
 
     def beyond(self, points: FloatArray) -> FloatArray:

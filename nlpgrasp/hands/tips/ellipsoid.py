@@ -74,7 +74,7 @@ class EllipsoidTip(Tip):
         rows = equal(touch, point, touch.p)
         if self.facing is not None:
             towards = ca.dot(ca.DM(np.asarray(self.facing)), m)
-            rows.append(Row(f"{touch.name}, within the patch", towards, float(np.cos(self.angle))))
+            rows.append(touch.row("within the patch", towards, float(np.cos(self.angle))))
         return rows
 
     def beyond(self, points: FloatArray) -> FloatArray:

@@ -59,12 +59,12 @@ class FlatTip(Tip):
         m = ca.mtimes(here[:3, :3].T, touch.n)
         half = np.asarray(self.extents, dtype=float) / 2.0
         return [
-            Row(f"{touch.name}, normal x", m[0], 0.0, 0.0),
-            Row(f"{touch.name}, normal y", m[1], 0.0, 0.0),
-            Row(f"{touch.name}, facing", m[2], 0.0),
-            Row(f"{touch.name}, plane", local[2], 0.0, 0.0, touch.size, "m"),
-            Row(f"{touch.name}, extent x", local[0], -half[0], half[0], touch.size, "m"),
-            Row(f"{touch.name}, extent y", local[1], -half[1], half[1], touch.size, "m"),
+            touch.row("normal x", m[0], 0.0, 0.0),
+            touch.row("normal y", m[1], 0.0, 0.0),
+            touch.row("facing", m[2]),
+            touch.row("plane", local[2], 0.0, 0.0, length=True),
+            touch.row("extent x", local[0], -half[0], half[0], length=True),
+            touch.row("extent y", local[1], -half[1], half[1], length=True),
         ]
 
     def beyond(self, points: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.rows import LinkSphere, Placement, Row
+from nlpgrasp.common.rows import UNIT_QUATERNION, LinkSphere, Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.errors import InputError
@@ -168,11 +168,11 @@ class URDFHand(LinkedHand):
 
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
         """Return: the quaternion's length, each contact on its fingertip, links apart from each other."""
-        rows = [Row("palm quaternion of unit length", ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
+        rows = [Row(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
         poses = self.tree.poses(variables)
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
             p, n = placement.positions[i], placement.normals[i]
-            rows += tip.rows(Touch(f"on fingertip {link}, finger {i}", poses[link], p, n, slide, placement.size))
+            rows += tip.rows(Touch(link, i, poses[link], p, n, slide, placement.size))
         return rows + apart(self._pairs, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
@@ -187,7 +187,7 @@ class URDFHand(LinkedHand):
         for i, (centre, (link, tip)) in enumerate(zip(self.tip_centres(variables), self.tips, strict=True)):
             if centre is not None:
                 depth = -TIP_DEPTH * tip.standoff
-                result.append(LinkSphere(f"{link}, finger {i}", centre, tip.standoff, depth, is_tip=True))
+                result.append(LinkSphere(link, centre, tip.standoff, depth, finger=i))
         return result
 
     @cached_property

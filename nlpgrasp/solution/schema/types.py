@@ -75,6 +75,8 @@ class ConstraintData(TypedDict):
     bound: list[float | None]
     multiplier: float
     active: bool
+    kind: NotRequired[str]
+    fingers: NotRequired[list[int]]
 
 
 class PriceData(TypedDict):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -16,8 +16,28 @@ from nlpgrasp.problem.problem import GraspProblem
 MILLIMETRE, DEGREE, TENTH = (1e-3, "1 mm"), (np.pi / 180.0, "1 degree"), (0.1, "0.1")
 STEPS = {"angle": DEGREE, "tilt": DEGREE, "friction": TENTH}
 Item = TypeVar("Item")
-Number = tuple[str, float, Callable[[float], Item]]  # of an item: name, value, the item with the value larger by h
 NO_LIMITS = ("count", "tolerance", "palm", "length")
+
+
+@dataclass(frozen=True)
+class Number(Generic[Item]):
+    """A number of a constraint or a hand.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+        SI units.
+    changed : callable
+        ``changed(h)`` is the constraint or hand with the number larger by h.
+    step : (float, str)
+        What its price is for, SI units and in words.
+    """
+
+    name: str
+    value: float
+    changed: Callable[[float], Item]
+    step: tuple[float, str] = MILLIMETRE
 
 
 @dataclass(frozen=True)
@@ -51,19 +71,14 @@ def limits_of(problem: GraspProblem) -> list[Limit]:
     """Return all limits of constraints, hand and contacts."""
     result: list[Limit] = []
     for i, constraint in enumerate(problem.constraints):
-        for name, value, new in _constraint_numbers(constraint):
-            result.append(_limit(name, value, _constraint_change(problem, i, new)))
+        for number in _constraint_numbers(constraint):
+            changed = _constraint_change(problem, i, number.changed)
+            result.append(Limit(number.name, number.value, *number.step, changed))
     if problem.hand is not None:
-        for name, value, of_hand in _hand_numbers(problem.hand):
-            result.append(_limit(name, value, _hand_change(problem, of_hand)))
+        for of_hand in _hand_numbers(problem.hand):
+            changed = _hand_change(problem, of_hand.changed)
+            result.append(Limit(of_hand.name, of_hand.value, *of_hand.step, changed))
     return result + _contact_limits(problem)
-
-
-def _limit(name: str, value: float, changed: Callable[[float], GraspProblem]) -> Limit:
-    step, unit = STEPS.get(name.split(".")[-1], MILLIMETRE)
-    if name.startswith("Constraint"):
-        step, unit = 0.01 * max(abs(value), 1e-3), f"{0.01 * max(abs(value), 1e-3):g}"
-    return Limit(name, value, step, unit, changed)
 
 
 def _constraint_change(
@@ -87,16 +102,22 @@ def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConst
         return _field_numbers(item)
     pairs = [(name, np.asarray(getattr(item, name), dtype=float)) for name in ("lower", "upper")]
     return [
-        (f"Constraint {item.name!r}.{name}", float(value), _field_change(item, name, float(value)))
-        for name, value in pairs
-        if value.size == 1 and np.isfinite(value)
+        Number(f"Constraint {item.name!r}.{name}", value, _field_change(item, name, value), _hundredth(value))
+        for name, value in ((name, float(value)) for name, value in pairs if value.size == 1)
+        if np.isfinite(value)
     ]
+
+
+def _hundredth(value: float) -> tuple[float, str]:
+    """Return the step of a number whose unit is the user's own."""
+    step = 0.01 * max(abs(value), 1e-3)
+    return step, f"{step:g}"
 
 
 def _hand_numbers(hand: Hand) -> list[Number[Hand]]:
     """Return name, value and a way to change each number of a hand."""
     if isinstance(hand, URDFHand):
-        return [("URDFHand.clearance", hand.clearance, lambda h: hand.with_clearance(hand.clearance + h))]
+        return [Number("URDFHand.clearance", hand.clearance, lambda h: hand.with_clearance(hand.clearance + h))]
     return _field_numbers(hand)
 
 
@@ -111,20 +132,21 @@ def _field_numbers(item: Item) -> list[Number[Item]]:
         if field.name in NO_LIMITS or isinstance(value, bool | str):
             continue
         if isinstance(value, float):
-            result.append((name, value, _field_change(item, field.name, value)))
+            step = STEPS.get(field.name, MILLIMETRE)
+            result.append(Number(name, value, _field_change(item, field.name, value), step))
         elif isinstance(value, HalfSpace):
             change = _part_change(item, field.name, value, "offset", None)
-            result.append((f"{name}.offset", float(value.offset), change))
+            result.append(Number(f"{name}.offset", float(value.offset), change))
         elif isinstance(value, BoxRegion):
             for side in ("lower", "upper"):
                 for axis, number in enumerate(np.asarray(getattr(value, side), dtype=float)):
                     change = _part_change(item, field.name, value, side, axis)
-                    result.append((f"{name}.{side}[{axis}]", float(number), change))
+                    result.append(Number(f"{name}.{side}[{axis}]", float(number), change))
         elif field.name == "spread" and isinstance(value, tuple):
             for place, which in enumerate(("least", "greatest")):
                 if np.isfinite(value[place]) and value[place] > 0.0:
                     change = _entry_change(item, field.name, value, place)
-                    result.append((f"{name} ({which})", float(value[place]), change))
+                    result.append(Number(f"{name} ({which})", float(value[place]), change))
     return result
 
 

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.rows import ON_FINGERTIP
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
+from nlpgrasp.nlp import HAND
 from nlpgrasp.solve.ascent.cuts import no_cuts
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
 from nlpgrasp.solve.ascent.quadratic import Linearised, step_bounds
@@ -23,7 +25,6 @@ STAGES = 4  # the clearance grows in stages, each with a few Newton steps
 STAGE = NewtonRules(steps=8, enough=1e-6)  # solver units: how well a stage is met
 FINEST = 0.02  # of the clearance: the smallest stage tried
 LONGEST = 0.2  # radians or solver units a step
-TOUCHING = "on fingertip"
 
 
 @dataclass(frozen=True)
@@ -59,9 +60,9 @@ def pregrasp(bench: Workbench, found: OnBody, clearance: float) -> Pregrasp:
         Metres.
     """
     opening = _Opening(bench, found)
-    best = opening.open(clearance, ("hand joints",))
+    best = opening.open(clearance, ("joints",))
     if best.clearance < clearance:
-        best = max(best, opening.open(clearance, ("hand joints", "hand palm_position")), key=lambda p: p.clearance)
+        best = max(best, opening.open(clearance, ("joints", "palm_position")), key=lambda p: p.clearance)
     return best
 
 
@@ -75,7 +76,7 @@ class _Opening:
         self.start = variables_of(bench, self.compiled.program, found.placed)
         put_contacts(bench, self.compiled.program, self.start, found.grasp.points, found.grasp.normals)
         own = bench.rows.sources[len(bench.problem.constraints)]
-        touching = {i for i in own if bench.rows.named[i].name.startswith(TOUCHING)}
+        touching = {i for i in own if bench.rows.named[i].kind == ON_FINGERTIP}
         self.kept = np.array([i for i in range(len(bench.rows.named)) if i not in touching], int)
         self.near = np.flatnonzero(np.isin(self.kept, bench.rows.clearances))
         self.tips = bench.hand_points.tip_motion
@@ -84,7 +85,7 @@ class _Opening:
     def open(self, clearance: float, moving: tuple[str, ...]) -> Pregrasp:
         """Return the hand opened with these of its variables, as far as it gets."""
         program, z = self.compiled.program, self.start.copy()
-        free = np.concatenate([np.arange(program.block(b).start, program.block(b).stop) for b in moving])
+        free = np.concatenate([np.arange(b.start, b.stop) for b in (program.block(HAND, name) for name in moving)])
         best = Pregrasp(0.0, self.hand)
         more = clearance / STAGES
         while more > clearance * FINEST and best.clearance < clearance:
@@ -118,7 +119,7 @@ class _Opening:
             g[self.near] = bench.hand_points.mesh_clearances(bench.problem.body, here) / size
         places, slopes = (np.asarray(m.full()) for m in self.tips(*here.values()))
         gone = np.sum((places - self.begin) * -self.normals.T, axis=0) / size  # along the outward normals
-        blocks = [program.block(f"hand {name}") for name in here]
+        blocks = [program.block(HAND, name) for name in here]
         scales = np.concatenate([np.full(b.stop - b.start, b.scale) for b in blocks])
         first = blocks[0].start
         along = np.stack([-n @ slopes[3 * i : 3 * i + 3] for i, n in enumerate(self.normals)]) * scales / size

@@ -15,6 +15,7 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
+from nlpgrasp.nlp import SUPPORT
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import collected, given_rows, placement_of
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
@@ -104,7 +105,7 @@ def _settled(bench: Workbench, turn: Round[SolvedStep]) -> bool:
 def _optimum(bench: Workbench, turn: Round[SolvedStep]) -> Optimum:
     """Return the optimum in the user's units: multipliers over the program's scales."""
     program, result, scale = bench.exchange.compiled.program, turn.step.result, bench.scaling.beta
-    support = -result.multipliers[program.rows_named("support, direction")][: len(turn.cuts)]
+    support = -result.multipliers[program.rows_of(SUPPORT)][: len(turn.cuts)]
     rows = np.array([row.scale for row in bench.rows.named])
     bounds = {}
     for name, block in program.hand_blocks:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from nlpgrasp.common.rows import CLEARANCE, ON_FINGERTIP, SELF_COLLISION, UNIT_QUATERNION
 from nlpgrasp.common.shown.words import direction_words
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
@@ -35,6 +36,7 @@ LEAST_GAIN = 1e-4  # relative: a step that gains less is none
 DAMPING = 1e-3
 FINGERTIPS = "fingertips on the body"
 HARD = "the body's surface"  # group of the rows that are never given up
+HAND_GROUPS = {ON_FINGERTIP: FINGERTIPS, UNIT_QUATERNION: HARD}  # where they are not called as their kind
 HARD_WEIGHT = 100.0
 KEPT = 1e-4  # relative to a row's scale: a violation this small is none
 FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)
@@ -157,17 +159,16 @@ def group_names(bench: Workbench) -> list[str]:
     """
     rows, sources = bench.rows.named, bench.rows.sources
     count = len(bench.problem.constraints)
-    own = [rows[source[0]].name.split(",")[0] if source else "" for source in sources[:count]]
+    own = [rows[source[0]].kind if source else "" for source in sources[:count]]
     names = [""] * len(rows)
     for i, source in enumerate(sources):
         for row in source:
-            kind = rows[row].name.split(",")[0]
             if i >= count:
-                names[row] = FINGERTIPS if kind.startswith("on fingertip") else kind
+                names[row] = HAND_GROUPS.get(rows[row].kind, rows[row].kind)
             else:
                 number = own[: i + 1].count(own[i])
                 names[row] = own[i] if own.count(own[i]) == 1 else f"{own[i]} ({number})"
-    return [HARD if name.startswith("palm quaternion of") else name for name in names]
+    return names
 
 
 def _groups(bench: Workbench, count: int, offset: int) -> list[str]:
@@ -186,7 +187,7 @@ def _contradiction(bench: Workbench, best: Relaxed) -> WhyNot:
         f"The nearest miss breaks: {names}." if conflicts else "The contacts do not stay on their faces.",
         *(str(c) for c in conflicts),
     ]
-    fixed = {FINGERTIPS, "self-collision", "clearance from the body"}
+    fixed = {FINGERTIPS, SELF_COLLISION, CLEARANCE}
     advice = [f"Relax {c.name} by at least {c.amount}." for c in conflicts if c.name not in fixed]
     if any(c.name in fixed for c in conflicts):
         advice.append("Try a hand of another size, fewer contacts, or less in its way.")

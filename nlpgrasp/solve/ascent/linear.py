@@ -63,8 +63,7 @@ class _Linearisation:
         self.z[self.beta] = np.min(reached, initial=BETA_STEP)  # all cuts hold at the start: phi_A = 1 along them
         self.reach = np.ones(len(self.z))
         for block in self.compiled.program.variables:
-            kind = block.name.split(" ")[0]
-            self.reach[block.range] = OTHERS.get(kind, 1.0)
+            self.reach[block.range] = OTHERS.get(block.kind, 1.0)
         self.reach[self.beta] = np.inf
 
     def step(self, radius: float) -> Step | None:

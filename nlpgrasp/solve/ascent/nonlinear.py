@@ -46,7 +46,7 @@ class NonlinearModel:
         z[program.block("beta").range] = state.value * bench.scaling.beta
         lower, upper = (b.copy() for b in program.bounds)
         for i in range(len(faces)):
-            block = program.block(f"position {i}").range
+            block = program.block("position", i).range
             lower[block] = np.maximum(lower[block], z[block] - radius)
             upper[block] = np.minimum(upper[block], z[block] + radius)
         result = compiled.solve(z, slot_parameters(bench, faces, cuts), (lower, upper))

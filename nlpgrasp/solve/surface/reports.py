@@ -21,5 +21,6 @@ def constraint_reports(bench: Workbench, found: OnBody, multipliers: FloatArray)
         distance = min(value - row.lower, row.upper - value)
         active = bool(distance <= ACTIVE * row.scale)
         price = float(multiplier) / (bench.scaling.beta * row.scale) if active else 0.0
-        reports.append(ConstraintReport(row.name, float(value), row.lower, row.upper, price, active))
+        limits = row.lower, row.upper
+        reports.append(ConstraintReport(row.name, float(value), *limits, price, active, row.kind, row.fingers))
     return tuple(reports)

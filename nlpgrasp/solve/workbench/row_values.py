@@ -8,11 +8,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.rows import Row
+from nlpgrasp.common.rows import CLEARANCE, Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.problem.rows import CLEARANCE, PlacementRows, placement_rows
+from nlpgrasp.problem.rows import PlacementRows, placement_rows
 
 
 class RowValues:
@@ -73,7 +73,7 @@ class RowValues:
     @cached_property
     def clearances(self) -> NDArray[np.intp]:
         """Which of the rows keep a link away from the held body."""
-        return np.array([i for i, r in enumerate(self.named) if r.name.startswith(CLEARANCE)], dtype=int)
+        return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
 
     @cached_property
     def _rows(self) -> tuple[PlacementRows, list[ca.SX]]:

@@ -22,17 +22,16 @@ def variables_of(bench: Workbench, program: Program, placed: Placed) -> FloatArr
     forces = pressing_forces(bench.problem.models, normals, PRESSING / np.sqrt(len(placed.points)))
     for name, b in program.hand_blocks:
         z[b.range] = np.ravel(placed.hand[name]) / b.scale
-    for b in program.variables:
-        if b.name.startswith("forces "):
-            z[b.range] = forces
+    for b in program.blocks("forces"):
+        z[b.range] = forces
     return z
 
 
 def put_contacts(bench: Workbench, program: Program, z: FloatArray, points: FloatArray, normals: FloatArray) -> None:
     """Set the contacts among a program's variables, in place: points in metres and inward normals."""
     for i, p in enumerate(bench.scaling.position(points)):
-        z[program.block(f"position {i}").range] = p
-        z[program.block(f"normal {i}").range] = normals[i]
+        z[program.block("position", i).range] = p
+        z[program.block("normal", i).range] = normals[i]
 
 
 def placed_of(bench: Workbench, program: Program, faces: tuple[str, ...], z: FloatArray) -> Placed:
@@ -42,8 +41,7 @@ def placed_of(bench: Workbench, program: Program, faces: tuple[str, ...], z: Flo
 
 def points_of(bench: Workbench, program: Program, z: FloatArray) -> FloatArray:
     """Return the contact positions of a program's variables, metres, (k, space)."""
-    k = len(bench.problem.models)
-    return bench.scaling.metres(np.stack([z[program.block(f"position {i}").range] for i in range(k)]))
+    return bench.scaling.metres(np.stack([z[b.range] for b in program.blocks("position")]))
 
 
 def hand_of(program: Program, z: FloatArray) -> Values:

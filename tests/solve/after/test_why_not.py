@@ -101,3 +101,14 @@ def test_two_constraints_of_one_kind_are_told_apart():
     assert 0.02 < most.value < 0.05  # all three equally far apart: the nearest miss of both
     assert least.value == pytest.approx(most.value, abs=1e-6)
     assert "spread (1), spread (2)" in solution.why_not.reasons[0]
+
+
+def test_rows_are_grouped_by_constraint_and_by_kind():
+    from nlpgrasp.solve.after.why_not import group_names
+    from nlpgrasp.solve.workbench.workbench import Workbench
+
+    rules = [ng.Table(-0.1), ng.Table(-0.2), ng.Constraint("near, level", lambda p, n: p[0], -1.0, 1.0)]
+    hand = ng.Fingertips(2, 0.005, reach=0.2)
+    problem = ng.GraspProblem(BODY, [ng.FrictionContact(0.6)] * 2, TASK, hand=hand, constraints=rules)
+    groups = ["table (1)"] * 2 + ["table (2)"] * 2 + ["near, level"] * 3 + ["reach"] * 2 + ["fingertip distance"]
+    assert group_names(Workbench(problem, OPTIONS)) == groups
