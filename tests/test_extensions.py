@@ -1,7 +1,10 @@
 """Kinds defined outside the package work like its own: they are solved, saved, read, verified and exported."""
 
 import json
+import subprocess
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +22,7 @@ from nlpgrasp.interop.contacts_csv import contacts_csv
 from nlpgrasp.tasks import TaskPolytope, task_from_dict
 from nlpgrasp.tasks.registry import register as register_task
 
+FILES = Path(__file__).parent / "solution" / "files"
 BOX, BALL = ng.Box([0.08, 0.04, 0.04]), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
 
 
@@ -220,3 +224,68 @@ def test_unknown_kinds_in_a_file_are_named(change, message, tmp_path, solved):
 def solved(tmp_path_factory):
     problem = ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, BALL)
     return ng.solve(problem, starts=1).save(tmp_path_factory.mktemp("solved") / "friction.json")
+
+
+# A format to export to and a format to read from, in a module of somebody else's.
+
+TOY_FORMAT = """
+import nlpgrasp as ng
+from nlpgrasp.budgets import force_budget
+from nlpgrasp.interop import ExportFormat, ReadFormat, ReadGrasp, register, register_reader
+
+def lines(solution, options):
+    return "".join(f"{face} {p[0]:g}\\n" for face, p in zip(solution.faces, solution.grasp.points))
+
+def grasps(path, options):
+    models = [ng.FrictionContact(options.friction)] * 2
+    grasp = ng.Grasp([[-1, 0], [1, 0]], [[1, 0], [-1, 0]], models, torque_origin=[0, 0])
+    yield ReadGrasp(path.stem, grasp, None, force_budget("l2"))
+
+register(ExportFormat("faces", ".faces", "faces with their first coordinate", lines))
+register_reader(ReadFormat((".faces",), ("friction",), grasps))
+"""
+
+
+@pytest.fixture
+def toy(tmp_path):
+    """Run the command line in a process that has imported the module."""
+    (tmp_path / "toy_format.py").write_text(TOY_FORMAT)
+    code = "import toy_format; from nlpgrasp.cli.main import main; main()"
+
+    def run(*arguments):
+        command = [sys.executable, "-c", code, *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+
+    return run
+
+
+def test_a_toy_format_writes_a_file_from_the_command_line(toy, tmp_path):
+    (tmp_path / "box.json").write_text((FILES / "box.json").read_text())
+    done = toy("export", "box.json", "--to", "faces")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "written to box.faces\n"
+    assert len((tmp_path / "box.faces").read_text().splitlines()) == 3
+
+
+def test_the_command_line_lists_a_toy_format(toy):
+    done = toy("export", "--help")
+    assert "or faces with their first coordinate" in " ".join(done.stdout.replace("│", " ").split())
+    done = toy("export", FILES / "box.json", "--to", "nothing")
+    assert done.returncode == 2
+    assert "'faces'" in done.stderr
+
+
+def test_a_toy_format_needs_a_grasp_unless_it_says_otherwise(toy):
+    done = toy("export", FILES / "none.json", "--to", "faces", "--out", "x.faces")
+    assert done.returncode == 2
+    assert done.stderr == "nlpgrasp: solution: got no grasp, expected a solution with a grasp\n"
+
+
+def test_files_of_a_toy_format_are_read(toy, tmp_path):
+    (tmp_path / "contacts.faces").write_text("")
+    done = toy("quality", "contacts.faces", "--friction", "0.5")
+    assert done.stdout.startswith("contacts: 2 contacts, force budget l2\n"), done.stderr
+    assert "force-closed" in done.stdout
+    done = toy("quality", "contacts.faces", "--task", "box.json")
+    assert done.returncode == 2
+    assert done.stderr.startswith("nlpgrasp: --task: got ")

@@ -2,57 +2,43 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from collections.abc import Callable, Sequence
+from enum import Enum, EnumType
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from nlpgrasp.cli.options import File, writable
-from nlpgrasp.common.files import write_bytes, write_text
+from nlpgrasp.common.files import write_bytes
 from nlpgrasp.errors import InputError
-from nlpgrasp.interop import contacts_csv, glb, isaac_grasp, mjcf, mjcf_with_hand
+from nlpgrasp.interop import ExportFormat, ExportOptions
+from nlpgrasp.interop.registry import format_named
 from nlpgrasp.solution.solution import GraspSolution
 
-
-class Format(str, Enum):  # noqa: UP042  (typer shows the values)
-    """What a solution can be exported to."""
-
-    CSV = "csv"
-    GLB = "glb"
-    ISAAC_GRASP = "isaac_grasp"
-    MJCF = "mjcf"
+Out = Annotated[Path | None, typer.Option("--out", metavar="PATH", help="By default F with the format's ending.")]
 
 
-ENDINGS = {Format.CSV: ".csv", Format.GLB: ".glb", Format.ISAAC_GRASP: ".yaml", Format.MJCF: ".xml"}
+def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
+    """Return the command, whose choices and help are those of the formats."""
+    names = EnumType.__call__(Enum, "Format", [(given.name, given.name) for given in formats])  # typer shows the values
+    *first, last = [given.content for given in formats]
+    content = f"{', '.join(first)}, or {last}."
+    with_hand = " or ".join(given.name for given in formats if given.takes_hand)
+    model = f"For {with_hand}: the hand's own model in place of balls for fingertips."
 
+    def export(file: File, to: Enum, out: Out = None, hand: Path | None = None) -> None:
+        """Write a solution for other tools."""
+        chosen = format_named(to.value)
+        if hand is not None and not chosen.takes_hand:
+            raise InputError("--hand", str(hand), f"{with_hand} with it: other formats hold no hand's model")
+        solution = GraspSolution.load(file)
+        target = file.with_suffix(chosen.ending) if out is None else out
+        writable(target, file)
+        write_bytes(target, chosen.export(solution, ExportOptions(hand)))
+        typer.echo(f"written to {target}")
 
-def export_command(
-    file: File,
-    to: Annotated[
-        Format,
-        typer.Option("--to", help="Contacts as a table, a scene, a gripper's pose and joints, or a MuJoCo scene."),
-    ],
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="PATH", help="By default F with the format's ending.")
-    ] = None,
-    hand: Annotated[
-        Path | None,
-        typer.Option("--hand", metavar="URDF", help="For mjcf: the hand's own model in place of balls for fingertips."),
-    ] = None,
-) -> None:
-    """Write a solution for other tools."""
-    if hand is not None and to is not Format.MJCF:
-        raise InputError("--hand", str(hand), "mjcf with it: other formats hold no hand's model")
-    solution = GraspSolution.load(file)
-    target = file.with_suffix(ENDINGS[to]) if out is None else out
-    writable(target, file)
-    if to is Format.GLB:
-        write_bytes(target, glb(solution))
-    elif to is Format.CSV:
-        write_text(target, contacts_csv(solution))
-    elif to is Format.MJCF:
-        write_text(target, mjcf(solution) if hand is None else mjcf_with_hand(solution, hand))
-    else:
-        write_text(target, isaac_grasp({"grasp_0": solution}))
-    typer.echo(f"written to {target}")
+    chosen_by = typer.Option("--to", help=content[0].upper() + content[1:])
+    export.__annotations__["to"] = Annotated[names, chosen_by]
+    export.__annotations__["hand"] = Annotated[Path | None, typer.Option("--hand", metavar="URDF", help=model)]
+    return export

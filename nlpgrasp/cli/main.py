@@ -23,23 +23,15 @@ from nlpgrasp.cli.script import load_problem
 from nlpgrasp.cli.simulate import simulate_command
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import NlpgraspError
+from nlpgrasp.interop.registry import formats
 from nlpgrasp.solve import SolveOptions, solve
 from nlpgrasp.verify.verify import verify
 from nlpgrasp.version import __version__
-
-app = typer.Typer(
-    help="Find the best grasp of a body for a task, and certify how good it is.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    add_completion=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
 
 INTERRUPTED = 130  # what typer makes of Ctrl-C
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # typer brings a click of its own; this is its UsageError
 
 
-@app.callback(invoke_without_command=True)
 def _root(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
@@ -48,7 +40,6 @@ def _root(
         raise typer.Exit
 
 
-@app.command("solve")
 def solve_command(
     script: Script,
     out: Annotated[Path | None, typer.Option("--out", help="Result; SCRIPT's name with .json by default.")] = None,
@@ -82,7 +73,6 @@ def solve_command(
         raise typer.Exit(1)
 
 
-@app.command("verify")
 def verify_command(file: File, rtol: Rtol = 0.01, as_json: AsJson = False) -> None:
     """Check a solution file from its task and grasp alone, by independent code."""
     verification = verify(file, rtol)
@@ -97,18 +87,31 @@ def verify_command(file: File, rtol: Rtol = 0.01, as_json: AsJson = False) -> No
         raise typer.Exit(1)
 
 
-app.command("quality")(quality_command)
-app.command("experiment")(experiment_command)
-app.command("report")(report_command)
-app.command("export")(export_command)
-app.command("simulate")(simulate_command)
+def command_line() -> typer.Typer:
+    """Return the command line; ``export`` knows the formats that are registered by now."""
+    app = typer.Typer(
+        help="Find the best grasp of a body for a task, and certify how good it is.",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        add_completion=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback(invoke_without_command=True)(_root)
+    app.command("solve")(solve_command)
+    app.command("verify")(verify_command)
+    app.command("quality")(quality_command)
+    app.command("experiment")(experiment_command)
+    app.command("report")(report_command)
+    app.command("export")(export_command(formats()))
+    app.command("simulate")(simulate_command)
+    return app
 
 
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit code 2."""
     sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # the shell may have closed them
     try:
-        code = app(standalone_mode=False)
+        code = command_line()(standalone_mode=False)
     except NlpgraspError as error:
         _end(str(error), 2)
     except USAGE_ERROR as error:

@@ -1,20 +1,27 @@
 """Grasps for other tools, and from them."""
 
-from nlpgrasp.interop.contacts_csv import contacts_csv, read_contacts_csv
+from nlpgrasp.interop.contacts_csv import contacts_csv
+from nlpgrasp.interop.contacts_table import read_contacts_csv
+from nlpgrasp.interop.formats import ExportFormat, ExportOptions, Need, ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.interop.glb import glb
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, isaac_grasp, read_isaac_grasps
 from nlpgrasp.interop.placed_hand import grasp_of_posture
-from nlpgrasp.mjcf.hand import mjcf_with_hand
-from nlpgrasp.mjcf.scene import mjcf
+from nlpgrasp.interop.registry import register, register_reader
 
 __all__ = [
+    "ExportFormat",
+    "ExportOptions",
     "IsaacGrasp",
+    "Need",
+    "ReadFormat",
+    "ReadGrasp",
+    "ReadOptions",
     "contacts_csv",
     "glb",
     "grasp_of_posture",
     "isaac_grasp",
-    "mjcf",
-    "mjcf_with_hand",
     "read_contacts_csv",
     "read_isaac_grasps",
+    "register",
+    "register_reader",
 ]

@@ -8,7 +8,7 @@ import trimesh
 from nlpgrasp.common.shown.drawing import COLOURS, CONE, NORMAL, drawn_size
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.errors import InputError
+from nlpgrasp.interop.formats import ExportFormat
 from nlpgrasp.solution.solution import GraspSolution
 
 POINT = "#141414"
@@ -24,9 +24,7 @@ def glb(solution: GraspSolution) -> bytes:
     InputError
         Without a grasp.
     """
-    grasp = solution.grasp
-    if grasp is None:
-        raise InputError("solution", "no grasp", "a solution with a grasp")
+    grasp = solution.require_grasp()
     scene = trimesh.Scene()
     if solution.drawing is not None:
         shapes = [("body", solution.drawing.body, "body"), *((name, s, "link") for name, s in solution.drawing.links)]
@@ -63,3 +61,6 @@ def _opening(point: FloatArray, normal: FloatArray, height: float) -> FloatArray
     pose[:3, :3] = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], normal)[:3, :3]
     pose[:3, 3] = point - height * normal
     return pose
+
+
+GLB = ExportFormat("glb", ".glb", "a scene", lambda solution, _: glb(solution))

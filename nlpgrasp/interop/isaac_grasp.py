@@ -12,6 +12,7 @@ import yaml
 
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.interop.formats import ExportFormat, ExportOptions, Need
 from nlpgrasp.solution.solution import GraspSolution
 
 FORMAT, VERSION = "isaac_grasp", 1.0
@@ -143,3 +144,10 @@ def _joints(where: str, data: Any) -> dict[str, float]:
     if not isinstance(data, Mapping):
         raise InputError(where, data, "joint positions by name")
     return {str(joint): number(f"{where}.{joint}", value) for joint, value in data.items()}
+
+
+def _single(solution: GraspSolution, options: ExportOptions) -> str:
+    return isaac_grasp({"grasp_0": solution})
+
+
+ISAAC_GRASP = ExportFormat("isaac_grasp", ".yaml", "a gripper's pose and joints", _single, Need.NOTHING)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.budgets.registry import names_for_any_frames
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.interop.isaac_grasp import IsaacGrasp
+from nlpgrasp.interop.formats import ReadFormat, ReadGrasp, ReadOptions
+from nlpgrasp.interop.isaac_grasp import IsaacGrasp, read_isaac_grasps
 from nlpgrasp.problem.problem import GraspProblem
 
 SLIDES, SHARE = 60, 0.5
@@ -96,3 +99,19 @@ def _joints(hand: URDFHand, given: Mapping[str, float], name: str) -> FloatArray
         what = f"no position of joint {missing[0]}" if missing else f"joint {unknown[0]}"
         raise InputError(f"{name}.cspace_position", what, f"the hand's joints: {', '.join(free)}")
     return np.array([given[joint] for joint in free])
+
+
+def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
+    """Yield the grasps that a problem's hand makes in the postures of an isaac_grasp file."""
+    if options.problem is None:
+        raise InputError("--problem", "nothing", "the script of a problem whose hand the isaac_grasp file is for")
+    postures = read_isaac_grasps(path)
+    problem = options.problem()
+    if problem.budget.depends_on_frames:
+        allowed = "a problem with one of " + ", ".join(names_for_any_frames())
+        raise InputError("--problem", f"force budget {problem.budget.kind}", allowed)
+    for posture in postures:
+        yield ReadGrasp(posture.name, grasp_of_posture(problem, posture), problem.task, problem.budget)
+
+
+POSTURES = ReadFormat((".yaml", ".yml"), ("problem",), _read)

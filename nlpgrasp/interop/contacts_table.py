@@ -1,0 +1,124 @@
+"""Grasps made by other tools, from tables of contacts."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from nlpgrasp.budgets import budget_from_dict, force_budget
+from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.interop.contacts_csv import FRICTION, MODEL, NORMAL, POSITION, TORSION
+from nlpgrasp.interop.formats import ReadFormat, ReadGrasp, ReadOptions
+from nlpgrasp.solution.solution import GraspSolution
+
+MOST_ROWS = 1000
+UNIT = 1e-2  # how far a normal may be from unit length: other tools write few digits
+
+
+def read_contacts_csv(path: str | Path, friction: float | None = None) -> Grasp:
+    """Return the grasp of a table of contacts, moments about their mean position.
+
+    Parameters
+    ----------
+    path : str or Path
+        With a header that names the columns ``p_x, p_y[, p_z], n_x, n_y[, n_z]`` (metres, inward normals), and
+        optionally ``friction``, ``torsional_friction`` and ``model`` (``point``, ``friction`` or ``soft``, which the
+        coefficients have to agree with); other columns play no part.
+    friction : float, optional
+        Of contacts whose row has none: frictionless when left out.
+
+    Raises
+    ------
+    InputError
+        On a file that is no such table, naming row and column.
+    """
+    name = str(path)
+    try:
+        reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
+        rows, header = list(reader), reader.fieldnames or []
+    except OSError as error:
+        raise InputError(name, error.strerror, "a CSV table of contacts that exists") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(name, f"no table ({error})", "a CSV table of contacts") from None
+    columns = [c.strip() for c in header if c]
+    twice = [c for c in columns if columns.count(c) > 1]
+    if twice:
+        raise InputError(f"{name}: header", f"two columns {twice[0]}", "each column once")
+    space = 3 if "p_z" in columns else 2
+    missing = [c for c in (*POSITION[:space], *NORMAL[:space]) if c not in columns]
+    if missing:
+        raise InputError(f"{name}: header", f"no column {missing[0]}", ", ".join((*POSITION, *NORMAL)) + ", then rows")
+    if not rows:
+        raise InputError(name, "a header without rows", "a row for each contact")
+    if len(rows) > MOST_ROWS:
+        raise InputError(name, f"{len(rows)} contacts", f"at most {MOST_ROWS}")
+    table = [{(k or "").strip(): v for k, v in row.items()} for row in rows]
+    points = np.array([[_number(name, i, row, c) for c in POSITION[:space]] for i, row in enumerate(table)])
+    normals = np.array([[_number(name, i, row, c) for c in NORMAL[:space]] for i, row in enumerate(table)])
+    lengths = np.linalg.norm(normals, axis=1)
+    far = int(np.argmax(np.abs(lengths - 1.0)))
+    if abs(lengths[far] - 1.0) > UNIT:
+        raise InputError(f"{name}: row {far + 2}", f"a normal of length {lengths[far]:.4g}", "unit normals, inward")
+    models = [_model(name, i, row, friction) for i, row in enumerate(table)]
+    return Grasp(points, normals / lengths[:, None], models, points.mean(axis=0))
+
+
+def _number(name: str, index: int, row: dict[str, str | None], column: str) -> float:
+    text = (row.get(column) or "").strip()
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(f"{name}: row {index + 2}, {column}", text or "nothing", "a finite number")
+    return value
+
+
+def _model(name: str, index: int, row: dict[str, str | None], friction: float | None) -> ContactModel:
+    """Return the contact model of a row: soft with torsion, with friction, or frictionless."""
+    given = {c: _number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
+    slide = given.get(FRICTION, friction)
+    where = f"{name}: row {index + 2}"
+    if given.get(TORSION) and not slide:
+        raise InputError(f"{where}, {TORSION}", given[TORSION], "torsion of a contact with friction")
+    try:
+        model: ContactModel = PointContact() if not slide else FrictionContact(slide)
+        if slide and given.get(TORSION):
+            model = SoftContact(slide, given[TORSION])
+    except InputError as error:
+        raise InputError(f"{where}, {error.field}", error.given, error.allowed) from None
+    stated = (row.get(MODEL) or "").strip()
+    if stated and stated != model.kind:
+        raise InputError(
+            f"{where}, {MODEL}", stated, f"{model.kind!r}, which its columns say; others need a solution file"
+        )
+    return model
+
+
+def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
+    """Yield the grasp of a table, about the task of a solution file where one is given."""
+    grasp = read_contacts_csv(path, options.friction)
+    if options.task is None:
+        yield ReadGrasp(path.name, grasp, None, force_budget("l2"))
+        return
+    other = GraspSolution.load(options.task)
+    if other.grasp is None:
+        raise InputError(f"{options.task}: grasp", "none", "a file that says what point its moments are about")
+    if other.task.dimension != grasp.dimension:
+        raise InputError("--task", f"dimension {other.task.dimension}", f"dimension {grasp.dimension}, as the contacts")
+    about = Grasp(grasp.points, grasp.normals, grasp.contacts, other.grasp.torque_origin, grasp.tangents)
+    stated = other.problem["force_budget"]
+    if not isinstance(stated, str):
+        raise InputError(
+            "--task", "a file whose force budget is that of its own contacts", "one with another force budget"
+        )
+    yield ReadGrasp(path.name, about, other.task, budget_from_dict(stated))
+
+
+CONTACTS_TABLE = ReadFormat((".csv",), ("friction", "task"), _read)

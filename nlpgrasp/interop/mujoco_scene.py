@@ -1,0 +1,14 @@
+"""Grasps as MuJoCo scenes: fingertips alone, or the hand's own model."""
+
+from __future__ import annotations
+
+from nlpgrasp.interop.formats import ExportFormat, ExportOptions, Need
+from nlpgrasp.mjcf import mjcf, mjcf_with_hand
+from nlpgrasp.solution.solution import GraspSolution
+
+
+def _scene(solution: GraspSolution, options: ExportOptions) -> str:
+    return mjcf(solution) if options.hand is None else mjcf_with_hand(solution, options.hand)
+
+
+MJCF = ExportFormat("mjcf", ".xml", "a MuJoCo scene", _scene, Need.NOTHING, takes_hand=True)
