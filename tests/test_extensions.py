@@ -14,6 +14,7 @@ import nlpgrasp as ng
 from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
 from nlpgrasp.budgets.registry import register as register_budget
 from nlpgrasp.budgets.sets.base import ForceSet
+from nlpgrasp.common.rows import Row
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.contacts.base import CONTACTS
 from nlpgrasp.contacts.cones.range_cone import RangeContact
@@ -103,7 +104,7 @@ class Weighed(ForceBudget):
 
     def rows(self, contacts, forces, normals):
         parts = zip(self.weights(len(contacts)), contacts, forces, normals, strict=True)
-        return [("force budget", sum(w * c.normal_force(x, n) for w, c, x, n in parts), -np.inf, 1.0)]
+        return [Row("force budget", sum(w * c.normal_force(x, n) for w, c, x, n in parts), upper=1.0)]
 
     def to_dict(self):
         return {"type": self.kind, "growth": self.growth}

@@ -118,7 +118,7 @@ def test_the_programs_rows_say_the_same(name, budget, rng):
                 for c, r, n in zip(grasp.contacts, ranges(grasp.contacts, 3), grasp.normals, strict=True)
             ]
             rows = given.rows(grasp.contacts, forces, [ca.DM(n) for n in grasp.normals])
-            kept = all(lower <= float(value) <= upper for _, value, lower, upper in rows)
+            kept = all(row.lower <= float(row.expression) <= row.upper for row in rows)
             assert kept == (factor < 1.0)
 
 
