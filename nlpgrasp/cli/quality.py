@@ -57,7 +57,7 @@ def _measure(given: ReadGrasp, rtol: float, torque_scale: float | None, as_json:
     ball = delta(grasp, scale, rtol, force_budget=budget)
     volume = nu(grasp, scale, rtol, force_budget=budget)
     stable = ball.lower > 0.0
-    kind = "mu" if task is None or task.is_centred else "mu_tilde"
+    kind = "mu" if task is None else task.measure
     if as_json:
         data = {"name": given.name, "kind": kind, "mu": None if found is None else pair(found), "delta": pair(ball)}
         more = {"nu": pair(volume), "nu_value": volume.value, "nu_error": volume.error, "stable": stable}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.budgets import budget_from_dict, force_budget
+from nlpgrasp.budgets import force_budget
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
@@ -113,12 +113,11 @@ def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     if other.task.dimension != grasp.dimension:
         raise InputError("--task", f"dimension {other.task.dimension}", f"dimension {grasp.dimension}, as the contacts")
     about = Grasp(grasp.points, grasp.normals, grasp.contacts, other.grasp.torque_origin, grasp.tangents)
-    stated = other.problem["force_budget"]
-    if not isinstance(stated, str):
+    if other.budget.depends_on_frames:
         raise InputError(
             "--task", "a file whose force budget is that of its own contacts", "one with another force budget"
         )
-    yield ReadGrasp(path.name, about, other.task, budget_from_dict(stated))
+    yield ReadGrasp(path.name, about, other.task, other.budget)
 
 
 CONTACTS_TABLE = ReadFormat((".csv",), ("friction", "task"), _read)

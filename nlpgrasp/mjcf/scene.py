@@ -76,13 +76,12 @@ def mjcf(
     InputError
         Without a grasp or a drawing, or with bilateral contacts.
     """
-    held = solution.grasp if grasp is None else grasp
-    if held is None or solution.drawing is None:
-        raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
+    drawing = solution.require_drawing()
+    held = solution.require_grasp() if grasp is None else grasp
     for given in held.contacts:
         if not given.unilateral:
             raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
-    weight = mass_of(solution.drawing.body, DENSITY) if mass is None else mass
+    weight = mass_of(drawing.body, DENSITY) if mass is None else mass
     x = pressing(held) if forces is None else forces
     unit = scales(held, float(np.linalg.norm(x)), weight.mass) if unit is None else unit
     step = STEP * unit.time
@@ -93,10 +92,10 @@ def mjcf(
     SubElement(root, "option", SOLVER, timestep=f"{step:.6g}", gravity="0 0 0")
     SubElement(SubElement(root, "default"), "pair", solref=f"{STIFF * step:.6g} 1", solimp="0.95 0.99 1e-6")
     asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
-    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * drawn_size(solution.drawing, held.points)]), dir="0 0 -1")
-    add_object(asset, world, held, solution.drawing, weight, unit if fingertips else None)
+    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * drawn_size(drawing, held.points)]), dir="0 0 -1")
+    add_object(asset, world, held, drawing, weight, unit if fingertips else None)
     if fingertips:
-        add_links(asset, world, solution.drawing)
+        add_links(asset, world, drawing)
         contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
         for i, model in enumerate(held.contacts):
             add_fingertip(world, held, i, unit, stiffness)

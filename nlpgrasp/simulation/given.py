@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nlpgrasp.budgets import ForceBudget, budget_from_dict
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.shown.words import wrench_words
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray, number
@@ -18,7 +18,6 @@ from nlpgrasp.mjcf.scene import DENSITY, mjcf
 from nlpgrasp.quality import FingerForces, finger_forces, mu
 from nlpgrasp.simulation.press import Press
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import task_from_dict
 from nlpgrasp.tasks.mass import Mass, mass_of
 
 EARTH = 9.81
@@ -73,19 +72,17 @@ class Given:
 
 def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> Given:
     """Return what a simulation of a solution starts from; arguments as those of ``simulate``."""
-    grasp = solution.grasp
-    if grasp is None or not solution.success or solution.drawing is None:
-        raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
-    if solution.mu.upper > WIDEST * solution.mu.lower:
+    drawing, grasp = solution.require_drawing(), solution.require_grasp()
+    if not solution.success or solution.mu.upper > WIDEST * solution.mu.lower:
         raise InputError("quality.mu", str(solution.mu), f"bounds within a factor of {WIDEST:g}: solve it again")
-    budget, task = budget_from_dict(solution.problem["force_budget"]), task_from_dict(solution.problem["task"])
+    budget, task = solution.budget, solution.task
     effort = 1.0 if budget.absolute else 1.0 / solution.mu.lower
     hardest = solution.mu.worst_direction
     if hardest is None:
         hardest = mu(grasp, task, RTOL, force_budget=budget).worst_direction
     ends = [] if hardest is None else [task.support(hardest[None, :])[1][0]]
     wrenches = effort * solution.mu.lower * np.array([*ends, *task.ends()[:count]])
-    whole = mass_of(solution.drawing.body, DENSITY)
+    whole = mass_of(drawing.body, DENSITY)
     carrying = _carrying(grasp, whole)
     found = finger_forces(grasp, carrying, force_budget=budget)
     if mass is not None:

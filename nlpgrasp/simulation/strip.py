@@ -58,9 +58,7 @@ def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Pat
 
 def _draw(ax: Axes3D, solution: GraspSolution, snapshot: Snapshot, factor: float) -> None:
     """Draw body, contacts and fingertips at one time."""
-    grasp, drawing = solution.grasp, solution.drawing
-    if grasp is None or drawing is None:
-        return
+    drawing, grasp = solution.require_drawing(), solution.require_grasp()
     turn = np.eye(3) + factor * (snapshot.rotation - np.eye(3))
     moved = Triangles(drawing.body.vertices @ turn.T + factor * snapshot.position, drawing.body.faces)
     draw_triangles(ax, moved, COLOURS["body"], 0.35)

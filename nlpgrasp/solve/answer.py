@@ -63,11 +63,6 @@ class Search:
         """The starts' records."""
         return tuple(r.record for r in self.results)
 
-    @property
-    def kind(self) -> str:
-        """What mu is of this problem's task: ``"mu"``, or ``"mu_tilde"`` of a task that is not centred."""
-        return "mu" if self.problem.task.is_centred else "mu_tilde"
-
     def certificate_deadline(self) -> float | None:
         """Return when the answer's certificate has to be done; None where there is time."""
         if self.deadline is None and self.cut_short is None:
@@ -103,7 +98,9 @@ def _without_grasp(search: Search, why_not: WhyNot | None) -> GraspSolution:
     if why_not is not None and why_not.locally_infeasible:
         found = Status.LOCALLY_INFEASIBLE
     problem, status = search.problem, search.cut_short or found
-    return GraspSolution(status, problem.name, problem.to_dict(), kind=search.kind, why_not=why_not, starts=records)
+    return GraspSolution(
+        status, problem.name, problem.to_dict(), kind=problem.task.measure, why_not=why_not, starts=records
+    )
 
 
 def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolution:
@@ -122,7 +119,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         grasp=grasp,
         faces=found.placed.faces,
         mu=Bounds(lower, upper, bounds.worst_direction),
-        kind=search.kind,
+        kind=problem.task.measure,
         delta=delta(grasp, scale, OTHER_RTOL, force_budget=budget) if limit is None else None,
         nu=_volume(grasp, scale, budget) if limit is None else None,
         forces=forces,

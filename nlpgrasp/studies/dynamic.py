@@ -177,7 +177,7 @@ def _placed(bench: Workbench, branch: AscentState, rng: np.random.Generator) -> 
         grasp=found.grasp,
         faces=found.placed.faces,
         mu=Bounds(bounds.lower, bounds.upper, bounds.worst_direction),
-        kind="mu" if problem.task.is_centred else "mu_tilde",
+        kind=problem.task.measure,
         hand=None if problem.hand is None or not hand else problem.hand.describe(hand),
         surface=found.surface,
     )

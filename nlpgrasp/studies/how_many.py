@@ -46,8 +46,7 @@ class ContactCurve:
     def __str__(self) -> str:
         lines = []
         for k, found in self.solutions:
-            kind = "mu-tilde" if found.kind == "mu_tilde" else "mu"
-            bounds = f"{kind} in {found.mu}" if found.success else found.status.name.lower()
+            bounds = f"{found.label} in {found.mu}" if found.success else found.status.name.lower()
             lines.append(f"{k:3d} contacts: {bounds}")
         return "\n".join(lines)
 

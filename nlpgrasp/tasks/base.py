@@ -44,6 +44,11 @@ class Task(ABC):
     def is_centred(self) -> bool:
         """Whether the set is symmetric about the origin: mu is then (3.3-4a), otherwise mu-tilde (3.3-4b)."""
 
+    @property
+    def measure(self) -> str:
+        """The measure of grasps for this task: ``"mu"``, or ``"mu_tilde"`` where it is not centred."""
+        return "mu" if self.is_centred else "mu_tilde"
+
     @abstractmethod
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function and a maximiser for each direction.

@@ -36,7 +36,7 @@ def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Chec
     """Compare the grasp's contact models and the kind of measure with the problem's."""
     asked = [contact_from_dict(c) for c in solution.problem["contacts"]]
     same = [c.to_dict() for c in asked] == [c.to_dict() for c in grasp.contacts]
-    kind = "mu" if task.is_centred else "mu_tilde"
+    kind = task.measure
     return [
         Check("contact models", same, f"{len(grasp)} contacts, {'as' if same else 'not as'} the problem asks"),
         Check("kind of measure", solution.kind == kind, f"stated {solution.kind}, by the task {kind}"),

@@ -43,7 +43,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     placement = StatedPlacement(
         grasp.points, grasp.normals, size, hand, lambda body: BODIES.of(body)(body, sources), values
     )
-    promise = PROMISE * (ON_MESH if solution.problem["body"]["type"] == "mesh" else 1.0)
+    promise = PROMISE * (ON_MESH if solution.body["type"] == "mesh" else 1.0)
     parts: dict[str, Callable[[], Iterable[RowValue]]] = {
         f"constraint {i}, {data['type']}": partial(_constraint_rows, data, placement)
         for i, data in enumerate(solution.problem["constraints"])

@@ -30,7 +30,7 @@ def surface_checks(
 ) -> tuple[Surface | None, list[Check]]:
     """Return the held body as numbers, None where it cannot be had, and the checks of contacts and normals on it."""
     tips = _tips(hand, len(grasp))
-    body = solution.problem["body"]
+    body = solution.body
     try:
         surface = BODIES.of(body)(body, sources)
     except OtherMeshError as other:

@@ -10,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import task_from_dict
 from nlpgrasp.verify.check import Check, Verification
 from nlpgrasp.verify.evidence import direction_checks, force_checks, grasp_map_check, model_checks
 from nlpgrasp.verify.measures import OTHER_SEED, interval, other_measures, overlap, robustness
@@ -55,8 +53,7 @@ def verify(
     grasp = solution.grasp
     if grasp is None:
         return Verification((Check("grasp", False, f"the file holds no grasp ({solution.status.name.lower()})"),), None)
-    task = task_from_dict(solution.problem["task"])
-    budget = budget_from_dict(solution.problem["force_budget"])
+    task, budget = solution.task, solution.budget
     found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
     force_set = budget.at(grasp.frames, grasp.contacts)
     checks = [

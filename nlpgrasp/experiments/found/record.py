@@ -6,8 +6,8 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.found.wording import one_line
 from nlpgrasp.quality import Bounds
@@ -150,7 +150,7 @@ def _with_fingers(name: str, fingers: Sequence[tuple[int, ...]]) -> str:
 ALSO_RECORDED = {"unit", "approach", "link_spheres", "watched_pairs"}  # of body and hand, not in older files
 
 
-def asked_of(problem: Mapping[str, Any]) -> str:
+def asked_of(problem: Json) -> str:
     """Return a digest of a problem's JSON data; budgets are left out: of a hand they are stated in its posture."""
     parts = {k: problem.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
     for name in ("body", "hand"):
@@ -162,7 +162,5 @@ def asked_of(problem: Mapping[str, Any]) -> str:
 
 def _measured(solution: GraspSolution) -> str:
     """Return a digest of what mu is measured by: task and kind of budget."""
-    budget = solution.problem["force_budget"]
-    kind = budget if isinstance(budget, str) else budget.get("type")
-    text = json.dumps([solution.problem["task"], kind], sort_keys=True)
+    text = json.dumps([solution.problem["task"], solution.budget.kind], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.common.shown.words import wrench_words
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import finger_forces
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import task_from_dict
 
 MOST = 25  # wrenches
 
@@ -37,9 +35,10 @@ class ChosenWrench:
 
 def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     """Return the hardest wrench of the task and the ends of its semi-axes; those that fingers can produce."""
-    grasp, task = solution.grasp, task_from_dict(solution.problem["task"])
-    if grasp is None or solution.mu.lower <= 0.0:
+    grasp = solution.grasp
+    if grasp is None or not solution.success:
         return []
+    task = solution.task
     wrenches, names = [], []
     if solution.mu.worst_direction is not None:
         wrenches.append(task.support(solution.mu.worst_direction[None, :])[1][0])
@@ -48,7 +47,7 @@ def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
         wrenches.append(wrench)
         names.append(f"task wrench {i + 1}")
     scaled = solution.mu.lower * np.array(wrenches)
-    found = finger_forces(grasp, scaled, force_budget=budget_from_dict(solution.problem["force_budget"]))
+    found = finger_forces(grasp, scaled, force_budget=solution.budget)
     return [
         ChosenWrench(f"{name}: {wrench_words(w)}", w, grasp.contact_wrenches(x)[:, : grasp.space])
         for name, w, x, feasible in zip(names, scaled, found.forces, found.feasible, strict=True)

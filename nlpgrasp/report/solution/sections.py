@@ -51,16 +51,15 @@ def interval(solution: GraspSolution) -> str:
     """Return the certified interval, in words and as a bar from zero."""
     if solution.grasp is None:
         return ""
-    kind = "mu-tilde" if solution.kind == "mu_tilde" else "mu"
     most = 1.15 * solution.mu.upper or 1.0
     left, width = 100.0 * solution.mu.lower / most, 100.0 * (solution.mu.upper - solution.mu.lower) / most
-    words = f"{kind} is certified in {solution.mu}, a gap of {solution.mu.gap:.1%}"
+    words = f"{solution.label} is certified in {solution.mu}, a gap of {solution.mu.gap:.1%}"
     effort = (
         f": the task as given needs finger forces of {1.0 / solution.mu.lower:.4g} in total"
         if solution.mu.lower
         else ""
     )
-    unit = f" (force budget {escape(str(_budget(solution)))})"
+    unit = f" (force budget {escape(solution.budget.kind)})"
     span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
     bar = f'<div class="bar" role="img" aria-label="{escape(words)}">{span}</div>'
     return f"<h3>Certified quality</h3><p>{escape(words + effort)}{unit}.</p>{bar}"
@@ -171,11 +170,6 @@ def inputs(name: str, solution: GraspSolution) -> str:
         f"<h3>Do it again</h3><pre>{escape(again)}</pre>"
         f"<details><summary>All inputs, options and versions</summary><pre>{text}</pre></details>"
     )
-
-
-def _budget(solution: GraspSolution) -> Any:
-    budget = solution.problem["force_budget"]
-    return budget if isinstance(budget, str) else budget.get("type")
 
 
 def _numbers(values: Any) -> str:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.budgets import budget_from_dict
 from nlpgrasp.common.shown.words import axis_labels
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import Task, task_from_dict
+from nlpgrasp.tasks import Task
 
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)
 
@@ -41,8 +40,8 @@ def shadows(solution: GraspSolution) -> list[Shadow]:
     grasp = solution.grasp
     if grasp is None:
         return []
-    reachable = WrenchSet.of(grasp, budget_from_dict(solution.problem["force_budget"]))
-    task, scale = task_from_dict(solution.problem["task"]), solution.mu.lower
+    reachable = WrenchSet.of(grasp, solution.budget)
+    task, scale = solution.task, solution.mu.lower
     d = grasp.dimension
     labels = axis_labels(d)
     spatial = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
