@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.common.jointed import JointedHand
 from nlpgrasp.common.rows import Row
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import ContactModel, Work
 from nlpgrasp.errors import InputError
 
 
@@ -61,15 +61,15 @@ class ForceBudget(ABC):
         return self
 
     def closed_form(
-        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
-    ) -> tuple[Any, int] | None:
+        self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
+    ) -> tuple[Expression, int] | None:
         """Return a smooth closed form of the support function (symbolic), or ``None`` where there is none.
 
         Parameters
         ----------
         contacts : sequence of k ContactModel
-        work : sequence of k triples
-            ``z_n``, ``|z_t|`` and ``|z_torsion|`` of each contact.
+        work : sequence of k Work
+            Of each contact.
         ops : module
             ``numpy`` or ``casadi``.
 
@@ -80,9 +80,7 @@ class ForceBudget(ABC):
         """
         return None
 
-    def pieces(
-        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
-    ) -> list[Any] | None:
+    def pieces(self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops) -> list[Expression] | None:
         """Return smooth functions whose largest is the support (symbolic), one a contact, or ``None``.
 
         For supports with kinks; arguments as in ``closed_form``.
@@ -94,7 +92,9 @@ class ForceBudget(ABC):
         return 1.0
 
     @abstractmethod
-    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+    def rows(
+        self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
+    ) -> list[Row]:
         """Return the budget's rows on the program's force variables (symbolic)."""
 
     def __eq__(self, other: object) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
 from nlpgrasp.common.jointed import JointedHand, PosedHand
 from nlpgrasp.common.rows import Row
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -66,7 +66,9 @@ class HandTorques(ForceBudget):
         instead = "ng.hand_torque_limits(hand, posture, points)"
         raise InputError("force_budget", '"hand_torques" without a posture', instead)
 
-    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+    def rows(
+        self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
+    ) -> list[Row]:
         """Return no rows: the program carries no forces, its cuts come from virtual work (``nlp/virtual_work.py``)."""
         return []
 
@@ -81,7 +83,7 @@ class HandTorques(ForceBudget):
 
 
 def hand_torque_limits(
-    hand: PosedHand, posture: Mapping[str, Any], points: ArrayLike, force_limit: float = MOST_FORCE
+    hand: PosedHand, posture: Json, points: ArrayLike, force_limit: float = MOST_FORCE
 ) -> SharedJointTorqueLimits:
     """Return the force budget that a hand's joint-torque limits are in a grasp: ``HandTorques``, posed.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.torques import TorqueSet, check_jacobian, torque_rows
 from nlpgrasp.common.rows import Row
 from nlpgrasp.common.spatial import wrench_dimension
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -55,7 +55,7 @@ class JointTorqueLimits(ForceBudget):
         for i, J in enumerate(self.jacobians):
             if not J.size:
                 raise InputError(f"JointTorqueLimits.jacobians[{i}]", f"shape {J.shape}", "at least one joint")
-        several: list[Any] = [limits] * len(given)
+        several: list[object] = [limits] * len(given)
         if isinstance(limits, list | tuple) or (isinstance(limits, np.ndarray) and limits.ndim > 0):
             several = list(limits)
         if len(several) != len(given):
@@ -85,7 +85,9 @@ class JointTorqueLimits(ForceBudget):
         arms = [np.max(np.linalg.norm(J, axis=0) / tau) for J, tau in zip(self.jacobians, self.limits, strict=True)]
         return float(np.mean([1.0 / max(arm, 1e-12) for arm in arms]))
 
-    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+    def rows(
+        self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
+    ) -> list[Row]:
         """Return ``-1 <= (J_i^T f_i) / tau_i <= 1`` for every joint."""
         result: list[Row] = []
         for i, (contact, x, n) in enumerate(zip(contacts, forces, normals, strict=True)):
@@ -113,7 +115,7 @@ class JointTorqueLimits(ForceBudget):
         return cls(data.get("jacobians", ()), data.get("limits", ()))
 
 
-def _limits(i: int, value: Any, joints: int) -> FloatArray:
+def _limits(i: int, value: object, joints: int) -> FloatArray:
     """Return the limits of one contact's joints."""
     name = f"JointTorqueLimits.limits[{i}]"
     if isinstance(value, np.ndarray) and value.ndim == 0:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import ContactModel, Work
 
 
 class L2Budget(ForceBudget):
@@ -23,12 +24,14 @@ class L2Budget(ForceBudget):
         return L2Set(contacts, frames.shape[1])
 
     def closed_form(
-        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
-    ) -> tuple[Any, int] | None:
+        self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
+    ) -> tuple[Expression, int] | None:
         """Return ``phi^2``, the sum of the contacts' ``|P_Ki(z_i)|^2``."""
-        squares = [c.squared_support(*w, ops) for c, w in zip(contacts, work, strict=True)]
+        squares = [c.squared_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(s is None for s in squares) else (sum(squares), 2)
 
-    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+    def rows(
+        self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
+    ) -> list[Row]:
         """Return ``|x|^2 <= 1``."""
         return [Row("force budget", sum(x.T @ x for x in forces), upper=1.0)]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from nlpgrasp.budgets.base import SMOOTH, ForceBudget
 from nlpgrasp.budgets.sets.per_finger import PerFingerSet
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import ContactModel, Work
 
 
 class PerFingerBudget(ForceBudget):
@@ -23,13 +24,15 @@ class PerFingerBudget(ForceBudget):
         return PerFingerSet(contacts, frames.shape[1])
 
     def closed_form(
-        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
-    ) -> tuple[Any, int] | None:
+        self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
+    ) -> tuple[Expression, int] | None:
         """Return the sum of the contacts' ``max(0, z_n + mu |z_t|)``, rounded where one is 0."""
-        parts: list[Any] = [c.linear_support(*w, ops) for c, w in zip(contacts, work, strict=True)]
+        parts: list[Expression] = [c.linear_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(p is None for p in parts) else (sum(0.5 * (p + ops.sqrt(p**2 + SMOOTH)) for p in parts), 1)
 
-    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+    def rows(
+        self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
+    ) -> list[Row]:
         """Return ``f_n <= 1`` for every contact."""
         return [
             Row("force budget", c.normal_force(x, n), upper=1.0, fingers=(i,))

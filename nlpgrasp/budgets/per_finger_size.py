@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from nlpgrasp.budgets.base import SMOOTH, ForceBudget
 from nlpgrasp.budgets.sets.per_finger_size import PerFingerSizeSet
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import ContactModel, Work
 
 
 class PerFingerSizeBudget(ForceBudget):
@@ -22,12 +23,14 @@ class PerFingerSizeBudget(ForceBudget):
         return PerFingerSizeSet(contacts, frames.shape[1])
 
     def closed_form(
-        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
-    ) -> tuple[Any, int] | None:
+        self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
+    ) -> tuple[Expression, int] | None:
         """Return the sum of the contacts' ``|P_Ki(z_i)|``, rounded where one is 0."""
-        squares: list[Any] = [c.squared_support(*w, ops) for c, w in zip(contacts, work, strict=True)]
+        squares: list[Expression] = [c.squared_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(s is None for s in squares) else (sum(ops.sqrt(s + SMOOTH) for s in squares), 1)
 
-    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+    def rows(
+        self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
+    ) -> list[Row]:
         """Return ``|x_i|^2 <= 1`` for every contact."""
         return [Row("force budget", x.T @ x, upper=1.0, fingers=(i,)) for i, x in enumerate(forces)]

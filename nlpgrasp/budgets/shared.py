@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.shared import SharedSet
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import ContactModel, Work
 
 
 class SharedBudget(ForceBudget):
@@ -25,14 +26,14 @@ class SharedBudget(ForceBudget):
         """Return the forces in the cones that it allows."""
         return SharedSet(contacts, frames.shape[1])
 
-    def pieces(
-        self, contacts: Sequence[ContactModel], work: Sequence[tuple[Any, Any, Any]], ops: Any
-    ) -> list[Any] | None:
+    def pieces(self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops) -> list[Expression] | None:
         """Return the contacts' ``z_n + mu |z_t|``."""
-        parts = [c.linear_support(*w, ops) for c, w in zip(contacts, work, strict=True)]
+        parts = [c.linear_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(p is None for p in parts) else parts
 
-    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+    def rows(
+        self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
+    ) -> list[Row]:
         """Return ``sum f_n <= 1``."""
         total = sum(c.normal_force(x, n) for c, x, n in zip(contacts, forces, normals, strict=True))
         return [Row("force budget", total, upper=1.0)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.torques import TorqueSet, check_jacobian, torque_rows
 from nlpgrasp.common.rows import Row
 from nlpgrasp.common.spatial import wrench_dimension
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.product import ranges
@@ -90,9 +90,11 @@ class SharedJointTorqueLimits(ForceBudget):
         least = 1e-12 if self.force_limit is None else 1.0 / self.force_limit
         return float(np.mean([1.0 / max(arm, least) for arm in arms]))
 
-    def rows(self, contacts: Sequence[ContactModel], forces: Sequence[Any], normals: Sequence[Any]) -> list[Row]:
+    def rows(
+        self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
+    ) -> list[Row]:
         """Return ``-1 <= (sum_i J_i^T f_i) / tau <= 1`` for every joint, and ``f_n / F <= 1`` for every contact."""
-        totals: list[Any] = [0.0] * len(self.limits)
+        totals: list[Expression] = [0.0] * len(self.limits)
         result: list[Row] = []
         for i, (contact, x, n) in enumerate(zip(contacts, forces, normals, strict=True)):
             force, moment = contact.split(x, n)

@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 Expression: TypeAlias = Any
 """A CasADi expression, column or scalar: ``SX`` in the program, ``MX`` where a mesh's spline takes part, ``DM`` with
 numbers in place of symbols. Constraints, hands and bodies are written once for all three, which share operators but no
 base class that says so; what is of one kind alone is typed as that kind."""
+
+
+class Ops(Protocol):
+    """The functions that ``numpy`` and ``casadi`` share, for formulas that serve numbers and expressions alike."""
+
+    def fmax(self, a: Expression, b: Expression, /) -> Expression:
+        """Return the larger."""
+
+    def fmin(self, a: Expression, b: Expression, /) -> Expression:
+        """Return the smaller."""
+
+    def sqrt(self, a: Expression, /) -> Expression:
+        """Return the root."""
+
 
 Json: TypeAlias = Mapping[str, Any]
 """A JSON object: what ``to_dict`` writes and ``from_dict`` reads. Files are checked against the schema when they are

@@ -2,6 +2,7 @@
 
 from nlpgrasp.contacts.base import ContactModel, contact_from_dict
 from nlpgrasp.contacts.bilateral import BilateralContact
+from nlpgrasp.contacts.cones.terms import Work
 from nlpgrasp.contacts.friction import FrictionContact
 from nlpgrasp.contacts.line import LineContact
 from nlpgrasp.contacts.plane import PlaneContact
@@ -17,6 +18,7 @@ __all__ = [
     "PlaneContact",
     "PointContact",
     "SoftContact",
+    "Work",
     "contact_from_dict",
     "register",
 ]

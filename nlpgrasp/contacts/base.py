@@ -5,17 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from nlpgrasp.common.registry import Registry
 from nlpgrasp.common.spatial import tangents as any_tangents
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, names
+from nlpgrasp.contacts.cones.terms import Blocks, Work, upper_triangle
 from nlpgrasp.errors import InputError
 
-Blocks = tuple[tuple[slice, float], ...]
 MISSING = float("nan")  # in place of a number that a file lacks: refused by every model that needs it
 
 
@@ -76,7 +76,7 @@ class ContactModel(ABC):
         InputError
             On a value that the field does not allow.
         """
-        changes: dict[str, Any] = {**values}
+        changes: Json = values
         return replace(self, **changes)
 
     def with_friction(self, factor: float) -> Self:
@@ -167,29 +167,29 @@ class ContactModel(ABC):
         """Return matrices M such that K_i is where every ``M x`` is in a second-order cone (one row: at least 0)."""
 
     @abstractmethod
-    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+    def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
         """Return the force and the moment about the contact point of NLP variables ``x`` (symbolic, body frame).
 
         The moment is a scalar in the plane, a column in space, or ``None``.
         """
 
     @abstractmethod
-    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+    def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return named expressions that are all non-negative exactly when ``x`` is in K_i (symbolic)."""
 
-    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+    def squared_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``||P_K(z)||^2`` in closed form (symbolic), or ``None`` when there is none.
 
         Parameters
         ----------
-        normal, tangential, torsion : expression
-            ``z_n``, ``|z_t| >= 0`` and ``|z_torsion| >= 0``.
+        work : Work
+            z, as far as it matters.
         ops : module
-            ``numpy`` or ``casadi``: supplies ``fmax`` and ``fmin``.
+            ``numpy`` or ``casadi``.
         """
         return None
 
-    def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+    def linear_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return the work of unit normal force at its best, ``z_n + mu |z_t|`` and so on (symbolic).
 
         Arguments as in ``squared_support``. Negative where no pressing pays; ``None`` when there is no closed form.
@@ -205,12 +205,12 @@ class ContactModel(ABC):
         size = self.variables(normal.shape[0])
         return np.concatenate([normal, np.zeros(max(0, size - normal.shape[0]))])[:size]
 
-    def normal_force(self, x: Any, normal: Any) -> Any:
+    def normal_force(self, x: Expression, normal: Expression) -> Expression:
         """Return ``f_n`` of NLP variables ``x`` (symbolic)."""
         return normal.T @ self.split(x, normal)[0]
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the model as JSON data: ``model``, its ``kind``, and its coefficients."""
 
     @classmethod
@@ -235,14 +235,3 @@ def contact_from_dict(data: Json) -> ContactModel:
     if model is None:
         raise CONTACTS.unknown(given)
     return model.from_dict(data)
-
-
-def upper_triangle(n: int) -> list[tuple[int, int]]:
-    """Return the places of a symmetric matrix's upper triangle, row by row."""
-    return [(a, b) for a in range(n) for b in range(a, n)]
-
-
-def circle(count: int, first: float) -> FloatArray:
-    """Return unit tangential forces at even angles, (count, 3), the first at this angle from the first tangent."""
-    angles = first + 2.0 * np.pi * np.arange(count) / count
-    return np.stack([np.zeros(count), np.cos(angles), np.sin(angles)], axis=1)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.base import ContactModel, contact_from_dict, upper_triangle
+from nlpgrasp.contacts.base import ContactModel, contact_from_dict
+from nlpgrasp.contacts.cones.terms import Work, upper_triangle
 from nlpgrasp.errors import InputError
 
 
@@ -70,26 +71,27 @@ class BilateralContact(ContactModel):
         """Return the model's."""
         return self.model.pressing(normal)
 
-    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+    def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
         """Return the model's."""
         return self.model.split(x, normal)
 
-    def normal_force(self, x: Any, normal: Any) -> Any:
+    def normal_force(self, x: Expression, normal: Expression) -> Expression:
         """Return the model's."""
         return self.model.normal_force(x, normal)
 
-    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+    def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return none."""
         return []
 
-    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+    def squared_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``||z||^2`` over the model's components; ``None`` where it has moments along the surface."""
         if any(axis > 3 for axis in self.axes(3)):
             return None
         count = self.components(3)
-        return normal**2 + (tangential**2 if count >= 3 else 0.0) + (torsion**2 if count >= 4 else 0.0)
+        sliding, turning = (work.tangential**2 if count >= 3 else 0.0), (work.torsion**2 if count >= 4 else 0.0)
+        return work.normal**2 + sliding + turning
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the model under ``of``."""
         return {"model": self.kind, "of": self.model.to_dict()}
 

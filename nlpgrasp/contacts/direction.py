@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from nlpgrasp.common.spatial import tangents as any_tangents
+from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
 PARALLEL = 1e-6  # sine of the angle to the normal below which a direction says nothing
 
 
-def direction_field(field: str, value: Any) -> tuple[float, ...] | None:
+def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | None:
     """Return a direction as a unit tuple, or ``None`` when left out."""
     if value is None:
         return None
@@ -48,7 +48,9 @@ def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, nam
     return np.stack([first, np.cross(normals, first)], axis=1)
 
 
-def symbolic_tangents(normal: Any, direction: tuple[float, ...] | None, name: str) -> tuple[Any, Any]:
+def symbolic_tangents(
+    normal: Expression, direction: tuple[float, ...] | None, name: str
+) -> tuple[Expression, Expression]:
     """Return the two tangents at a symbolic normal."""
     import casadi as ca  # numeric use needs none
 

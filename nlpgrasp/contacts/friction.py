@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING, Blocks, circle
+from nlpgrasp.contacts.base import MISSING
 from nlpgrasp.contacts.cones.range_cone import RangeContact
+from nlpgrasp.contacts.cones.terms import Blocks, Work, circle
 
 
 @dataclass(frozen=True)
@@ -55,30 +56,30 @@ class FrictionContact(RangeContact):
         """Return the size of a force in the body frame."""
         return space
 
-    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+    def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
         """Return ``x`` itself: the variables are the force in the body frame."""
         return x, None
 
-    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+    def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return ``(1 + mu^2)(f.n)^2 - |f|^2`` and ``f.n`` (theory: no tangent frame in the program)."""
         pressing = normal.T @ x
         return [("friction", (1.0 + self.friction**2) * pressing**2 - x.T @ x), ("unilateral", pressing)]
 
-    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+    def squared_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``||P_K(z)||^2``: with c = 1/sqrt(1 + mu^2) and the cone's edge (c, mu c) in (z_n, |z_t|).
 
         The squares of the parts along the edge and across it towards the inside, each cut off at zero.
         """
         c2 = 1.0 / (1.0 + self.friction**2)
-        along = ops.fmax(normal + self.friction * tangential, 0.0)
-        inside = ops.fmax(self.friction * normal - tangential, 0.0)
+        along = ops.fmax(work.normal + self.friction * work.tangential, 0.0)
+        inside = ops.fmax(self.friction * work.normal - work.tangential, 0.0)
         return c2 * (along**2 + inside**2)
 
-    def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+    def linear_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``z_n + mu |z_t|``."""
-        return normal + self.friction * tangential
+        return work.normal + self.friction * work.tangential
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the model's name and coefficient."""
         return {"model": self.kind, "friction": self.friction}
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING, Blocks
+from nlpgrasp.contacts.base import MISSING
 from nlpgrasp.contacts.cones.range_cone import RangeContact
+from nlpgrasp.contacts.cones.terms import Blocks
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
 from nlpgrasp.contacts.pad import friction_coefficients, friction_fields, pressing_variables
 
@@ -89,7 +90,7 @@ class LineContact(RangeContact):
         """Return unit force along the normal and no moment."""
         return pressing_variables(normal, self.friction is not None, self.variables(len(normal)))
 
-    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+    def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
         """Return the force, and the moments about the normal and across the line."""
         force = x[0] * normal if self.friction is None else x[: normal.shape[0]]
         if normal.shape[0] == 2:
@@ -99,7 +100,7 @@ class LineContact(RangeContact):
             return force, x[1] * across
         return force, x[3] * normal + x[4] * across
 
-    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+    def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return the ranges of friction, torsion and moment, squared, and the unilateral condition."""
         pressing = self.normal_force(x, normal)
         last = x[x.shape[0] - 1]
@@ -113,7 +114,7 @@ class LineContact(RangeContact):
             rows.insert(1, ("torsion", (self.torsional_friction * pressing) ** 2 - x[3] ** 2))
         return rows
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the model's name, length, coefficients and direction."""
         return {
             "model": self.kind,

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 
 
-def friction_fields(name: str, friction: Any, torsion: Any, mean_arm: float) -> tuple[float | None, float | None]:
+def friction_fields(
+    name: str, friction: float | None, torsion: float | None, mean_arm: float
+) -> tuple[float | None, float | None]:
     """Return the checked coefficients; torsion that was left out is that of even pressure, ``friction mean_arm``."""
     if friction is None:
         if torsion is not None:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from nlpgrasp.common.spatial import tangents as any_tangents
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.contacts.base import Blocks
 from nlpgrasp.contacts.cones.range_cone import RangeContact
+from nlpgrasp.contacts.cones.terms import Blocks
 from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
 from nlpgrasp.contacts.pad import friction_coefficients, friction_fields, pressing_variables
 from nlpgrasp.errors import InputError
@@ -115,7 +115,7 @@ class PlaneContact(RangeContact):
         """Return unit force along the normal and no moment."""
         return pressing_variables(normal, self.friction is not None, self.variables(len(normal)))
 
-    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+    def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
         """Return the force and the moment."""
         import casadi as ca  # numeric use needs none
 
@@ -123,7 +123,7 @@ class PlaneContact(RangeContact):
             return x[0] * normal, ca.cross(normal, x[1:4])
         return x[:3], x[3] * normal + ca.cross(normal, x[4:7])
 
-    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+    def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return the ranges of friction, torsion and tilting, squared, and the unilateral condition."""
         import casadi as ca
 
@@ -143,7 +143,7 @@ class PlaneContact(RangeContact):
             rows.append(("torsion", (self.torsional_friction * pressing) ** 2 - x[3] ** 2))
         return rows
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the model's name, pad, coefficients and direction."""
         return {
             "model": self.kind,

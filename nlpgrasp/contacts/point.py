@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.base import Blocks
 from nlpgrasp.contacts.cones.range_cone import RangeContact
+from nlpgrasp.contacts.cones.terms import Blocks, Work
 
 
 @dataclass(frozen=True)
@@ -39,27 +39,27 @@ class PointContact(RangeContact):
         """Return ``(1,)``."""
         return np.ones(1)
 
-    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+    def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
         """Return ``x n`` and no moment."""
         return x[0] * normal, None
 
-    def normal_force(self, x: Any, normal: Any) -> Any:
+    def normal_force(self, x: Expression, normal: Expression) -> Expression:
         """Return ``x``."""
         return x[0]
 
-    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+    def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return ``f_n >= 0``."""
         return [("unilateral", x[0])]
 
-    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+    def squared_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``max(z_n, 0)^2``."""
-        return ops.fmax(normal, 0.0) ** 2
+        return ops.fmax(work.normal, 0.0) ** 2
 
-    def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+    def linear_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``z_n``."""
-        return normal
+        return work.normal
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return ``{"model": "point"}``."""
         return {"model": self.kind}
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING, Blocks, circle, upper_triangle
+from nlpgrasp.contacts.base import MISSING
 from nlpgrasp.contacts.cones import elliptic_cone
 from nlpgrasp.contacts.cones.range_cone import RangeContact
+from nlpgrasp.contacts.cones.terms import Blocks, Work, circle, upper_triangle
 from nlpgrasp.errors import InputError
 
 MODELS = ("box", "elliptic")
@@ -108,11 +109,11 @@ class SoftContact(RangeContact):
         """Return 4: the force in the body frame and the torsion moment."""
         return self.components(space)
 
-    def split(self, x: Any, normal: Any) -> tuple[Any, Any]:
+    def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
         """Return the first three variables as force, the fourth as moment about the normal."""
         return x[:3], x[3] * normal
 
-    def membership(self, x: Any, normal: Any) -> list[tuple[str, Any]]:
+    def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return the cone's inequalities, squared where that makes them polynomial."""
         force, torsion = x[:3], x[3]
         pressing = normal.T @ force
@@ -128,10 +129,11 @@ class SoftContact(RangeContact):
             cone = [("friction and torsion", pressing**2 - used)]
         return [*cone, ("unilateral", pressing)]
 
-    def squared_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+    def squared_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``||P_K(z)||^2`` for the box; the elliptic cone has no closed form."""
         if self.model != "box":
             return None
+        normal, tangential, torsion = work
         mu, mu_t = self.friction, self.torsional_friction
         pressing = ops.fmax(normal, 0.0)
         for weight, numerator in (
@@ -142,12 +144,12 @@ class SoftContact(RangeContact):
             pressing = ops.fmax(pressing, numerator / (1.0 + weight))
         return pressing**2 + ops.fmin(tangential, mu * pressing) ** 2 + ops.fmin(torsion, mu_t * pressing) ** 2
 
-    def linear_support(self, normal: Any, tangential: Any, torsion: Any, ops: Any) -> Any | None:
+    def linear_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``z_n + mu |z_t| + mu_t |z_tau|``, or with the last two as legs of a right angle."""
-        sliding, turning = self.friction * tangential, self.torsional_friction * torsion
-        return normal + (sliding + turning if self.model == "box" else ops.sqrt(sliding**2 + turning**2))
+        sliding, turning = self.friction * work.tangential, self.torsional_friction * work.torsion
+        return work.normal + (sliding + turning if self.model == "box" else ops.sqrt(sliding**2 + turning**2))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the model's name and coefficients."""
         return {
             "model": self.kind,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -138,7 +137,9 @@ class Grasp:
         return int(self.points.shape[0])
 
 
-def contact_models(field: str, contacts: Any, k: int, space: int) -> tuple[ContactModel, ...]:
+def contact_models(
+    field: str, contacts: ContactModel | Sequence[ContactModel], k: int, space: int
+) -> tuple[ContactModel, ...]:
     """Return k contact models that exist in this space, from one or k of them."""
     try:
         models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)

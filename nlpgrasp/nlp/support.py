@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.contacts import Work
 from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
 from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
@@ -15,8 +16,6 @@ from nlpgrasp.problem.problem import GraspProblem
 
 SUPPORT = "support"  # kind of the rows of containment
 SMOOTHING = 1e-12  # under the root of |z_t|^2, for its derivative at zero
-
-Work = tuple[ca.SX, ca.SX, ca.SX]  # of a contact: along its normal, across it, about it
 
 
 def support_program(
@@ -80,13 +79,13 @@ def support_program(
 
 def has_closed_form(problem: GraspProblem) -> bool:
     """Return whether the grasp's support function has a smooth closed form."""
-    nothing = [(0.0, 0.0, 0.0)] * len(problem.models)
+    nothing = [Work(0.0, 0.0, 0.0)] * len(problem.models)
     return problem.budget.closed_form(problem.models, nothing, np) is not None
 
 
 def has_pieces(problem: GraspProblem) -> bool:
     """Return whether the grasp's support function is the largest of smooth pieces, one a contact."""
-    nothing = [(0.0, 0.0, 0.0)] * len(problem.models)
+    nothing = [Work(0.0, 0.0, 0.0)] * len(problem.models)
     return problem.budget.pieces(problem.models, nothing, np) is not None
 
 
@@ -127,5 +126,6 @@ def _work(problem: GraspProblem, scaling: Scaling) -> tuple[list[ca.SX], list[Wo
             velocity = y[:3] + ca.cross(y[3:], p)
             spin = ca.sqrt((ca.dot(y[3:], n) / scaling.length) ** 2 + SMOOTHING)
         along = ca.dot(velocity, n)
-        work.append((along, ca.sqrt(ca.fmax(ca.sumsqr(velocity) - along**2, 0.0) + SMOOTHING), spin))
+        across = ca.sqrt(ca.fmax(ca.sumsqr(velocity) - along**2, 0.0) + SMOOTHING)
+        work.append(Work(along, across, spin))
     return [y, *positions, *normals], work

@@ -1,8 +1,8 @@
 """Quality of given grasps, with certified bounds; no CasADi."""
 
 from nlpgrasp.quality.bounds import Bounds, StackBounds
-from nlpgrasp.quality.certificate.convex_tasks import equivalence_constants, mu_1, mu_tilde
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from nlpgrasp.quality.convex_tasks import equivalence_constants, mu_1, mu_tilde
 from nlpgrasp.quality.forces.forces import FingerForces, finger_forces
 from nlpgrasp.quality.measures import delta, mu
 from nlpgrasp.quality.other_tools.min_weight import min_weight

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.tasks import Task
 
 
-def require_grasp(value: Any, *, stack: bool = False) -> None:
+def require_grasp(value: object, *, stack: bool = False) -> None:
     """Refuse what is not a grasp (or, where allowed, a stack of them)."""
     if not isinstance(value, (Grasp, GraspStack) if stack else Grasp):
         raise InputError("grasp", value, "a Grasp or a GraspStack" if stack else "a Grasp")
 
 
-def task_for(value: Any, grasp: Grasp | GraspStack) -> Task:
+def task_for(value: object, grasp: Grasp | GraspStack) -> Task:
     """Return a task about the grasp's torque origin; refuse what is none, or is of another dimension."""
     dimension = grasp.dimension
     if not isinstance(value, Task):

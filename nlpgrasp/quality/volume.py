@@ -27,7 +27,7 @@ from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.certificate.minimise import random_directions
-from nlpgrasp.quality.certificate.radial import estimate
+from nlpgrasp.quality.certificate.radial import Cells, estimate
 from nlpgrasp.quality.certificate.rank import wrench_rank
 from nlpgrasp.quality.certificate.units import over_length
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
@@ -152,7 +152,7 @@ def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[fl
     middle, half = 0.5 * (inner.lower + inner.upper), 0.5 * (inner.upper - inner.lower)
     if inner.upper <= inner.lower * (1.0 + rtol):
         return inner.lower, inner.upper, middle, half
-    value, error = estimate(white, inner.centre, inner.cells, inner.sizes, inner.reach, rtol, rng)
+    value, error = estimate(white, inner.cells, rtol, rng)
     return inner.lower, inner.upper, min(max(value, inner.lower), inner.upper), min(error, half)
 
 
@@ -190,19 +190,19 @@ class _Inner:
 
     def __init__(self, white: WrenchSet, points: FloatArray) -> None:
         d = points.shape[1]
-        self.centre: FloatArray = np.mean(points, axis=0)
-        hull, cells, sizes = _filled_hull(points - self.centre)
+        centre = np.asarray(np.mean(points, axis=0))
+        hull, corners, sizes = _filled_hull(points - centre)
         normals = hull.equations[:, :-1]
-        heights = np.min(np.einsum("fvd,fd->fv", cells, normals), axis=1)
+        heights = np.min(np.einsum("fvd,fd->fv", corners, normals), axis=1)
         # a point sum l_i v_i of the cell's cone has <n, x> >= height sum l_i, and <n, x> at most the support
-        support = white.support(normals)[0] - normals @ self.centre
+        support = white.support(normals)[0] - normals @ centre
         use = (heights > ROUNDING * np.max(heights)) & (sizes > 0.0)
-        self.cells, self.sizes, self.planes = cells[use], sizes[use], normals[use]
-        self.reach = np.maximum(support[use] / heights[use], 1.0)
-        self.missing = (self.reach**d - 1.0) * self.sizes
+        self.planes = normals[use]
+        self.cells = Cells(centre, corners[use], sizes[use], np.maximum(support[use] / heights[use], 1.0))
+        self.missing = (self.cells.reach**d - 1.0) * self.cells.sizes
         # cells left out are flat or have the centre on their planes: their cones are thinner than rounding
-        self.lower = min(float(np.sum(self.sizes)), float(hull.volume)) * (1.0 - MARGIN)
-        self.upper = float(np.sum(self.reach**d * self.sizes)) * (1.0 + MARGIN)
+        self.lower = min(float(np.sum(self.cells.sizes)), float(hull.volume)) * (1.0 - MARGIN)
+        self.upper = float(np.sum(self.cells.reach**d * self.cells.sizes)) * (1.0 + MARGIN)
 
 
 def _filled_hull(points: FloatArray) -> tuple[ConvexHull, FloatArray, FloatArray]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.registry import Registry
 from nlpgrasp.common.spatial import move_torque_origin, space_dimension
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 
@@ -74,11 +75,11 @@ class Task(ABC):
         """Return a (d, d) matrix with the set's shape: used to whiten wrench space, never in a bound."""
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the task as JSON data: ``type``, its ``kind``, and numbers; ``about`` is not part of it."""
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Task:
+    def from_dict(cls, data: Json) -> Task:
         """Return the task that ``to_dict`` wrote."""
         raise InputError("task.type", data.get("type"), f"a kind that can be read, which {cls.__name__} cannot")
 
@@ -206,12 +207,12 @@ class TaskSum(Task):
         """Return the sum of the parts' second moments."""
         return np.asarray(np.sum([task.second_moment() for task in self.tasks], axis=0))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the parts."""
         return {"type": self.kind, "tasks": [task.to_dict() for task in self.tasks]}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> TaskSum:
+    def from_dict(cls, data: Json) -> TaskSum:
         """Return the task that ``to_dict`` wrote."""
         return cls([task_from_dict(part) for part in data["tasks"]])
 
@@ -226,7 +227,7 @@ class TaskSum(Task):
 TASKS: Registry[Task] = Registry("task.type")
 
 
-def task_from_dict(data: Mapping[str, Any]) -> Task:
+def task_from_dict(data: Json) -> Task:
     """Return the task that ``to_dict`` wrote, of any registered kind.
 
     Raises

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
@@ -119,12 +120,12 @@ class TaskSet(Task):
         """Return the second moment of boundary wrenches in random directions."""
         return self._moment
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Refuse: a function has no JSON form."""
         raise InputError("task", "a TaskSet", "a task with a JSON form, such as a TaskEllipsoid")
 
 
-def _numbers(value: Any) -> FloatArray:
+def _numbers(value: ArrayLike) -> FloatArray:
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

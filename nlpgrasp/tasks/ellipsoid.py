@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import SMALLEST, FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
@@ -186,12 +186,12 @@ class TaskEllipsoid(Task):
         """Return the wrenches ``c + L u_j`` for unit directions ``u`` (m, axes)."""
         return self.center + directions @ self.axes
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return centre and semi-axes."""
         return {"type": self.kind, "center": self.center.tolist(), "axes": self.axes.tolist()}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> TaskEllipsoid:
+    def from_dict(cls, data: Json) -> TaskEllipsoid:
         """Return the task that ``to_dict`` wrote."""
         return cls.from_axes(data["axes"], data["center"])
 

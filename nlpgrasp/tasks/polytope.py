@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import SMALLEST, FloatArray, array, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
@@ -83,12 +83,12 @@ class TaskPolytope(Task):
             return TaskPolytope(together) if len(together) <= MOST_VERTICES else None
         return other._moved(self.wrenches[0]) if len(self.wrenches) == 1 else None
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the wrenches."""
         return {"type": self.kind, "wrenches": self.wrenches.tolist()}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> TaskPolytope:
+    def from_dict(cls, data: Json) -> TaskPolytope:
         """Return the task that ``to_dict`` wrote."""
         return cls(data["wrenches"])
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import sparse
 
 import nlpgrasp as ng
-from nlpgrasp.contacts import contact_from_dict
+from nlpgrasp.contacts import Work, contact_from_dict
 from nlpgrasp.quality import WrenchSet
 from tests.samples import CONTACTS
 
@@ -173,7 +173,7 @@ def test_closed_form_support_is_the_norm_of_the_projection(contact, rng):
     z = samples(contact, rng, 500)
     sliding = np.linalg.norm(z[:, 1:3], axis=1)
     torsion = np.abs(z[:, 3]) if z.shape[1] == 4 else np.zeros(len(z))
-    squared = contact.squared_support(z[:, 0], sliding, torsion, np)
+    squared = contact.squared_support(Work(z[:, 0], sliding, torsion), np)
     if squared is None:
         assert contact.kind in ("line", "plane") or contact.model == "elliptic"
     else:

@@ -8,7 +8,8 @@ from itertools import chain, combinations
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.base import Blocks, ContactModel, upper_triangle
+from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.contacts.cones.terms import Blocks, upper_triangle
 
 
 class RangeContact(ContactModel):

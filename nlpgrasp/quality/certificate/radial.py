@@ -7,6 +7,7 @@ t is close to 1, and its mean needs few samples. W ends where the least force th
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,34 +29,41 @@ FAR = 4.0  # force from which on a wrench is out of the set, and its least force
 Gauge = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
-def estimate(
-    white: WrenchSet,
-    centre: FloatArray,
-    cells: FloatArray,
-    sizes: FloatArray,
-    reach: FloatArray,
-    rtol: float,
-    rng: np.random.Generator,
-) -> tuple[float, float]:
+@dataclass(frozen=True)
+class Cells:
+    """A polytope P inside W as cones about a point c, one a facet.
+
+    Parameters
+    ----------
+    centre : (d,) array
+        c.
+    corners : (f, d, d) array
+        Each cell's vertices about c, one a row.
+    sizes, reach : (f,) array
+        Their volumes, and how many times as far as P the set W reaches in them at most.
+    """
+
+    centre: FloatArray
+    corners: FloatArray
+    sizes: FloatArray
+    reach: FloatArray
+
+
+def estimate(white: WrenchSet, cells: Cells, rtol: float, rng: np.random.Generator) -> tuple[float, float]:
     """Return the volume and its error bar, from groups of samples spread evenly over the cells.
 
     Parameters
     ----------
     white : WrenchSet
         W, in good coordinates.
-    centre : (d,) array
-        c.
-    cells : (f, d, d) array
-        The cells' vertices about c, one a row.
-    sizes, reach : (f,) array
-        Their volumes, and how many times as far as P the set W reaches in them at most.
+    cells : Cells
     rtol : float
         Relative error bar to reach.
     rng : numpy.random.Generator
     """
     gauge = _gauge(white)
-    d = len(centre)
-    ends = np.cumsum(sizes)
+    d = len(cells.centre)
+    ends = np.cumsum(cells.sizes)
     count, total = 100, float(ends[-1])
     means: list[FloatArray] = []
     weights: list[int] = []
@@ -65,9 +73,9 @@ def estimate(
             where = (np.arange(count) + rng.random(count)) / count * total
             chosen = np.minimum(np.searchsorted(ends, where), len(ends) - 1)
             share = rng.dirichlet(np.ones(d), count)
-            high.append(reach[chosen])
-            group.append(np.einsum("mi,mid->md", share, cells[chosen]))
-        t = _reach(gauge, centre, np.concatenate(group), np.concatenate(high)) ** d
+            high.append(cells.reach[chosen])
+            group.append(np.einsum("mi,mid->md", share, cells.corners[chosen]))
+        t = _reach(gauge, cells.centre, np.concatenate(group), np.concatenate(high)) ** d
         means.append(t.reshape(GROUPS, count).mean(axis=1))
         weights.append(count)
         each = np.average(np.array(means), axis=0, weights=weights)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.base import upper_triangle
+from nlpgrasp.contacts.cones.terms import upper_triangle
 from nlpgrasp.quality.certificate.cholesky import solve_columns
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
