@@ -138,3 +138,10 @@ def test_every_problem_script_is_in_the_gallery(problems_folder):
         entry = rf"`problems/{script.name}`: \d+ contacts, mu(-tilde)? certified in \*\*\[.*?\]\*\*, \d+ s"
         assert re.search(entry, page), f"{script.name}: make gallery"
         assert (ROOT / "docs" / "pictures" / "gallery" / f"{script.stem}.png").is_file()
+
+
+def test_files_named_in_the_architecture_exist():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(\w+/[\w/]+\.py)`", text))
+    assert len(named) > 60
+    assert [n for n in sorted(named) if not ((ROOT / "nlpgrasp" / n).is_file() or (ROOT / n).is_file())] == []

@@ -20,6 +20,11 @@ from nlpgrasp.contacts.base import CONTACTS
 from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.registry import register as register_contact
 from nlpgrasp.interop.contacts_csv import contacts_csv
+from nlpgrasp.solve.ascent.ascend import Rules, Step
+from nlpgrasp.solve.ascent.registry import ExchangeModel
+from nlpgrasp.solve.ascent.registry import register as register_exchange
+from nlpgrasp.solve.ascent.state import Effort
+from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.tasks import TaskPolytope, task_from_dict
 from nlpgrasp.tasks.registry import register as register_task
 
@@ -290,3 +295,42 @@ def test_files_of_a_toy_format_are_read(toy, tmp_path):
     done = toy("quality", "contacts.faces", "--task", "box.json")
     assert done.returncode == 2
     assert done.stderr.startswith("nlpgrasp: --task: got ")
+
+
+class RandomSteps:
+    """Steps of the exchange by chance alone."""
+
+    def __init__(self, bench):
+        self.bench, self.rng = bench, np.random.default_rng(0)
+
+    def step(self, state, cuts, radius):
+        placed, length = state.placed, radius * self.bench.scaling.length
+        moved = placed.points + length * self.rng.standard_normal(placed.points.shape)
+        there = self.bench.snapped(Placed(placed.faces, moved, placed.hand))
+        return Step(there, np.inf, np.zeros_like(state.multipliers), Effort())
+
+
+register_exchange(
+    ExchangeModel("test random", RandomSteps, Rules(60, 0.1, 1e-3, worse=0.9, refused=0.9), lambda bench: True)
+)
+
+
+@pytest.mark.parametrize("workers", [1])
+def test_an_exchange_model_from_elsewhere(tmp_path, workers):
+    problem = ng.GraspProblem(ng.Ellipsoid([0.06, 0.03, 0.03]), [ng.FrictionContact(0.5)] * 3, BALL)
+    options = ng.SolveOptions(exchange="test random", shadow_prices=False, workers=workers)
+    found = ng.solve(problem, starts=2, options=options)
+    for start in found.starts:
+        assert list(start.history) == sorted(start.history)
+        assert start.history[-1] > 1.01 * start.history[0] > 0.0
+    assert passed(found, tmp_path / "random.json").solver["options"]["exchange"] == "test random"
+
+
+def test_exchange_models_that_do_not_serve():
+    problem = ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, BALL)
+    with pytest.raises(ng.InputError, match="one of 'linear', 'nonlinear'"):
+        ng.solve(problem, options=ng.SolveOptions(exchange="by hand"))
+    with pytest.raises(ng.InputError, match="a model that suits the problem: 'nonlinear'"):
+        ng.solve(problem, starts=1, options=ng.SolveOptions(exchange="linear", workers=1))
+    with pytest.raises(ng.InputError, match="True or False"):
+        ng.SolveOptions(exchange=1)

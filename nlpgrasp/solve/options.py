@@ -22,8 +22,9 @@ class SolveOptions:
     shells : {0, 1, 2}, optional
         Directions of the first program: the ends of the task's semi-axes, one shell of well-spread directions, or
         two for a tighter program. When left out: 0 with a hand that has a pose, 1 otherwise.
-    exchange : bool
-        Refine with cutting planes in a trust region until mu itself is locally maximal.
+    exchange : bool or str
+        Refine with cutting planes in a trust region until mu itself is locally maximal; a name chooses what proposes
+        the steps (``"nonlinear"``: IPOPT, ``"linear"``: a quadratic program; others may be registered).
     exchange_rounds : int
         Most rounds of it a start.
     candidates : int
@@ -53,7 +54,7 @@ class SolveOptions:
 
     transcription: str = "vertex"
     shells: int | None = None
-    exchange: bool = True
+    exchange: bool | str = True
     exchange_rounds: int = 40
     candidates: int = 64
     rtol: float = 0.02
@@ -86,7 +87,9 @@ class SolveOptions:
         if self.workers is not None:
             workers = integer("SolveOptions.workers", self.workers, at_least=1, at_most=1024)
             object.__setattr__(self, "workers", workers)
-        for name in ("exchange", "shadow_prices", "maximise_robust"):
+        if not isinstance(self.exchange, bool | str):
+            raise InputError("SolveOptions.exchange", self.exchange, "True or False")
+        for name in ("shadow_prices", "maximise_robust"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
 

@@ -18,6 +18,7 @@ from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
+from nlpgrasp.solve.ascent.registry import check_name
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -70,6 +71,7 @@ def solve(
     options = SolveOptions() if options is None else options
     if not isinstance(options, SolveOptions):
         raise InputError("options", options, "a SolveOptions")
+    check_name(options.exchange)
     check_json(problem.to_dict())
     solution = _run(Runner(problem, options, starts), seed, progress)
     if throw and not solution.success:
