@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from nlpgrasp.common.validation import integer, number
 from nlpgrasp.errors import InputError
@@ -93,6 +92,6 @@ class SolveOptions:
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, bool | int | float | str | None]:
         """Return the options as JSON data."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
