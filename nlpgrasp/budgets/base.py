@@ -16,7 +16,7 @@ from nlpgrasp.errors import InputError
 
 
 class ForceBudget(ABC):
-    """What one unit of finger force means: a convex set B of forces, as stated (docs/certified_bounds.md).
+    """What one unit of finger force means: a convex set B of forces, as stated (docs/measures.md).
 
     The grasp wrench set is ``G(B n K)``; the set itself, of contacts in their places, is what ``at`` returns. A kind
     has a ``kind``, its name in files, and is registered (``nlpgrasp.budgets.registry``).

@@ -61,7 +61,7 @@ class FrictionContact(RangeContact):
         return x, None
 
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return ``(1 + mu^2)(f.n)^2 - |f|^2`` and ``f.n`` (theory: no tangent frame in the program)."""
+        """Return ``(1 + mu^2)(f.n)^2 - |f|^2`` and ``f.n``: no tangent frame, which some normal makes singular."""
         pressing = normal.T @ x
         return [("friction", (1.0 + self.friction**2) * pressing**2 - x.T @ x), ("unilateral", pressing)]
 

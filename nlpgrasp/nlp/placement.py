@@ -77,7 +77,7 @@ def add_placement(program: Program, problem: GraspProblem, scaling: Scaling) -> 
     """Add positions, normals and the hand's variables; return the contacts' symbols.
 
     The normals are variables of their own, tied to the surface by ``add_placement_rows``: with them everything
-    but the surface is a polynomial, and friction reads as in the theory notes.
+    but the surface is a polynomial, and friction needs no tangents.
     """
     space, k = problem.body.space, len(problem.models)
     lower, upper = problem.body.bounds

@@ -75,7 +75,7 @@ class TaskEllipsoid(Task):
         """Return ``{y : <y, Q y> + <a, y> <= beta^2}``, (3.3-3).
 
         The centre is ``-Q^-1 a / 2`` and the semi-axes are ``sqrt(beta^2 + <a, Q^-1 a>/4)`` over the square
-        roots of Q's eigenvalues (theory: (3.4-4) of the paper is the support function of another set).
+        roots of Q's eigenvalues (docs/corrections.md: (3.4-4) is the support function of another set).
 
         Parameters
         ----------

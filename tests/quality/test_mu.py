@@ -82,7 +82,7 @@ def test_hexagon_grasp_a_beats_b():
 
 
 def test_example_2_11_is_not_closed_and_says_why():
-    """Correction 4 of the theory notes: the separating direction is (-1, -1, 0; 0, 0, 0)."""
+    """Correction 4 of docs/corrections.md: the separating direction is (-1, -1, 0; 0, 0, 0)."""
     contacts = [ng.PointContact(), ng.FrictionContact(1.0), ng.SoftContact(1.0, 1.0)]
     grasp = ng.Grasp([[0, 0, -1], [-1, 0, 0], [0, -1, 0]], np.eye(3)[[2, 0, 1]], contacts)
     bounds = ng.mu(grasp, BALL)
@@ -123,7 +123,7 @@ def test_no_force_closure_is_zero_with_a_proof(points, normals, contact):
 
 
 def test_degenerate_grasps_never_end_the_process():
-    """Qhull's incremental mode would: exit code 7 and no exception (theory, Section 4)."""
+    """Qhull's incremental mode would: exit code 7 and no exception (docs/certified_bounds.md)."""
     script = """
 import numpy as np, nlpgrasp as ng
 rng = np.random.default_rng(0)

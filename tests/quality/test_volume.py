@@ -87,7 +87,7 @@ def test_other_budgets_in_space(rng):
 
 
 def test_hexagonal_prism(rng):
-    """Example 3-3 (a) on a regular prism of inradius 1: 6.46 (theory, Section 7; the paper's dimensions are lost)."""
+    """Example 3-3 (a) on a regular prism of inradius 1: 6.46 (docs/corrections.md: the paper's dimensions are lost)."""
     values = {}
     for name, sides in {"a": [0, 2, 4], "b": [0, 1, 3]}.items():
         angles = np.pi / 3.0 * np.array(sides)

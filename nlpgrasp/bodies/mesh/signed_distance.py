@@ -88,7 +88,7 @@ def distance_spline(
         Grid cells along the longest side.
     smoothing : float
         Standard deviation of the Gaussian, in cells; 0 for none. Noise in the normals is what defeats the
-        solver on scans: 1.5 made every start of six scanned objects converge (theory, Section 6).
+        solver on scans: with 1.5 every start on six scanned objects converged (docs/architecture.md).
     margin : float
         How far the grid reaches beyond the mesh, metres; at least five cells.
     """

@@ -17,7 +17,7 @@ from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal
 
 @dataclass(frozen=True)
 class SphereTip(Tip):
-    """A sphere fixed to a link: ``c(q) = p - r n`` (theory, Section 6).
+    """A sphere fixed to a link: ``c(q) = p - r n`` (docs/hands.md).
 
     Parameters
     ----------

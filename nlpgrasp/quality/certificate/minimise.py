@@ -12,8 +12,8 @@ from nlpgrasp.quality.certificate.containment import Containment
 def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[FloatArray, FloatArray]:
     """Return directions and ratios after a monotone descent from each row of ``u``, all rows at once.
 
-    A fixed step oscillates and overestimates the minimum by several percent (theory, Section 4): every row
-    keeps its own step, longer after a success, shorter after a failure, and never goes uphill.
+    A fixed step oscillates and overestimates the minimum by several percent (docs/certified_bounds.md): every
+    row keeps its own step, longer after a success, shorter after a failure, and never goes uphill.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Certified bounds by a sandwich (theory, Section 4).
+"""Certified bounds by a sandwich (docs/certified_bounds.md).
 
 Support points ``s_j`` of the wrench set W span an inner polytope P, cut into cells around a centre c in its
 interior. A cell with plane ``{x : <a, x - c> = 1}`` allows ``alpha <= (1 + <a, c>) / phi_A(a)``; the least of these is

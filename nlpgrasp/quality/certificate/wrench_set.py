@@ -18,7 +18,8 @@ class WrenchSet:
     """``{G x : x in K, x in B}``, exactly.
 
     For the L2 budget ``phi(y) = ||P_K(G^T y)||`` by Moreau's decomposition, attained at ``x = P_K(G^T y)`` over its
-    norm; the other budgets have closed forms too: no inner optimisation anywhere (docs/certified_bounds.md).
+    norm; the other budgets have closed forms too: no inner optimisation anywhere
+    (docs/paper/09_support_functions.md).
 
     Parameters
     ----------

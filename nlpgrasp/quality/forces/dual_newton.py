@@ -1,8 +1,8 @@
-"""Least L2 finger forces for many wrenches at once, by a semismooth Newton method on the dual (theory, Section 5).
+"""Least L2 finger forces for many wrenches at once, by a semismooth Newton method on the dual.
 
 ``min ||x||^2 / 2  s.t.  G x = w, x in K`` has the dual ``max_y <w, y> - ||P_K(G^T y)||^2 / 2`` with d unknowns
 whatever the number of contacts; the primal is ``x = P_K(G^T y)``. The dual is concave, C^1 and piecewise smooth, with
-generalised Hessian ``-G P_K'(G^T y) G^T``.
+generalised Hessian ``-G P_K'(G^T y) G^T`` (docs/paper/09_support_functions.md).
 
 Arrays are components first: each row holds one component for all wrenches and is contiguous, so that every operation
 runs over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product. Of

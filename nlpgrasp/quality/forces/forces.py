@@ -67,7 +67,7 @@ def finger_forces(
 def finger_forces(
     grasp: Grasp | GraspStack, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2"
 ) -> FingerForces | tuple[FingerForces, ...]:
-    """Return the least finger forces for each wrench, theory Section 5.
+    """Return the least finger forces for each wrench (docs/measures.md).
 
     With the default budget the forces of least L2 norm, unique, for thousands of wrenches at once. With
     ``"per_finger"`` the least maximal normal force (the grasp force optimisation problem), with ``"shared"`` the
