@@ -8,6 +8,7 @@ from nlpgrasp.bodies.implicit import Implicit, PlanarImplicit
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.bodies.polygon import Polygon
 from nlpgrasp.bodies.prism import Prism
+from nlpgrasp.bodies.registry import body_from_dict, register
 from nlpgrasp.bodies.sphere import Sphere
 from nlpgrasp.bodies.superquadric import Superquadric
 from nlpgrasp.bodies.torus import Torus
@@ -26,4 +27,6 @@ __all__ = [
     "Sphere",
     "Superquadric",
     "Torus",
+    "body_from_dict",
+    "register",
 ]

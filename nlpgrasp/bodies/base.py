@@ -6,10 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar, Self
 
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.registry import from_fields
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -40,7 +42,14 @@ class Body(ABC):
     """A rigid body: faces ``h(p) = 0`` in a bounding box, metres, in the body frame.
 
     The surface is stated once, as a CasADi expression; numbers come from the compiled function of it.
+
+    Attributes
+    ----------
+    kind : str
+        Name of this kind in files.
     """
+
+    kind: ClassVar[str]
 
     @property
     @abstractmethod
@@ -63,7 +72,18 @@ class Body(ABC):
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return the body as JSON data."""
+        """Return the body as JSON data: ``kind`` as ``type``, and what defines it."""
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the body that ``to_dict`` wrote: of a dataclass, by its fields.
+
+        Raises
+        ------
+        InputError
+            When the data do not say all of it.
+        """
+        return from_fields(cls, data)
 
     @cached_property
     def faces(self) -> tuple[Face, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -23,6 +24,7 @@ class Box(Body):
         Full lengths along x, y, z, metres, each greater than zero.
     """
 
+    kind: ClassVar[str] = "box"
     extents: ArrayLike
 
     def __post_init__(self) -> None:
@@ -57,7 +59,7 @@ class Box(Body):
 
     def to_dict(self) -> Json:
         """Return the extents."""
-        return {"type": "box", "extents": list(np.asarray(self.extents, dtype=float))}
+        return {"type": self.kind, "extents": list(np.asarray(self.extents, dtype=float))}
 
 
 def _side(axis: int, sign: float, half: FloatArray) -> Face:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -22,6 +23,7 @@ class Cylinder(Body):
         Metres, greater than zero.
     """
 
+    kind: ClassVar[str] = "cylinder"
     radius: float
     height: float
 
@@ -65,4 +67,4 @@ class Cylinder(Body):
 
     def to_dict(self) -> Json:
         """Return radius and height."""
-        return {"type": "cylinder", "radius": self.radius, "height": self.height}
+        return {"type": self.kind, "radius": self.radius, "height": self.height}

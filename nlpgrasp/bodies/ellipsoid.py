@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -23,6 +24,7 @@ class Ellipsoid(Body):
         Along x, y, z, metres, each greater than zero.
     """
 
+    kind: ClassVar[str] = "ellipsoid"
     semi_axes: ArrayLike
 
     def __post_init__(self) -> None:
@@ -59,4 +61,4 @@ class Ellipsoid(Body):
 
     def to_dict(self) -> Json:
         """Return the semi-axes."""
-        return {"type": "ellipsoid", "semi_axes": list(np.asarray(self.semi_axes, dtype=float))}
+        return {"type": self.kind, "semi_axes": list(np.asarray(self.semi_axes, dtype=float))}

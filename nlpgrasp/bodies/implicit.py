@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import ClassVar, NoReturn
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import Body, Face, grid_centroid
+from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, read_only
 from nlpgrasp.errors import InputError
@@ -30,6 +32,8 @@ class Implicit(Body):
     InputError
         When h is not a scalar CasADi expression of p, is nowhere negative, or its zero set leaves the box.
     """
+
+    kind: ClassVar[str] = "implicit"
 
     def __init__(self, h: Callable[[Expression], Expression], bounds: ArrayLike) -> None:
         name = type(self).__name__
@@ -73,10 +77,15 @@ class Implicit(Body):
         """Return the expression as text, for reading, and the box."""
         text = str(self.h(ca.SX.sym("p", self.space)))
         return {
-            "type": "implicit" if self.space == 3 else "planar_implicit",
+            "type": self.kind,
             "h": text,
             "bounds": self.bounds.tolist(),
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> NoReturn:
+        """Refuse: the text of an expression is for reading."""
+        raise incomplete(f"body of type {cls.kind}", "its function h, which stays in the script that made it")
 
     def _check_closed(self) -> None:
         """Refuse a body that has no inside, or that touches the sides of its box from within."""
@@ -105,6 +114,8 @@ class PlanarImplicit(Implicit):
     bounds : (2, 2) array
         Lower and upper corner of a rectangle around the body, metres.
     """
+
+    kind: ClassVar[str] = "planar_implicit"
 
     @property
     def space(self) -> int:

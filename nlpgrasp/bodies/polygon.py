@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -26,6 +27,7 @@ class Polygon(Body):
         Metres, in either sense of rotation (stored counter-clockwise, starting at the first).
     """
 
+    kind: ClassVar[str] = "polygon"
     vertices: ArrayLike
 
     def __post_init__(self) -> None:
@@ -61,7 +63,7 @@ class Polygon(Body):
 
     def to_dict(self) -> Json:
         """Return the vertices."""
-        return {"type": "polygon", "vertices": self.corners.tolist()}
+        return {"type": self.kind, "vertices": self.corners.tolist()}
 
 
 def simple_polygon(field: str, vertices: ArrayLike) -> tuple[tuple[float, float], ...]:

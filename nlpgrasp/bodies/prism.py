@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -27,6 +28,7 @@ class Prism(Body):
         Metres, greater than zero.
     """
 
+    kind: ClassVar[str] = "prism"
     polygon: ArrayLike
     height: float
 
@@ -81,4 +83,4 @@ class Prism(Body):
 
     def to_dict(self) -> Json:
         """Return polygon and height."""
-        return {"type": "prism", "polygon": self.corners.tolist(), "height": self.height}
+        return {"type": self.kind, "polygon": self.corners.tolist(), "height": self.height}

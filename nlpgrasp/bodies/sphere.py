@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -22,6 +23,7 @@ class Sphere(Body):
         Metres, greater than zero.
     """
 
+    kind: ClassVar[str] = "sphere"
     radius: float
 
     def __post_init__(self) -> None:
@@ -52,4 +54,4 @@ class Sphere(Body):
 
     def to_dict(self) -> Json:
         """Return the radius."""
-        return {"type": "sphere", "radius": self.radius}
+        return {"type": self.kind, "radius": self.radius}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -29,6 +30,7 @@ class Superquadric(Body):
         ``(e1, e2)``, each in [0.2, 1.9]: outside it the normals are too ill-conditioned to be of use.
     """
 
+    kind: ClassVar[str] = "superquadric"
     semi_axes: ArrayLike
     exponents: ArrayLike = (0.5, 0.5)
 
@@ -73,7 +75,7 @@ class Superquadric(Body):
         """Return semi-axes and exponents."""
         exponents = list(np.asarray(self.exponents, dtype=float))
         return {
-            "type": "superquadric",
+            "type": self.kind,
             "semi_axes": list(np.asarray(self.semi_axes, dtype=float)),
             "exponents": exponents,
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -25,6 +26,7 @@ class Torus(Body):
         Of the tube, metres, greater than zero.
     """
 
+    kind: ClassVar[str] = "torus"
     major_radius: float
     minor_radius: float
 
@@ -68,4 +70,4 @@ class Torus(Body):
 
     def to_dict(self) -> Json:
         """Return both radii."""
-        return {"type": "torus", "major_radius": self.major_radius, "minor_radius": self.minor_radius}
+        return {"type": self.kind, "major_radius": self.major_radius, "minor_radius": self.minor_radius}

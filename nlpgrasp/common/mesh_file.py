@@ -54,11 +54,25 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     Small holes are filled and an inside-out mesh is turned; both are listed. What stays open is accepted
     only if its winding number tells inside from outside almost everywhere (scans with a few bad triangles).
     """
+    given = _of_likely_size(mesh)
+    result, notes = _closed(given)
+    volume = _volume(result)
+    box, longest = float(np.prod(np.ptp(result.vertices, axis=0))), _longest_side(given)
+    if abs(volume) <= 1e-6 * max(box, 1e-3 * longest**3):
+        raise InputError("Mesh.mesh", f"volume {abs(volume):.3g} m^3", "a mesh with volume")
+    if volume < 0.0:
+        result.invert()
+        notes.append("turned inside out: the triangles faced inwards")
+    return result, tuple(notes)
+
+
+def _of_likely_size(mesh: object) -> trimesh.Trimesh:
+    """Return the mesh, refusing what is not a mesh with triangles, or was given in another unit."""
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise InputError("Mesh.mesh", type(mesh).__name__, "a trimesh.Trimesh with triangles")
     if not np.all(np.isfinite(mesh.vertices)):
         raise InputError("Mesh.vertices", "NaN or infinite coordinates", "finite coordinates")
-    longest = float(np.max(np.ptp(mesh.vertices, axis=0)))
+    longest = _longest_side(mesh)
     if longest <= 0.0:
         raise InputError("Mesh.mesh", "a mesh of zero size", "a mesh with volume")
     if not SMALLEST <= longest <= LARGEST:
@@ -68,6 +82,16 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
             f"a longest side of {longest:.3g} m",
             f"{SMALLEST:g} m to {LARGEST:g} m: the file's unit is probably {hint} than the one stated",
         )
+    return mesh
+
+
+def _longest_side(mesh: trimesh.Trimesh) -> float:
+    """Return the longest side of the bounding box, metres."""
+    return float(np.max(np.ptp(mesh.vertices, axis=0)))
+
+
+def _closed(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
+    """Return a copy with its small holes filled and what was mended, refusing one whose inside is unclear."""
     result = mesh.copy()
     notes = []
     result.merge_vertices()
@@ -88,14 +112,7 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
                 "a closed mesh, or one with small holes only",
             )
         notes.append(f"not watertight ({_open_edges(result)} open edges); the winding number decides what is inside")
-    volume = _volume(result)
-    box = float(np.prod(np.ptp(result.vertices, axis=0)))
-    if abs(volume) <= 1e-6 * max(box, 1e-3 * longest**3):
-        raise InputError("Mesh.mesh", f"volume {abs(volume):.3g} m^3", "a mesh with volume")
-    if volume < 0.0:
-        result.invert()
-        notes.append("turned inside out: the triangles faced inwards")
-    return result, tuple(notes)
+    return result, notes
 
 
 def mesh_digest(mesh: trimesh.Trimesh) -> str:

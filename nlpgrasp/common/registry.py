@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Generic, TypeVar
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Generic, Protocol, Self, TypeVar
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 
 Kind = TypeVar("Kind")
+
+
+class Stated(Protocol):
+    """What JSON data can be made of."""
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return what ``to_dict`` wrote."""
+
+
+StatedKind = TypeVar("StatedKind", bound=Stated)
 
 
 class Registry(Generic[Kind]):
@@ -49,3 +63,52 @@ class Registry(Generic[Kind]):
     def names(self) -> tuple[str, ...]:
         """The names of all kinds."""
         return tuple(self._kinds)
+
+
+def read(registry: Registry[StatedKind], what: str, data: object) -> StatedKind:
+    """Return what the class that data name in ``type`` makes of them.
+
+    Parameters
+    ----------
+    registry : Registry
+    what : str
+        For messages: ``"body"``.
+    data : mapping
+
+    Raises
+    ------
+    InputError
+        When the type is unknown, or its class makes nothing of the data.
+    """
+    name = data.get("type") if isinstance(data, Mapping) else data
+    kind = registry.find(name)
+    if kind is None or not isinstance(data, Mapping):
+        raise registry.unknown(name)
+    try:
+        return kind.from_dict(data)
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            f"{what} of type {name}", f"{type(error).__name__}: {error}", "what its to_dict says"
+        ) from None
+
+
+def from_fields(kind: type[Kind], data: Json) -> Kind:
+    """Return a dataclass made of the entries of JSON data that its fields are called by.
+
+    Raises
+    ------
+    KeyError
+        When an entry is missing whose field has no default.
+    InputError
+        When the class is no dataclass.
+    """
+    if not is_dataclass(kind):
+        raise incomplete(kind.__name__, "a from_dict of its own")
+    needed = [f.name for f in fields(kind) if f.init and f.default is MISSING and f.default_factory is MISSING]
+    given = {f.name: data[f.name] for f in fields(kind) if f.init and (f.name in data or f.name in needed)}
+    return kind(**given)
+
+
+def incomplete(what: str, lacking: str) -> InputError:
+    """Return the error that says what JSON data lack, of a kind that cannot be made of them."""
+    return InputError(what, "JSON data alone", lacking)

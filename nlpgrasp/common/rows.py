@@ -4,30 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlpgrasp.common.types import Expression, Json
+from nlpgrasp.common.types import Expression
 
 if TYPE_CHECKING:  # certificates reach this file, and no CasADi
     import casadi as ca
-
-
-@runtime_checkable
-class Solid(Protocol):
-    """What constraints know of a body."""
-
-    @property
-    def space(self) -> int:
-        """2 or 3."""
-
-    @property
-    def distance_function(self) -> ca.Function:
-        """A ``casadi.Function`` from a point to the signed distance, metres."""
-
-    def to_dict(self) -> Json:
-        """Return the body as JSON data."""
 
 
 # kinds of rows that are told from others

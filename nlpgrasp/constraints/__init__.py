@@ -6,6 +6,7 @@ from nlpgrasp.constraints.expression import Constraint
 from nlpgrasp.constraints.forbid import Forbid
 from nlpgrasp.constraints.obstacle import Obstacle
 from nlpgrasp.constraints.regions import BoxRegion, HalfSpace, Region
+from nlpgrasp.constraints.registry import constraint_from_dict, register
 from nlpgrasp.constraints.spread import Spread
 from nlpgrasp.constraints.symmetric import Symmetric
 from nlpgrasp.constraints.table import Table
@@ -24,4 +25,6 @@ __all__ = [
     "Symmetric",
     "Table",
     "Workspace",
+    "constraint_from_dict",
+    "register",
 ]

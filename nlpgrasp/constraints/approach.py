@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.frozen import unchecked
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import array, number
-from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.errors import InputError
 
 
@@ -27,6 +29,7 @@ class Approach(PlacementConstraint):
         Half the cone's opening, radians, greater than zero and at most pi.
     """
 
+    kind: ClassVar[str] = "approach"
     direction: ArrayLike
     angle: float
 
@@ -55,4 +58,10 @@ class Approach(PlacementConstraint):
 
     def to_dict(self) -> Json:
         """Return direction and angle."""
-        return {"type": "approach", "direction": list(np.asarray(self.direction, float)), "angle": self.angle}
+        return {"type": self.kind, "direction": list(np.asarray(self.direction, float)), "angle": self.angle}
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the constraint of a file, its unit direction to the last digit."""
+        result, direction = super().from_dict(data), data["direction"]
+        return unchecked(result, direction=tuple(direction)) if is_unit(direction) else result

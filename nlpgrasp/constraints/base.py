@@ -4,13 +4,27 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import ClassVar, Self
 
+import numpy as np
+
+from nlpgrasp.common.registry import from_fields
 from nlpgrasp.common.rows import Clearance, Placement, Row
 from nlpgrasp.common.types import Json
 
+ROUNDING = 4.0 * float(np.finfo(float).eps)
+
 
 class PlacementConstraint(ABC):
-    """A condition on where the contacts may be ((3.5-15), (3.5-16))."""
+    """A condition on where the contacts may be ((3.5-15), (3.5-16)).
+
+    Attributes
+    ----------
+    kind : str
+        Name of this kind in files.
+    """
+
+    kind: ClassVar[str]
 
     @abstractmethod
     def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
@@ -30,4 +44,20 @@ class PlacementConstraint(ABC):
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return the constraint as JSON data."""
+        """Return the constraint as JSON data: ``kind`` as ``type``, and what defines it."""
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the constraint that ``to_dict`` wrote: of a dataclass, by its fields.
+
+        Raises
+        ------
+        InputError
+            When the data do not say all of it.
+        """
+        return from_fields(cls, data)
+
+
+def is_unit(vector: Sequence[float]) -> bool:
+    """Return whether a vector of a file is of unit length to rounding: normalised again it might lose a digit."""
+    return bool(abs(float(np.linalg.norm(vector)) - 1.0) <= ROUNDING)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar, NoReturn
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
@@ -35,6 +37,7 @@ class Constraint(PlacementConstraint):
     Keep fingers 0 and 1 level: ``Constraint("level", lambda p, n: p[0][2] - p[1][2], 0.0, 0.0)``.
     """
 
+    kind: ClassVar[str] = "expression"
     name: str
     expression: Callable[[list[Expression], list[Expression]], Expression]
     lower: ArrayLike = -np.inf
@@ -87,4 +90,9 @@ class Constraint(PlacementConstraint):
     def to_dict(self) -> Json:
         """Return name and limits; the expression stays in the script."""
         lower, upper = ([v if np.isfinite(v) else None for v in np.ravel(x).tolist()] for x in (self.lower, self.upper))
-        return {"type": "expression", "name": self.name, "lower": lower, "upper": upper}
+        return {"type": self.kind, "name": self.name, "lower": lower, "upper": upper}
+
+    @classmethod
+    def from_dict(cls, data: Json) -> NoReturn:
+        """Refuse: the function is not in the data."""
+        raise incomplete("constraint of type expression", "its function, which stays in the script that made it")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import ClassVar, Self
 
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import names
 from nlpgrasp.constraints.base import PlacementConstraint
-from nlpgrasp.constraints.regions import ExpressionRegion, Region
+from nlpgrasp.constraints.regions import ExpressionRegion, Region, region_from_dict
 from nlpgrasp.errors import InputError
 
 
@@ -24,6 +25,7 @@ class Forbid(PlacementConstraint):
         positive inside the forbidden region.
     """
 
+    kind: ClassVar[str] = "forbid"
     faces_or_region: str | Iterable[str] | Region | Callable[[Expression], Expression]
 
     def __post_init__(self) -> None:
@@ -69,5 +71,10 @@ class Forbid(PlacementConstraint):
     def to_dict(self) -> Json:
         """Return the faces or the region."""
         if self.region is not None:
-            return {"type": "forbid", "region": self.region.to_dict()}
-        return {"type": "forbid", "faces": list(self.forbidden_faces())}
+            return {"type": self.kind, "region": self.region.to_dict()}
+        return {"type": self.kind, "faces": list(self.forbidden_faces())}
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the constraint of a file: of faces, or of a region."""
+        return cls(region_from_dict(data["region"]) if "region" in data else data["faces"])

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.rows import Clearance, Placement, Row, Solid
+from nlpgrasp.common.frozen import unchecked
+from nlpgrasp.common.rows import Clearance, Placement, Row
+from nlpgrasp.common.solids import Solid, solid_from_dict
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.errors import InputError
 
 
@@ -35,6 +38,7 @@ class Obstacle(PlacementConstraint):
         Shown in reports.
     """
 
+    kind: ClassVar[str] = "obstacle"
     body: Solid
     clearance: float = 0.0
     position: ArrayLike | None = None
@@ -92,13 +96,20 @@ class Obstacle(PlacementConstraint):
     def to_dict(self) -> Json:
         """Return the body, its pose and the clearance."""
         return {
-            "type": "obstacle",
+            "type": self.kind,
             "name": self.name,
             "body": self.body.to_dict(),
             "clearance": self.clearance,
             "position": None if self.position is None else list(np.asarray(self.position, float)),
             "quaternion_wxyz": None if self.quaternion is None else list(np.asarray(self.quaternion, float)),
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the constraint of a file, its quaternion to the last digit."""
+        body, turn = solid_from_dict(data["body"]), data.get("quaternion_wxyz")
+        result = cls(body, data.get("clearance", 0.0), data.get("position"), turn, data.get("name", "obstacle"))
+        return unchecked(result, quaternion=tuple(turn)) if turn is not None and is_unit(turn) else result
 
 
 def _listed(field: str, value: ArrayLike, size: int) -> tuple[float, ...]:

@@ -5,20 +5,24 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NoReturn, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.frozen import unchecked
+from nlpgrasp.common.registry import Registry, from_fields, incomplete, read
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import array, number
+from nlpgrasp.constraints.base import is_unit
 from nlpgrasp.errors import InputError
 
 
 class Region(ABC):
     """A part of space, closed, given by an expression that is positive inside."""
 
+    kind: ClassVar[str]
     unit: ClassVar[str] = "m"  # of ``inside``
 
     @abstractmethod
@@ -27,7 +31,18 @@ class Region(ABC):
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return the region as JSON data."""
+        """Return the region as JSON data: ``kind`` as ``type``, and what defines it."""
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the region that ``to_dict`` wrote: of a dataclass, by its fields.
+
+        Raises
+        ------
+        InputError
+            When the data do not say all of it.
+        """
+        return from_fields(cls, data)
 
     def dimension(self) -> int | None:
         """Return the dimension of the region's points, or None when any will do."""
@@ -46,6 +61,7 @@ class HalfSpace(Region):
         Metres, for a unit normal.
     """
 
+    kind: ClassVar[str] = "half_space"
     normal: ArrayLike
     offset: float
 
@@ -68,10 +84,16 @@ class HalfSpace(Region):
     def to_dict(self) -> Json:
         """Return normal and offset."""
         return {
-            "type": "half_space",
+            "type": self.kind,
             "normal": list(np.asarray(self.normal, dtype=float)),
             "offset": self.offset,
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the region of a file, its unit normal to the last digit."""
+        result, normal = super().from_dict(data), data["normal"]
+        return unchecked(result, normal=tuple(normal), offset=float(data["offset"])) if is_unit(normal) else result
 
 
 @dataclass(frozen=True)
@@ -84,6 +106,7 @@ class BoxRegion(Region):
         Corners, metres, lower below upper in every axis.
     """
 
+    kind: ClassVar[str] = "box_region"
     lower: ArrayLike
     upper: ArrayLike
 
@@ -110,7 +133,7 @@ class BoxRegion(Region):
     def to_dict(self) -> Json:
         """Return both corners."""
         return {
-            "type": "box_region",
+            "type": self.kind,
             "lower": list(np.asarray(self.lower)),
             "upper": list(np.asarray(self.upper)),
         }
@@ -128,6 +151,7 @@ class ExpressionRegion(Region):
         What messages call it.
     """
 
+    kind: ClassVar[str] = "expression_region"
     unit: ClassVar[str] = ""
     expression: Callable[[Expression], Expression]
     field: str = "Forbid.region"
@@ -154,4 +178,26 @@ class ExpressionRegion(Region):
 
     def to_dict(self) -> Json:
         """Return the expression as text, for reading."""
-        return {"type": "expression_region", "expression": self._text()}
+        return {"type": self.kind, "expression": self._text()}
+
+    @classmethod
+    def from_dict(cls, data: Json) -> NoReturn:
+        """Refuse: the text of an expression is for reading."""
+        raise incomplete("region of type expression_region", "its function, which stays in the script that made it")
+
+
+REGIONS: Registry[Region] = Registry("region.type")
+REGIONS.add(HalfSpace.kind, HalfSpace)
+REGIONS.add(BoxRegion.kind, BoxRegion)
+REGIONS.add(ExpressionRegion.kind, ExpressionRegion)
+
+
+def region_from_dict(data: Json) -> Region:
+    """Return the region that ``to_dict`` wrote.
+
+    Raises
+    ------
+    InputError
+        When the type is unknown, the numbers make no region, or it is a function.
+    """
+    return read(REGIONS, "region", data)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -31,6 +32,7 @@ class Spread(PlacementConstraint):
         Which contacts; all when left out.
     """
 
+    kind: ClassVar[str] = "spread"
     min: float = 0.0
     max: float | None = None
     fingers: Sequence[int] | None = None
@@ -68,4 +70,4 @@ class Spread(PlacementConstraint):
     def to_dict(self) -> Json:
         """Return both limits, and the fingers."""
         fingers = None if self.fingers is None else list(self.fingers)
-        return {"type": "spread", "min": self.min, "max": self.max, "fingers": fingers}
+        return {"type": self.kind, "min": self.min, "max": self.max, "fingers": fingers}

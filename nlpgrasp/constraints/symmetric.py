@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.frozen import unchecked
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import array, number
-from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.constraints.workspace import check_fingers, finger_numbers
 from nlpgrasp.errors import InputError
 
@@ -34,6 +36,7 @@ class Symmetric(PlacementConstraint):
         itself exact equality would say twice that the image is on the surface.
     """
 
+    kind: ClassVar[str] = "symmetric"
     fingers: Sequence[int]
     normal: ArrayLike
     offset: float = 0.0
@@ -72,9 +75,15 @@ class Symmetric(PlacementConstraint):
     def to_dict(self) -> Json:
         """Return fingers, plane and tolerance."""
         return {
-            "type": "symmetric",
+            "type": self.kind,
             "fingers": list(self.fingers),
             "normal": list(np.asarray(self.normal, float)),
             "offset": self.offset,
             "tolerance": self.tolerance,
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the constraint of a file, its unit normal to the last digit."""
+        result, normal = super().from_dict(data), data["normal"]
+        return unchecked(result, normal=tuple(normal)) if is_unit(normal) else result

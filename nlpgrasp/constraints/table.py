@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Json
@@ -22,6 +23,7 @@ class Table(PlacementConstraint):
         Least distance between the table and a fingertip's lowest point, metres, at least zero.
     """
 
+    kind: ClassVar[str] = "table"
     height: float
     clearance: float = 0.0
 
@@ -42,4 +44,4 @@ class Table(PlacementConstraint):
 
     def to_dict(self) -> Json:
         """Return height and clearance."""
-        return {"type": "table", "height": self.height, "clearance": self.clearance}
+        return {"type": self.kind, "height": self.height, "clearance": self.clearance}

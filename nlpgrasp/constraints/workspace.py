@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar, Self
 
 import numpy as np
 
 from nlpgrasp.common.rows import Label, Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.constraints.base import PlacementConstraint
-from nlpgrasp.constraints.regions import BoxRegion, ExpressionRegion, Region
+from nlpgrasp.constraints.regions import BoxRegion, ExpressionRegion, Region, region_from_dict
 from nlpgrasp.errors import InputError
 
 
@@ -28,6 +29,7 @@ class Workspace(PlacementConstraint):
         Constrain the palm's origin, of a hand that has one.
     """
 
+    kind: ClassVar[str] = "workspace"
     region: Region | Callable[[Expression], Expression]
     fingers: Sequence[int] | None = None
     palm: bool = False
@@ -80,7 +82,12 @@ class Workspace(PlacementConstraint):
     def to_dict(self) -> Json:
         """Return the region, and what has to be in it."""
         fingers = None if self.fingers is None else list(self.fingers)
-        return {"type": "workspace", "region": self._region.to_dict(), "fingers": fingers, "palm": self.palm}
+        return {"type": self.kind, "region": self._region.to_dict(), "fingers": fingers, "palm": self.palm}
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the constraint of a file."""
+        return cls(region_from_dict(data["region"]), data.get("fingers"), data.get("palm", False))
 
 
 def finger_numbers(field: str, fingers: Sequence[int]) -> tuple[int, ...]:

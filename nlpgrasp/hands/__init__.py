@@ -3,6 +3,7 @@
 from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.fingertips import Fingertips
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
+from nlpgrasp.hands.registry import hand_from_dict, register
 from nlpgrasp.hands.tips import CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
 
@@ -17,4 +18,6 @@ __all__ = [
     "SphereTip",
     "Tip",
     "URDFHand",
+    "hand_from_dict",
+    "register",
 ]

@@ -6,10 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import ClassVar, Self
 
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.registry import from_fields
 from nlpgrasp.common.rows import LinkSphere, PalmPose, Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
@@ -44,12 +46,15 @@ class Hand(ABC):
 
     Attributes
     ----------
+    kind : str
+        Name of this kind in files.
     count : int
         Number of fingertips.
     torque_limits : mapping of str to float
         By joint, newton-metres (newtons for sliding joints).
     """
 
+    kind: ClassVar[str]
     count: int
     torque_limits: Mapping[str, float] = MappingProxyType({})
 
@@ -141,4 +146,15 @@ class Hand(ABC):
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return the hand as JSON data."""
+        """Return the hand as JSON data: ``kind`` as ``type``, and what defines it."""
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the hand that ``to_dict`` wrote: of a dataclass, by its fields.
+
+        Raises
+        ------
+        InputError
+            When the data do not say all of it.
+        """
+        return from_fields(cls, data)

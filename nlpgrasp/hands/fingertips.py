@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -33,6 +34,7 @@ class Fingertips(Hand):
         of the program: anywhere around the body, also inside it (an enveloping hand).
     """
 
+    kind: ClassVar[str] = "fingertips"
     count: int
     radius: float = 0.0
     spread: float | Sequence[float] | None = None
@@ -97,7 +99,7 @@ class Fingertips(Hand):
         """Return the settings."""
         spread = None if self.spread is None else [float(v) for v in np.ravel(self.spread)]
         return {
-            "type": "fingertips",
+            "type": self.kind,
             "count": self.count,
             "radius": self.radius,
             "spread": spread,

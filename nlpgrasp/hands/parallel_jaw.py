@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -31,6 +32,7 @@ class ParallelJaw(Hand):
         Most between a contact's normal and the closing direction, radians: compliant pads give a little.
     """
 
+    kind: ClassVar[str] = "parallel_jaw"
     opening: float
     closed: float = 0.0
     tilt: float = 0.05
@@ -69,4 +71,4 @@ class ParallelJaw(Hand):
 
     def to_dict(self) -> Json:
         """Return the settings."""
-        return {"type": "parallel_jaw", "opening": self.opening, "closed": self.closed, "tilt": self.tilt}
+        return {"type": self.kind, "opening": self.opening, "closed": self.closed, "tilt": self.tilt}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
+from typing import ClassVar, NoReturn
 
 import casadi as ca
 import igl
@@ -13,6 +14,7 @@ import trimesh
 from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, automatic_resolution, distance_spline
 from nlpgrasp.common.mesh_file import mesh_digest, read_mesh, usable_mesh
+from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 
@@ -51,6 +53,8 @@ class Mesh(Body):
     InputError
         When the mesh has no volume, is open beyond repair, has NaN, or is 1000 times too large or small.
     """
+
+    kind: ClassVar[str] = "mesh"
 
     def __init__(
         self,
@@ -169,7 +173,7 @@ class Mesh(Body):
     def to_dict(self) -> Json:
         """Return source, its unit, fingerprint and settings; the triangles stay in their file."""
         return {
-            "type": "mesh",
+            "type": self.kind,
             "source": self.source,
             "unit": self.unit,
             "sha256": mesh_digest(self.mesh),
@@ -178,3 +182,8 @@ class Mesh(Body):
             "resolution": self.resolution,
             "repairs": list(self.repairs),
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> NoReturn:
+        """Refuse: the data name a mesh and do not hold it."""
+        raise incomplete("body of type mesh", "its triangles, which stay in their file: ng.Mesh.load(path, unit)")

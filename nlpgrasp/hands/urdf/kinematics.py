@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import MissingExtraError
-from nlpgrasp.hands.urdf.robot import Robot
+from nlpgrasp.hands.urdf.robot import Joint, Robot
 
 ROUNDING = 1e-15  # constants of a rotation this small are zero
 
@@ -57,13 +57,13 @@ def _urdf(robot: Robot) -> str:
     for link in robot.links:
         _link(root, link)
     for joint in robot.joints:
-        parent, xyz, rpy = joint.parent, joint.xyz, joint.rpy
         if joint.kind == "prismatic":  # the library slides along the axis without the origin's rotation
-            parent = f"{joint.parent} to {joint.name}"
-            _link(root, parent)
-            _joint(root, f"{joint.name} origin", "fixed", joint.parent, parent, xyz, rpy)
-            xyz, rpy = np.zeros(3), np.zeros(3)
-        element = _joint(root, joint.name, joint.kind, parent, joint.child, xyz, rpy)
+            between = f"{joint.parent} to {joint.name}"
+            _link(root, between)
+            _joint(root, replace(joint, name=f"{joint.name} origin", kind="fixed", child=between))
+            element = _joint(root, replace(joint, parent=between, xyz=np.zeros(3), rpy=np.zeros(3)))
+        else:
+            element = _joint(root, joint)
         ET.SubElement(element, "axis", xyz=_text(joint.axis))
         if joint.kind in ("revolute", "prismatic"):
             ET.SubElement(element, "limit", lower="-1", upper="1", effort="1", velocity="1")
@@ -77,13 +77,11 @@ def _link(root: ET.Element, name: str) -> None:
     ET.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
 
 
-def _joint(
-    root: ET.Element, name: str, kind: str, parent: str, child: str, xyz: FloatArray, rpy: FloatArray
-) -> ET.Element:
-    element = ET.SubElement(root, "joint", name=name, type=kind)
-    ET.SubElement(element, "parent", link=parent)
-    ET.SubElement(element, "child", link=child)
-    ET.SubElement(element, "origin", xyz=_text(xyz), rpy=_text(rpy))
+def _joint(root: ET.Element, joint: Joint) -> ET.Element:
+    element = ET.SubElement(root, "joint", name=joint.name, type=joint.kind)
+    ET.SubElement(element, "parent", link=joint.parent)
+    ET.SubElement(element, "child", link=joint.child)
+    ET.SubElement(element, "origin", xyz=_text(joint.xyz), rpy=_text(joint.rpy))
     return element
 
 

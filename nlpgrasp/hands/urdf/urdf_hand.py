@@ -8,11 +8,13 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from pathlib import Path
+from typing import ClassVar, NoReturn
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.rows import UNIT_QUATERNION, LinkSphere, Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, integer, number
@@ -43,6 +45,8 @@ class URDFHand(LinkedHand):
     fits : mapping of str to SphereFit
         Spheres that stand for each link, with their error.
     """
+
+    kind: ClassVar[str] = "urdf"
 
     def __init__(
         self,
@@ -203,7 +207,7 @@ class URDFHand(LinkedHand):
     def to_dict(self) -> Json:
         """Return source, fingerprint, fingertips, limits, the spheres and how closely they fit."""
         return {
-            "type": "urdf",
+            "type": self.kind,
             "source": self.source,
             "sha256": self.sha256,
             "palm": self.robot.root,
@@ -216,6 +220,11 @@ class URDFHand(LinkedHand):
             "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
             "watched_pairs": len(self._pairs),
         }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> NoReturn:
+        """Refuse: the data name a URDF and do not hold it."""
+        raise incomplete("hand of type urdf", "its links, which stay in their file: ng.URDFHand.load(path, fingertips)")
 
     @cached_property
     def _pairs(self) -> list[tuple[str, str]]:

@@ -1,0 +1,48 @@
+"""The kinds of hand that a file may hold."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from nlpgrasp.common.registry import Registry, read
+from nlpgrasp.common.types import Json
+from nlpgrasp.hands.base import Hand
+from nlpgrasp.hands.fingertips import Fingertips
+from nlpgrasp.hands.parallel_jaw import ParallelJaw
+from nlpgrasp.hands.urdf.urdf_hand import URDFHand
+
+Kind = TypeVar("Kind", bound=Hand)
+HANDS: Registry[Hand] = Registry("hand.type")
+
+
+def register(hand: type[Kind]) -> type[Kind]:
+    """Add a kind of hand, of this package or another, to those that files may hold; also as a decorator.
+
+    Parameters
+    ----------
+    hand : subclass of Hand
+        With ``kind``, the name that its ``to_dict`` gives as ``type``; what is no dataclass also with ``from_dict``.
+
+    Raises
+    ------
+    InputError
+        When another hand has that name.
+    """
+    HANDS.add(hand.kind, hand)
+    return hand
+
+
+def hand_from_dict(data: Json) -> Hand:
+    """Return the hand that ``to_dict`` wrote, of any registered kind.
+
+    Raises
+    ------
+    InputError
+        When the type is unknown, the numbers make no hand, or the data do not say all of it.
+    """
+    return read(HANDS, "hand", data)
+
+
+register(Fingertips)
+register(ParallelJaw)
+register(URDFHand)
