@@ -24,6 +24,7 @@ from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.schema.types import SolverData
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
+from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.on_body import OnBody
@@ -57,6 +58,11 @@ class Search:
     results: Sequence[StartResult]
     cut_short: Status | None = None
     deadline: float | None = None
+
+    @property
+    def effort(self) -> Effort:
+        """What all starts cost together."""
+        return sum((r.effort for r in self.results), Effort())
 
     @property
     def records(self) -> tuple[StartRecord, ...]:
@@ -171,17 +177,13 @@ def _forces(
     return forces, tuple(c[:, space:] for c in each) if turning else ()
 
 
-def solver_record(search: Search, seconds: float) -> SolverData:
-    """Return how the solve went, for the file: seed, effort, options, versions."""
+def solver_record(options: SolveOptions, seed: int, effort: Effort, seconds: float) -> SolverData:
+    """Return how the solve went, for the file: seed, effort, wall time, options, versions."""
     return {
-        "seed": search.seed,
-        "iterations": sum(r.record.iterations for r in search.results),
-        "seconds": {
-            "total": seconds,
-            "ipopt": sum(r.effort.solver_seconds for r in search.results),
-            "functions": sum(r.effort.function_seconds for r in search.results),
-        },
-        "options": search.options.to_dict(),
+        "seed": seed,
+        "iterations": effort.iterations,
+        "seconds": {"total": seconds, "ipopt": effort.solver_seconds, "functions": effort.function_seconds},
+        "options": options.to_dict(),
         "versions": {
             "nlpgrasp": __version__,
             "python": platform.python_version(),

@@ -106,7 +106,7 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
             if not stop.requested() and any(isinstance(r, StartGrasp) for r in results):
                 after = runner.look_back(best_of(results), results, seed, stop)
             solution = answer(search, after)
-    return replace(solution, solver=solver_record(search, time.monotonic() - begun))
+    return replace(solution, solver=solver_record(options, seed, search.effort, time.monotonic() - begun))
 
 
 def check_json(data: Json) -> None:

@@ -7,6 +7,7 @@ it is seen where sliding along no longer helps and a regrasp pays.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -21,15 +22,17 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solve.answer import solver_record
 from nlpgrasp.solve.ascent.cuts import with_known
 from nlpgrasp.solve.ascent.exchange import exchange, exchange_rules
-from nlpgrasp.solve.ascent.state import AscentState
+from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
+from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -90,11 +93,16 @@ def follow_task(
         branches = _branches([bench.with_task(problems[i]) for i in (0, -1)], starts, seed)
         if not branches:
             raise InputError("problem_at", "no grasp found at either end of the parameters", "tasks with a grasp")
-        return DynamicGrasp(problems[0].name, tuple(_steps(bench, problems, values, branches, gain)))
+        return DynamicGrasp(problems[0].name, tuple(_steps(bench, problems, values, branches, seed, gain)))
 
 
 def _steps(
-    bench: Workbench, problems: Sequence[GraspProblem], values: FloatArray, branches: list[AscentState], gain: float
+    bench: Workbench,
+    problems: Sequence[GraspProblem],
+    values: FloatArray,
+    branches: list[AscentState],
+    seed: int,
+    gain: float,
 ) -> list[DynamicStep]:
     """Follow the branches through all tasks; take another branch where it is better by the gain."""
     result: list[DynamicStep] = []
@@ -103,9 +111,9 @@ def _steps(
     rules = exchange_rules(bench)
     near = replace(rules, radius=min(rules.radius, NEAR_RADIUS), least_gain=max(rules.least_gain, NEAR_GAIN))
     for value, problem in zip(values.tolist(), problems, strict=True):
-        here, rng = bench.with_task(problem), np.random.default_rng(0)
+        here, rng, begun = bench.with_task(problem), np.random.default_rng(0), time.monotonic()
         for branch in branches:
-            branch.value = _value(here, branch)
+            branch.value, branch.effort = _value(here, branch), Effort()
         stayed = np.inf if before is None else _at_most(here, before)
         best = max(branch.value for branch in branches)
         for i, branch in enumerate(branches):
@@ -124,6 +132,8 @@ def _steps(
                 taken, (found, solution) = other, there
         regrasp = current is not None and taken is not current
         moved = np.zeros(len(found.grasp)) if before is None else _moved(before.grasp, found.grasp, regrasp)
+        record = solver_record(bench.options, seed, taken.effort, time.monotonic() - begun)
+        solution = replace(solution, solver=record)
         result.append(DynamicStep(value, solution, moved, regrasp, stayed if result else solution.mu.upper))
         current, before = taken, found
     return result
@@ -149,7 +159,8 @@ def _branches(benches: Sequence[Workbench], starts: int, seed: int) -> list[Asce
 def _branch(bench: Workbench, placed: Placed, rng: np.random.Generator) -> AscentState:
     """Return where contacts and hand are as a branch, with the directions in which they are weakest."""
     snapped = bench.snapped(placed)
-    return AscentState(snapped, cuts=weakest_at(bench, snapped, rng).directions)
+    unknown = np.zeros(len(bench.rows.named))  # multipliers, until a step is accepted
+    return AscentState(snapped, cuts=weakest_at(bench, snapped, rng).directions, multipliers=unknown)
 
 
 def _value(bench: Workbench, branch: AscentState) -> float:
@@ -178,6 +189,7 @@ def _placed(bench: Workbench, branch: AscentState, rng: np.random.Generator) -> 
         faces=found.placed.faces,
         mu=Bounds(bounds.lower, bounds.upper, bounds.worst_direction),
         kind=problem.task.measure,
+        constraints=constraint_reports(bench, found, branch.multipliers),
         hand=None if problem.hand is None or not hand else problem.hand.describe(hand),
         surface=found.surface,
     )

@@ -43,6 +43,28 @@ def test_every_step_is_a_solution_that_verifies(cup, tmp_path):
         assert step.solution.mu.gap <= 0.0101
 
 
+def test_each_step_s_file_verifies_on_its_own(tmp_path):
+    """With its constraints, seed, options and versions, as a solve's file has them."""
+    square = ng.Polygon([[0, 0], [0.1, 0], [0.1, 0.06], [0, 0.06]])
+    below = ng.Workspace(ng.BoxRegion([-1, -1], [1, 0.05]))
+
+    def pulling(share):
+        task = ng.TaskEllipsoid([1.0, 1.0 - 0.5 * share, 0.03])
+        return ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 3, task, constraints=[below])
+
+    for i, step in enumerate(ng.follow_task(pulling, [0.0, 0.5, 1.0], starts=2, seed=4, options=ONE).steps):
+        path = step.solution.save(tmp_path / f"{i}.json")
+        verified = ng.verify(path)
+        assert verified.passed, str(verified)
+        solution = ng.GraspSolution.load(path)
+        rows = [c for c in solution.constraints if c.kind == "workspace"]
+        assert {finger for c in rows for finger in c.fingers} == {0, 1, 2}
+        assert solution.solver["seed"] == 4
+        assert solution.solver["options"] == ONE.to_dict()
+        assert solution.solver["versions"]["nlpgrasp"] == ng.__version__
+        assert solution.solver["seconds"]["total"] > 0.0
+
+
 @pytest.mark.slow
 def test_what_staying_would_give(cup):
     """An upper bound of the contacts of the step before under this step's task, certified anew."""
