@@ -85,8 +85,8 @@ def write_outputs(result: ExperimentResult) -> list[str]:
         except (MissingExtraError, InputError) as error:
             missing.append(str(error))
 
-    attempt(write_csv, result, result.folder / TABLE)
-    attempt(write_parquet, result, result.folder / PARQUET)
+    attempt(write_csv, result.rows(), result.folder / TABLE)
+    attempt(write_parquet, result.rows(), result.folder / PARQUET)
     attempt(write_plots, result, result.folder)
     attempt(write_page, result, result.folder / PAGE, pictures)
     return missing

@@ -1,1 +1,1 @@
-"""What people see: the drawing of a grasp, and wrenches in words."""
+"""What people see: the drawing of a grasp, wrenches in words, lines of text."""

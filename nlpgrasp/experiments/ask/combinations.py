@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from itertools import product
-from typing import Any
 
+from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.variation import Changes, check_fields, settled_changes
-from nlpgrasp.experiments.found.wording import one_line
 
 
-def combinations(
-    *factors: Mapping[str, Changes], choose: Callable[..., bool] | None = None
-) -> dict[str, dict[str, Any]]:
+def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | None = None) -> dict[str, Changes]:
     """Return variations that combine one level of each factor, named ``"level, level"``.
 
     Constraints of several factors add up, and so do mappings of different options; any other field may come from one
@@ -45,7 +42,7 @@ def combinations(
     for i, factor in enumerate(factors):
         _check(f"combinations: factor {i}", factor)
     settled = [{name: settled_changes(changes) for name, changes in factor.items()} for factor in factors]
-    result: dict[str, dict[str, Any]] = {}
+    result: dict[str, Changes] = {}
     for levels in product(*settled):
         if choose is None or _chosen(choose, levels):
             name = ", ".join(levels)
@@ -66,24 +63,26 @@ def _check(where: str, factor: Mapping[str, Changes]) -> None:
         check_fields(f"{where}[{name!r}]", changes)
 
 
-def _merged(name: str, levels: list[Changes]) -> dict[str, Any]:
-    result: dict[str, Any] = {}
+def _merged(name: str, levels: list[Changes]) -> Changes:
+    result: dict[str, object] = {}
     for changes in levels:
         for field, value in changes.items():
             if field not in result:
                 result[field] = value
             elif field == "constraints":
                 result[field] = (*_several(result[field]), *_several(value))
-            elif field == "options" and _different(result[field], value):
-                result[field] = {**result[field], **value}
+            elif field == "options" and (both := _joined(result[field], value)) is not None:
+                result[field] = both
             else:
                 raise InputError(f"combinations[{name!r}].{field}", "values of two factors", "values of one factor")
     return result
 
 
-def _different(one: Any, other: Any) -> bool:
-    """Return whether both are mappings of different options."""
-    return isinstance(one, Mapping) and isinstance(other, Mapping) and not set(one) & set(other)
+def _joined(one: object, other: object) -> dict[str, object] | None:
+    """Return both mappings of options as one; None where they are not mappings of different options."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping) and not set(one) & set(other):
+        return {**one, **other}
+    return None
 
 
 def _chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
@@ -93,6 +92,6 @@ def _chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
         raise InputError("choose", one_line(error), f"a function of {len(levels)} names") from None
 
 
-def _several(constraints: Any) -> tuple[Any, ...]:
+def _several(constraints: object) -> tuple[object, ...]:
     """Return constraints as a tuple; a single one is allowed."""
     return tuple(constraints) if isinstance(constraints, list | tuple) else (constraints,)

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError
@@ -92,7 +91,7 @@ class Experiment:
                 self._cases[variation] = case
 
     def _set_variations(self) -> None:
-        given: Any = self.variations
+        given = self.variations
         try:
             pairs = [(n, v) for n, v in (given.items() if isinstance(given, Mapping) else given)]
         except (TypeError, ValueError):
@@ -133,19 +132,19 @@ class Experiment:
         return partial(_given, self._cases[name])
 
 
-def check_names(names: Sequence[Any]) -> None:
+def check_names(names: Sequence[object]) -> None:
     """Refuse names of variations that cannot be shown, or told apart."""
     if not names:
         raise InputError("Experiment.variations", "none", "at least one variation")
     for name in names:
         if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 200:
             raise InputError("Experiment.variations", repr(name), "names of 1 to 200 printable characters")
-    twice = [name for name, count in Counter(" ".join(n.split()) for n in names).items() if count > 1]
+    twice = [name for name, count in Counter(" ".join(str(n).split()) for n in names).items() if count > 1]
     if twice:
         raise InputError("Experiment.variations", f"two variations named {twice[0]!r}", "each name once")
 
 
-def check_seeds(given: Any) -> tuple[int, ...]:
+def check_seeds(given: object) -> tuple[int, ...]:
     """Return seeds as whole numbers.
 
     Raises
@@ -154,7 +153,7 @@ def check_seeds(given: Any) -> tuple[int, ...]:
         On none, on other things, or one twice.
     """
     try:
-        if isinstance(given, str):
+        if isinstance(given, str) or not isinstance(given, Iterable):
             raise TypeError
         values = tuple(given)
     except TypeError:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, TypeAlias, TypedDict
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -13,12 +14,24 @@ from nlpgrasp.hands import Fingertips
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve import SolveOptions
 
-Changes = Mapping[str, Any]
-Variation = Changes | GraspProblem | Callable[[], Changes | GraspProblem]
+Changes: TypeAlias = Mapping[str, Any]
+"""Fields of a problem by name, and the values that replace them: of any field's type."""
+
+Variation: TypeAlias = Changes | GraspProblem | Callable[[], Changes | GraspProblem]
+"""What one variation may be: fields to replace, a whole problem, or a function that returns either."""
 
 PARTS = tuple(f.name for f in fields(GraspProblem))
 MORE = ("friction", "fingers", "starts", "options")
 ALLOWED = f"fields of a GraspProblem ({', '.join(PARTS)}) or {', '.join(MORE)}"
+
+
+class CaseData(TypedDict, total=False):
+    """What one variation asks, as JSON data; ``deferred`` alone where a function makes it."""
+
+    deferred: bool
+    problem: Json
+    starts: int
+    options: Json
 
 
 @dataclass(frozen=True)
@@ -37,7 +50,7 @@ class Case:
     starts: int
     options: SolveOptions
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> CaseData:
         """Return what decides the result, as JSON data."""
         problem = {"name": self.problem.name, "torque_origin": self.problem.origin.tolist(), **self.problem.to_dict()}
         options = {k: v for k, v in self.options.to_dict().items() if k != "workers"}
@@ -90,7 +103,7 @@ def check_fields(where: str, changes: Changes) -> None:
         raise InputError(f"{where}.{unknown[0]}", "a field that does not exist", ALLOWED)
 
 
-def _with_fingers(base: GraspProblem, given: Changes, parts: dict[str, Any]) -> dict[str, Any]:
+def _with_fingers(base: GraspProblem, given: Changes, parts: Changes) -> Changes:
     """Return the parts with a number of fingers and a friction put into contacts and hand."""
     if "fingers" not in given and "friction" not in given:
         return parts
@@ -117,7 +130,7 @@ def _with_friction(model: ContactModel, friction: float) -> ContactModel:
     return model.with_coefficients(friction=friction)
 
 
-def _options(where: str, base: SolveOptions, given: Any) -> SolveOptions:
+def _options(where: str, base: SolveOptions, given: object) -> SolveOptions:
     """Return the options of a variation: all of them, or those named replaced."""
     if given is None:
         return base

@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain, count
 
+from nlpgrasp.common.shown.text import columns
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.found.ranking import ranks, ties
 from nlpgrasp.experiments.found.record import SolveRecord
 from nlpgrasp.experiments.found.result import NOT_COMPARABLE
-from nlpgrasp.experiments.found.text import columns
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.found.wording import one_line
+from nlpgrasp.experiments.found.digest import asked_of, measured_by
+from nlpgrasp.experiments.found.table import COLUMNS, Row
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 
 NOTHING = Bounds(0.0, 0.0)
+NOT_DONE = "not done"  # the failure of a solve whose turn has not come
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class SolveRecord:
             active_constraints(solution.constraints),
             solution.prices,
             len(solution.problem.get("contacts", ())),
-            _measured(solution),
+            measured_by(solution),
             asked=asked_of(solution.problem),
             best_start=solution.winner,
         )
@@ -117,6 +117,40 @@ class SolveRecord:
     def succeeded(self) -> int:
         """How many starts found a certified grasp."""
         return sum(s.status is Status.SOLVED for s in self.starts)
+
+    def row(self, experiment: str, rank: int | None, file: str) -> Row:
+        """Return the record as a row of the experiment's table.
+
+        Parameters
+        ----------
+        experiment : str
+        rank : int or None
+            Of the variation; None where nothing of it is done.
+        file : str
+            Of the solution, in the output folder.
+        """
+        missing = "not_done" if self.failure == NOT_DONE else "failed"
+        values = (
+            experiment,
+            self.variation,
+            self.seed,
+            missing if self.status is None else self.status.name.lower(),
+            self.kind,
+            self.mu.lower,
+            self.mu.upper,
+            rank,
+            self.contacts,
+            len(self.starts),
+            self.succeeded,
+            self.seconds,
+            self.iterations,
+            "; ".join(self.active),
+            "; ".join(str(p) for p in self.prices),
+            self.measured,
+            self.failure,
+            file if self.done else "",
+        )
+        return dict(zip(COLUMNS, values, strict=True))
 
     @property
     def rising(self) -> tuple[tuple[float, float], ...]:
@@ -145,22 +179,3 @@ def _with_fingers(name: str, fingers: Sequence[tuple[int, ...]]) -> str:
         return name
     which = ", ".join(" and ".join(map(str, group)) for group in fingers)
     return f"{name}, finger{'s' * (sum(map(len, fingers)) > 1)} {which}"
-
-
-ALSO_RECORDED = {"unit", "approach", "link_spheres", "watched_pairs"}  # of body and hand, not in older files
-
-
-def asked_of(problem: Json) -> str:
-    """Return a digest of a problem's JSON data; budgets are left out: of a hand they are stated in its posture."""
-    parts = {k: problem.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
-    for name in ("body", "hand"):
-        part = parts[name]
-        if isinstance(part, Mapping):
-            parts[name] = {k: v for k, v in part.items() if k not in ALSO_RECORDED}
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _measured(solution: GraspSolution) -> str:
-    """Return a digest of what mu is measured by: task and kind of budget."""
-    text = json.dumps([solution.problem["task"], solution.budget.kind], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:12]

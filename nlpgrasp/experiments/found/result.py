@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from nlpgrasp.errors import InputError
+from nlpgrasp.common.shown.text import columns
 from nlpgrasp.experiments.ask.experiment import SolveId
-from nlpgrasp.experiments.found import table
 from nlpgrasp.experiments.found.ranking import ranks, ties
-from nlpgrasp.experiments.found.record import SolveRecord, asked_of
-from nlpgrasp.experiments.found.text import columns
-from nlpgrasp.experiments.found.variation_result import NOT_DONE, VariationResult
-from nlpgrasp.experiments.found.wording import plain
-from nlpgrasp.experiments.run.folder import Folder
+from nlpgrasp.experiments.found.record import NOT_DONE, SolveRecord
+from nlpgrasp.experiments.found.stored import read_records
+from nlpgrasp.experiments.found.table import Row, frame
+from nlpgrasp.experiments.found.variation_result import VariationResult
+from nlpgrasp.experiments.run.folder import SOLVES, Folder
 from nlpgrasp.solution.solution import GraspSolution
 
 if TYPE_CHECKING:
@@ -136,9 +135,14 @@ class ExperimentResult:
         best = known.best or known.solves[0]
         return GraspSolution.load(Folder(self.folder).file(SolveId(variation, best.seed if seed is None else seed)))
 
-    def rows(self) -> list[dict[str, Any]]:
-        """Return the table: one mapping a solve, see ``table``."""
-        return table.rows(self)
+    def rows(self) -> list[Row]:
+        """Return the table: one mapping a solve, with the keys of ``table.COLUMNS``."""
+        place, rows = Folder(self.folder), []
+        for variation, rank in zip(self.variations, self.ranks(), strict=True):
+            for solve in variation.solves:
+                file = f"{SOLVES}/{place.file(SolveId(solve.variation, solve.seed)).name}"
+                rows.append(solve.row(self.name, rank if variation.done else None, file))
+        return rows
 
     def frame(self) -> pd.DataFrame:
         """Return the table as a pandas frame (extra ``tables``).
@@ -148,7 +152,7 @@ class ExperimentResult:
         MissingExtraError
             When pandas is not installed.
         """
-        return table.frame(self)
+        return frame(self.rows())
 
     def __str__(self) -> str:
         heads = ["rank", "variation", "mu certified in", "seeds", "seconds", "starts", "ties with", "active"]
@@ -170,37 +174,3 @@ class ExperimentResult:
         missing = sum(s.failure == NOT_DONE for s in self.failures)
         lines += [f"{missing} solves not done"] if missing else []
         return "\n".join([*lines, *self.notes])
-
-
-def _record(place: Folder, solve: SolveId) -> SolveRecord | None:
-    """Return the record of a solve from its file, None without one."""
-    solution = place.load(solve)
-    if solution is None:
-        return None
-    return replace(SolveRecord.of(solve.variation, solve.seed, solution), earlier=True)
-
-
-def read_records(
-    place: Folder, solves: Sequence[SolveId], plan: Mapping[str, Any]
-) -> tuple[dict[SolveId, SolveRecord], list[str]]:
-    """Return the records of the solves that have a file, and a note for each file that cannot be used.
-
-    All solves of a variation have to be of the plan's problem, or where a function makes it, of the same one.
-    """
-    variations = plan["variations"].items()
-    asked = {name: asked_of(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
-    records: dict[SolveId, SolveRecord] = {}
-    notes = []
-    for solve in solves:
-        try:
-            record = _record(place, solve)
-            if record is not None and record.asked != asked.setdefault(solve.variation, record.asked):
-                raise InputError(str(place.file(solve)), "another problem", "the problem of its variation")
-        except InputError as error:
-            notes.append(f"{solve}: not used, {plain(str(error))}")
-            record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")
-        if record is not None:
-            records[solve] = record
-        elif (why := place.failure(solve)) is not None:
-            records[solve] = SolveRecord(solve.variation, solve.seed, failure=why)
-    return records, notes

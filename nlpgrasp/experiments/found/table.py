@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 from nlpgrasp.common.files import write_bytes, write_text
 from nlpgrasp.errors import MissingExtraError
-from nlpgrasp.experiments.ask.experiment import SolveId
-from nlpgrasp.experiments.found.variation_result import NOT_DONE
-from nlpgrasp.experiments.run.folder import SOLVES, Folder
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from nlpgrasp.experiments.found.result import ExperimentResult
-
 EXTRA = "tables"
+Row: TypeAlias = dict[str, str | int | float | None]
+"""What the table says of one solve, with the keys of ``COLUMNS``."""
 COLUMNS: dict[str, str] = {
     "experiment": "name of the experiment",
     "variation": "name of the variation",
@@ -41,49 +39,17 @@ COLUMNS: dict[str, str] = {
 }
 
 
-def rows(result: ExperimentResult) -> list[dict[str, Any]]:
-    """Return one mapping a solve, with the keys of ``COLUMNS``."""
-    place = Folder(result.folder)
-    table = []
-    for variation, rank in zip(result.variations, result.ranks(), strict=True):
-        for solve in variation.solves:
-            missing = "not_done" if solve.failure == NOT_DONE else "failed"
-            file = f"{SOLVES}/{place.file(SolveId(solve.variation, solve.seed)).name}"
-            values = (
-                result.name,
-                solve.variation,
-                solve.seed,
-                missing if solve.status is None else solve.status.name.lower(),
-                solve.kind,
-                solve.mu.lower,
-                solve.mu.upper,
-                rank if variation.done else None,
-                solve.contacts,
-                len(solve.starts),
-                solve.succeeded,
-                solve.seconds,
-                solve.iterations,
-                "; ".join(solve.active),
-                "; ".join(str(p) for p in solve.prices),
-                solve.measured,
-                solve.failure,
-                file if solve.done else "",
-            )
-            table.append(dict(zip(COLUMNS, values, strict=True)))
-    return table
-
-
-def write_csv(result: ExperimentResult, path: str | Path) -> Path:
-    """Write the table as CSV (RFC 4180, UTF-8, numbers that read back exactly)."""
+def write_csv(rows: Sequence[Row], path: str | Path) -> Path:
+    """Write rows as CSV (RFC 4180, UTF-8, numbers that read back exactly)."""
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, list(COLUMNS))
     writer.writeheader()
-    writer.writerows(rows(result))
+    writer.writerows(rows)
     return write_text(path, text.getvalue())
 
 
-def write_parquet(result: ExperimentResult, path: str | Path) -> Path:
-    """Write the table as Parquet (extra ``tables``).
+def write_parquet(rows: Sequence[Row], path: str | Path) -> Path:
+    """Write rows as Parquet (extra ``tables``).
 
     Raises
     ------
@@ -96,12 +62,12 @@ def write_parquet(result: ExperimentResult, path: str | Path) -> Path:
     except ImportError:
         raise MissingExtraError("a Parquet table", EXTRA) from None
     sink = pa.BufferOutputStream()
-    parquet.write_table(pa.Table.from_pylist(rows(result)), sink)
+    parquet.write_table(pa.Table.from_pylist(list(rows)), sink)
     return write_bytes(path, sink.getvalue().to_pybytes())
 
 
-def frame(result: ExperimentResult) -> pd.DataFrame:
-    """Return the table as a pandas frame (extra ``tables``).
+def frame(rows: Sequence[Row]) -> pd.DataFrame:
+    """Return rows as a pandas frame (extra ``tables``).
 
     Raises
     ------
@@ -112,4 +78,4 @@ def frame(result: ExperimentResult) -> pd.DataFrame:
         import pandas as pd
     except ImportError:
         raise MissingExtraError("a pandas frame", EXTRA) from None
-    return pd.DataFrame(rows(result), columns=list(COLUMNS))
+    return pd.DataFrame(list(rows), columns=list(COLUMNS))

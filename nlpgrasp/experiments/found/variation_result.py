@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from statistics import median
 
-from nlpgrasp.experiments.found.record import NOTHING, SolveRecord
+from nlpgrasp.experiments.found.record import NOT_DONE, NOTHING, SolveRecord
 from nlpgrasp.quality import Bounds
-
-NOT_DONE = "not done"
 
 
 @dataclass(frozen=True)

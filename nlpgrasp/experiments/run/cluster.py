@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from typing import Any
 
+from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError, MissingExtraError, NlpgraspError
 from nlpgrasp.experiments.ask.experiment import SolveId
-from nlpgrasp.experiments.found.wording import one_line
 from nlpgrasp.experiments.run.work import Job, Outcome, work
 
 ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from nlpgrasp.common.files import write_text
+from nlpgrasp.common.shown.text import plain
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import SolveId
-from nlpgrasp.experiments.found.wording import plain
-from nlpgrasp.experiments.run.plan import check_same, read_plan
+from nlpgrasp.experiments.run.plan import Plan, check_same, read_plan
 from nlpgrasp.solution.solution import GraspSolution
 
 try:
@@ -46,7 +46,7 @@ class Folder:
         self.path = Path(path).absolute()
         self._lock: Any = None
 
-    def open(self, plan: dict[str, Any], resume: bool) -> None:
+    def open(self, plan: Plan, resume: bool) -> None:
         """Take the folder for an experiment, making it where there is none.
 
         Raises
@@ -61,7 +61,7 @@ class Folder:
             self.close()
             raise InputError(f"out ({self.path})", error.strerror, "a folder that can be written") from None
 
-    def _open(self, plan: dict[str, Any], resume: bool) -> None:
+    def _open(self, plan: Plan, resume: bool) -> None:
         path = self.path
         if path.is_symlink() and not path.exists():
             raise InputError(f"out ({path})", "a link to nothing", "a folder")
@@ -102,7 +102,7 @@ class Folder:
                 self.close()
                 raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own") from None
 
-    def plan(self) -> dict[str, Any]:
+    def plan(self) -> Plan:
         """Return the plan.
 
         Raises

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import NotRequired, TypedDict
 
+from nlpgrasp.common.shown.text import one_line, plain
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import Experiment, check_names, check_seeds
-from nlpgrasp.experiments.found.wording import one_line, plain
+from nlpgrasp.experiments.ask.variation import CaseData
 from nlpgrasp.solution.file import DEEPEST, depth
 from nlpgrasp.version import __version__
 
 PLAN_SCHEMA = "nlpgrasp-experiment/1"
 
 
-def plan_of(experiment: Experiment) -> dict[str, Any]:
+class Plan(TypedDict):
+    """An experiment as JSON data."""
+
+    schema: str
+    created_by: NotRequired[dict[str, str]]
+    name: str
+    seeds: list[int]
+    variations: dict[str, CaseData]
+
+
+def plan_of(experiment: Experiment) -> Plan:
     """Return the experiment as JSON data: all that decides its results, and the version that ran it."""
     variations = {
         name: {"deferred": True} if experiment.deferred(name) else experiment.case(name).to_dict()
@@ -28,22 +39,23 @@ def plan_of(experiment: Experiment) -> dict[str, Any]:
         "seeds": list(experiment.seeds),
         "variations": variations,
     }
-    return dict(json.loads(json.dumps(plan)))  # as it will be read
+    read: Plan = json.loads(json.dumps(plan))  # as it will be read
+    return read
 
 
-def read_plan(text: str, where: str) -> dict[str, Any]:
+def read_plan(text: str, where: str) -> Plan:
     """Return the plan of a JSON text.
 
     Raises
     ------
     InputError
-        When it is none.
+        When it is not the plan of an experiment.
     """
     allowed = f"the plan of an experiment ({PLAN_SCHEMA})"
     if depth(text) > DEEPEST:
         raise InputError(where, f"nesting deeper than {DEEPEST}", allowed)
     try:
-        plan = json.loads(text)
+        plan: Plan = json.loads(text)
         if plan["schema"] != PLAN_SCHEMA or not isinstance(plan["variations"], dict):
             raise ValueError("another schema")
         check_names(list(plan["variations"]))
@@ -53,10 +65,10 @@ def read_plan(text: str, where: str) -> dict[str, Any]:
         plan["name"] = plain(str(plan.get("name", "")))
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(where, f"no plan ({one_line(error)})", allowed) from None
-    return dict(plan)
+    return plan
 
 
-def check_same(old: Mapping[str, Any], new: Mapping[str, Any], where: str) -> None:
+def check_same(old: Plan, new: Plan, where: str) -> None:
     """Refuse to go on with another experiment; variations and seeds may have been added.
 
     Raises
@@ -74,8 +86,8 @@ def check_same(old: Mapping[str, Any], new: Mapping[str, Any], where: str) -> No
     elif gone:
         difference = f"an experiment with a variation {gone[0]!r}"
     elif changed:
-        parts = [k for k in ours[changed[0]] if theirs[changed[0]].get(k) != ours[changed[0]][k]]
-        parts += [p for p in ours[changed[0]].get("problem", {}) if _differs(theirs[changed[0]], ours[changed[0]], p)]
+        one, other = theirs[changed[0]], ours[changed[0]]
+        parts = _differing(one, other) + _differing(one.get("problem", {}), other.get("problem", {}))
         difference = f"an experiment whose variation {changed[0]!r} is another ({', '.join(parts)})"
     elif seeds:
         difference = f"an experiment with seed {seeds[0]}"
@@ -83,5 +95,6 @@ def check_same(old: Mapping[str, Any], new: Mapping[str, Any], where: str) -> No
         raise InputError(f"out ({where})", difference, "the folder of this experiment, or a new one")
 
 
-def _differs(one: Mapping[str, Any], other: Mapping[str, Any], part: str) -> bool:
-    return bool(one.get("problem", {}).get(part) != other["problem"][part])
+def _differing(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:
+    """Return the keys of the other whose values differ."""
+    return [key for key, value in other.items() if one.get(key) != value]

@@ -8,12 +8,13 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import Experiment, SolveId
 from nlpgrasp.experiments.found.record import SolveRecord
-from nlpgrasp.experiments.found.result import ExperimentResult, read_records
-from nlpgrasp.experiments.found.wording import one_line
+from nlpgrasp.experiments.found.result import ExperimentResult
+from nlpgrasp.experiments.found.stored import read_records
 from nlpgrasp.experiments.run.cluster import ClusterLostError, connect, run_cluster
 from nlpgrasp.experiments.run.folder import Folder
 from nlpgrasp.experiments.run.local import run_local

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import cloudpickle
 
+from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import Experiment, SolveId
 from nlpgrasp.experiments.ask.variation import Case
-from nlpgrasp.experiments.found.wording import one_line
 from nlpgrasp.solution.file import text_of
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solve.solve import check_json, solve_again

@@ -1,0 +1,28 @@
+"""Digests of problems: which solves are of one problem, and whose values of mu measure the same."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.solution.solution import GraspSolution
+
+ALSO_RECORDED = {"unit", "approach", "link_spheres", "watched_pairs"}  # of body and hand, not in older files
+
+
+def asked_of(problem: Json) -> str:
+    """Return a digest of a problem's JSON data; budgets are left out: of a hand they are stated in its posture."""
+    parts = {k: problem.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
+    for name in ("body", "hand"):
+        part = parts[name]
+        if isinstance(part, Mapping):
+            parts[name] = {k: v for k, v in part.items() if k not in ALSO_RECORDED}
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def measured_by(solution: GraspSolution) -> str:
+    """Return a digest of what mu is measured by: task and kind of budget."""
+    text = json.dumps([solution.problem["task"], solution.budget.kind], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -1,0 +1,53 @@
+"""One solve of an experiment as a record and as a row of the table."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.experiments.found.digest import asked_of, measured_by
+from nlpgrasp.experiments.found.record import NOT_DONE, SolveRecord
+from nlpgrasp.experiments.found.table import COLUMNS, write_csv
+
+BOX = Path(__file__).parents[1] / "solution" / "files" / "box.json"
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return ng.GraspSolution.load(BOX)
+
+
+def test_a_row_says_what_the_solution_says(solution):
+    row = SolveRecord.of("rough", 3, solution).row("boxes", 2, "solves/rough.json")
+    assert list(row) == list(COLUMNS)
+    assert (row["experiment"], row["variation"], row["seed"], row["rank"]) == ("boxes", "rough", 3, 2)
+    assert (row["status"], row["mu_lower"], row["mu_upper"]) == ("solved", solution.mu.lower, solution.mu.upper)
+    assert (row["contacts"], row["starts"]) == (3, len(solution.starts))
+    assert row["file"] == "solves/rough.json"
+
+
+@pytest.mark.parametrize(("failure", "status"), [(NOT_DONE, "not_done"), ("RuntimeError: boom", "failed")])
+def test_a_row_without_a_solution(failure, status):
+    row = SolveRecord("rough", 0, failure=failure).row("boxes", None, "solves/rough.json")
+    assert (row["status"], row["failure"], row["file"], row["rank"]) == (status, failure, "", None)
+    assert (row["mu_lower"], row["mu_upper"]) == (0.0, 0.0)
+
+
+def test_rows_as_csv(solution, tmp_path):
+    row = SolveRecord.of("a, b", 0, solution).row("boxes", None, "x.json")
+    with write_csv([row], tmp_path / "t.csv").open(newline="") as file:
+        (read,) = csv.DictReader(file)
+    assert read["variation"] == "a, b"
+    assert read["rank"] == ""
+    assert float(read["mu_lower"]) == row["mu_lower"]
+
+
+def test_digests_tell_problems_apart(solution):
+    problem = dict(solution.problem)
+    assert asked_of({**problem, "force_budget": "shared"}) == asked_of(problem)
+    assert measured_by(replace(solution, problem={**problem, "force_budget": "shared"})) != measured_by(solution)
+    assert measured_by(replace(solution, problem={**problem, "contacts": []})) == measured_by(solution)
+    assert asked_of({**problem, "contacts": []}) != asked_of(problem)
+    assert asked_of({**problem, "body": {**problem["body"], "unit": "in"}}) == asked_of(problem)
