@@ -238,18 +238,3 @@ def intersection(parts: Sequence[Expression]) -> Expression:
     for d in parts[1:]:
         largest = ca.fmax(largest, d)
     return ca.sqrt(positive + TINY) + ca.fmin(largest, 0.0)
-
-
-def grid_centroid(body: Body, resolution: int = 60) -> FloatArray:
-    """Return the centroid of ``{h <= 0}`` for a body of one face, by summing over a grid of its box."""
-    lower, upper = body.bounds
-    axes = [
-        np.linspace(a, b, resolution, endpoint=False) + (b - a) / (2 * resolution)
-        for a, b in zip(lower, upper, strict=True)
-    ]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, body.space)
-    h = body.evaluate(body.face_names[0], points)[0]
-    inside = points[h <= 0.0]
-    if not len(inside):
-        raise InputError(f"{type(body).__name__}.h", "no point of the bounds with h <= 0", "h negative inside the body")
-    return np.asarray(inside.mean(axis=0))

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Face, grid_centroid
+from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, read_only
@@ -67,7 +67,7 @@ class Implicit(Body):
     @cached_property
     def centroid(self) -> FloatArray:
         """Centre of the grid points with ``h <= 0`` (60 a side)."""
-        return grid_centroid(self)
+        return _grid_centroid(self)
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return the one face."""
@@ -121,3 +121,18 @@ class PlanarImplicit(Implicit):
     def space(self) -> int:
         """2."""
         return 2
+
+
+def _grid_centroid(body: Body, resolution: int = 60) -> FloatArray:
+    """Return the centroid of ``{h <= 0}`` for a body of one face, by summing over a grid of its box."""
+    lower, upper = body.bounds
+    axes = [
+        np.linspace(a, b, resolution, endpoint=False) + (b - a) / (2 * resolution)
+        for a, b in zip(lower, upper, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, body.space)
+    h = body.evaluate(body.face_names[0], points)[0]
+    inside = points[h <= 0.0]
+    if not len(inside):
+        raise InputError(f"{type(body).__name__}.h", "no point of the bounds with h <= 0", "h negative inside the body")
+    return np.asarray(inside.mean(axis=0))
