@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import sys
 from contextlib import nullcontext, redirect_stdout
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -15,7 +16,7 @@ import typer
 
 from nlpgrasp.cli.experiment import experiment_command
 from nlpgrasp.cli.export import export_command
-from nlpgrasp.cli.options import AsJson, File, Rtol, Script, writable
+from nlpgrasp.cli.options import AsJson, File, Folders, Rtol, Script, writable
 from nlpgrasp.cli.progress import Reporter, done, emit, pair
 from nlpgrasp.cli.quality import quality_command
 from nlpgrasp.cli.report import report_command
@@ -73,11 +74,11 @@ def solve_command(
         raise typer.Exit(1)
 
 
-def verify_command(file: File, rtol: Rtol = 0.01, as_json: AsJson = False) -> None:
-    """Check a solution file from its task and grasp alone, by independent code."""
-    verification = verify(file, rtol)
+def verify_command(file: File, rtol: Rtol = 0.01, folder: Folders = None, as_json: AsJson = False) -> None:
+    """Check a solution file: quality, surface, constraints and hand, by independent code."""
+    verification = verify(file, rtol, folder or ())
     if as_json:
-        checks = [{"name": c.name, "passed": c.passed, "detail": c.detail} for c in verification.checks]
+        checks = [asdict(check) for check in verification.checks]
         mu_pair = None if verification.mu is None else pair(verification.mu)
         emit({"passed": verification.passed, "mu": mu_pair, "checks": checks})
     else:

@@ -12,6 +12,10 @@ from nlpgrasp.errors import InputError
 
 Script = Annotated[Path, typer.Argument(metavar="SCRIPT", help="Python file with a function problem().")]
 File = Annotated[Path, typer.Argument(metavar="F.json", help="Solution file.")]
+Folders = Annotated[
+    list[Path] | None,
+    typer.Option("--folder", help="Where the file's mesh and URDF are looked for, after its own folder; repeatable."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="JSON lines on standard output instead of text.")]
 Rtol = Annotated[float, typer.Option("--rtol", help="Relative gap of the certificate.")]
 

@@ -74,4 +74,16 @@ class Verification:
 
 
 class NotMadeError(NlpgraspError):
-    """Raised by what recomputes a part of a file, where it cannot: the sentence says why."""
+    """Raised by what recomputes a part of a file, where it cannot.
+
+    Parameters
+    ----------
+    why : str
+        One sentence.
+    every_row : bool
+        Whether all rows of the part were named before, and only their values stay unknown.
+    """
+
+    def __init__(self, why: str, every_row: bool = False) -> None:
+        super().__init__(why)
+        self.every_row = every_row

@@ -51,12 +51,11 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     if hand is not None:
         parts["hand"] = partial(hand.rows, placement)
     if hand is not None and hand.linked:
-        parts["links"] = partial(_link_rows, hand, surface, placement)
+        parts["links"] = partial(link_rows, hand, surface, placement)
     rows = [_guarded(name, given, partial(compare, stated=stated, promise=promise)) for name, given in parts.items()]
-    unmet = stated.left if all(check.made for check in rows) else []
     if hand is not None and hand.linked:
         rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
-    return [*checks, face_check(solution), *rows, *_stated_check(solution, unmet)]
+    return [*checks, face_check(solution), *rows, *_stated_check(solution, stated.unasked)]
 
 
 def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources) -> HandNumbers | None:
@@ -79,7 +78,7 @@ def _constraint_rows(data: Json, placement: StatedPlacement) -> Iterable[RowValu
     return CONSTRAINTS.of(data)(data, placement)
 
 
-def _link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
+def link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
     """Yield the distance of each sphere of the hand from the held body, then what keeps the hand off itself."""
     balls = hand.balls(placement)
     if balls and surface is None:
@@ -104,12 +103,12 @@ def _guarded(
         return Check(name, False, _sentence(error))
 
 
-def _stated_check(solution: GraspSolution, unmet: list[str]) -> list[Check]:
+def _stated_check(solution: GraspSolution, unasked: list[str]) -> list[Check]:
     """Return whether the stated values are within the stated limits, and every stated row is some part's own."""
     if not solution.constraints:
         return []
     wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _within(c)]
-    wrong += [f"{name} is nothing that the problem asks" for name in unmet]
+    wrong += [f"{name} is nothing that the problem asks" for name in unasked]
     detail = f"{len(solution.constraints)} stated values"
     return [Check("constraints", not wrong, f"{detail}: {'; '.join(wrong)}" if wrong else detail)]
 

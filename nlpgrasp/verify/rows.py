@@ -62,7 +62,7 @@ class RowValue:
 
 
 def _same(stated: float, own: float, scale: float) -> bool:
-    return stated == own or abs(stated - own) <= LIMITS * max(abs(own), scale)
+    return stated == own or (np.isfinite(own) and abs(stated - own) <= LIMITS * max(abs(own), scale))
 
 
 class StatedRows:
@@ -71,9 +71,15 @@ class StatedRows:
     Parameters
     ----------
     reports : iterable of ConstraintReport
+
+    Attributes
+    ----------
+    some_unknown : bool
+        Whether some part of the problem may have rows that were not recomputed.
     """
 
     def __init__(self, reports: Iterable[ConstraintReport]) -> None:
+        self.some_unknown = False
         self._left: dict[str, list[ConstraintReport]] = {}
         for report in reports:
             self._left.setdefault(report.name, []).append(report)
@@ -88,9 +94,9 @@ class StatedRows:
         return {name: reports[0].value for name, reports in self._left.items() if reports}
 
     @property
-    def left(self) -> list[str]:
-        """Names of the rows that none recomputed has met."""
-        return [name for name, reports in self._left.items() for _ in reports]
+    def unasked(self) -> list[str]:
+        """Names of the rows that no part of the problem gives, as far as all parts are known."""
+        return [] if self.some_unknown else [name for name, reports in self._left.items() for _ in reports]
 
 
 def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: float) -> Check:
@@ -116,6 +122,7 @@ def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: fl
             worst = max(worst, abs(said.value - row.value) / row.scale)
     except NotMadeError as reason:
         why = str(reason)
+        stated.some_unknown |= not reason.every_row
     if wrong:
         return Check(name, False, _listed(wrong))
     agree = f"{count} row{'s' if count != 1 else ''} recomputed, relative difference {worst:.1e}"

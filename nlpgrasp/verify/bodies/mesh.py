@@ -74,8 +74,10 @@ class MeshSurface:
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3) to the mesh itself."""
-        sign = [-1.0 if self.triangles.is_inside(p) else 1.0 for p in points]
-        return np.array([s * self.triangles.distance(p) for s, p in zip(sign, points, strict=True)])
+        boxed = np.all((points >= self.bounds[0]) & (points <= self.bounds[1]), axis=1)
+        found = np.array([self.triangles.distance(p) for p in points])
+        inside = [near and self.triangles.is_inside(p) for p, near in zip(points, boxed, strict=True)]
+        return np.where(inside, -found, found)
 
 
 class OtherMeshError(NotMadeError):

@@ -26,4 +26,5 @@ def expression(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
         )
     if not labels:
         raise NotMadeError(f"the file states no row of {name!r}")
-    raise NotMadeError(f"the expression {name!r} stays in the script that made it; its limits are the problem's")
+    text = f"the expression {name!r} stays in the script that made it; its limits are the problem's"
+    raise NotMadeError(text, every_row=True)

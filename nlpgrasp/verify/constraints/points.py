@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -37,18 +37,24 @@ def spread(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
 def workspace(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     """Yield the coordinates of contacts or palm in a box, or their depth in another region."""
     if data["palm"]:
-        yield from _within(data["region"], "workspace, palm", placement.palm.position, placement.size)
+        points = {"workspace, palm": placement.palm.position}
+    else:
+        points = {f"workspace, finger {i}": placement.points[i] for i in _fingers(data, placement)}
+    if data["region"]["type"] != "box_region":
+        yield from _depths(data["region"], points, placement, 0.0, np.inf)
         return
-    for i in _fingers(data, placement):
-        yield from _within(data["region"], f"workspace, finger {i}", placement.points[i], placement.size)
+    lower, upper = (corner.tolist() for corner in corners(data["region"]))
+    for name, point in points.items():
+        for axis, value, low, high in zip("xyz", point.tolist(), lower, upper, strict=False):
+            yield RowValue(f"{name}, {axis}", value, low, high, placement.size)
 
 
 def forbid(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     """Yield how deep each contact is in a forbidden region, at most zero; forbidden faces give no rows."""
     region = data.get("region")
     if region is not None:
-        for i, point in enumerate(placement.points):
-            yield RowValue(f"forbidden region, finger {i}", inside(region, point), upper=0.0, scale=placement.size)
+        points = {f"forbidden region, finger {i}": point for i, point in enumerate(placement.points)}
+        yield from _depths(region, points, placement, -np.inf, 0.0)
 
 
 def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
@@ -75,9 +81,16 @@ def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
     return range(len(placement.points)) if data.get("fingers") is None else [int(i) for i in data["fingers"]]
 
 
-def _within(region: Json, name: str, point: FloatArray, size: float) -> Iterator[RowValue]:
-    if region["type"] != "box_region":
-        yield RowValue(name, inside(region, point), 0.0, scale=size)
-        return
-    for axis, value, low, high in zip("xyz", point.tolist(), *(c.tolist() for c in corners(region)), strict=False):
-        yield RowValue(f"{name}, {axis}", value, low, high, size)
+def _depths(
+    region: Json, points: Mapping[str, FloatArray], placement: StatedPlacement, lower: float, upper: float
+) -> Iterator[RowValue]:
+    """Yield how deep points are in a region; where the region stays in a script, the stated depths, as not made."""
+    unknown = ""
+    for name, point in points.items():
+        try:
+            value = inside(region, point)
+        except NotMadeError as reason:
+            unknown, value = str(reason), placement.stated.get(name, np.nan)
+        yield RowValue(name, value, lower, upper, placement.size)
+    if unknown:
+        raise NotMadeError(unknown, every_row=True)

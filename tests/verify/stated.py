@@ -1,0 +1,70 @@
+"""Files as a solve would write them, without solving: every row's value is the program's own expression."""
+
+import copy
+import json
+
+import numpy as np
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.solution.records import ConstraintReport
+from nlpgrasp.solve.workbench.row_values import RowValues
+from nlpgrasp.verify.recomputed import recomputed
+from nlpgrasp.verify.sources import Sources
+
+
+def problem_of(body, count, **fields):
+    """Return a problem whose task plays no part."""
+    d = 6 if body.space == 3 else 3
+    return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * count, ng.TaskEllipsoid([1.0] * d), **fields)
+
+
+def contacts_on(body, faces, rng):
+    """Return random points of faces and the inward normals there."""
+    points = np.concatenate([body.sample(face, 1, rng)[:1] for face in faces])
+    normals = np.concatenate([-body.evaluate(face, p[None])[2] for face, p in zip(faces, points, strict=True)])
+    return points, normals
+
+
+def stated_file(problem, faces, points, normals, hand=None):
+    """Return JSON data that state these contacts, with the values of all rows.
+
+    Parameters
+    ----------
+    hand : dict, optional
+        The hand's variables; the posture in the file is what the hand makes of them.
+    """
+    variables = hand or {}
+    rows = RowValues(problem)
+    batched = {name: np.asarray(v)[None] for name, v in variables.items()}
+    values = rows.values(np.asarray(points)[None], np.asarray(normals)[None], batched)[0]
+    reports = [
+        ConstraintReport(r.name, float(v), r.lower, r.upper, 0.0, False)
+        for r, v in zip(rows.named, values, strict=True)
+    ]
+    solution = ng.GraspSolution(
+        status=ng.Status.SOLVED,
+        name=problem.name,
+        problem=problem.to_dict(),
+        grasp=ng.Grasp(points, normals, problem.models, problem.origin),
+        faces=tuple(faces),
+        mu=ng.Bounds(0.1, 0.2),
+        constraints=tuple(reports),
+        hand=problem.hand.describe(variables) if variables else None,
+        solver={"versions": {"trimesh": trimesh.__version__}},
+    )
+    return json.loads(json.dumps(solution.to_dict()))
+
+
+def edited(data, change):
+    """Return the data after a change."""
+    result = copy.deepcopy(data)
+    change(result)
+    return json.loads(json.dumps(result))
+
+
+def recomputed_file(data, *folders):
+    """Return the checks of surface, constraints and hand, by name."""
+    solution = ng.GraspSolution.from_dict(data, "file.json")
+    found = recomputed(solution, solution.grasp, Sources.beside(None, folders))
+    return {check.name: check for check in found}

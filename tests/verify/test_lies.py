@@ -1,0 +1,237 @@
+"""A file whose stated value is a lie fails, at the check that is about it."""
+
+import numpy as np
+import pytest
+
+from nlpgrasp.verify.check import Check, Verification
+from tests.hands.urdf import FOLDER
+from tests.verify import honest
+from tests.verify.stated import edited, recomputed_file
+
+
+def put(path, value):
+    """Return an edit of one entry; a function of the old value where that is given."""
+
+    def change(data):
+        *way, last = path
+        for key in way:
+            data = data[key]
+        data[last] = value(data[last]) if callable(value) else value
+
+    return change
+
+
+def row(name, key, value):
+    """Return an edit of a stated row."""
+
+    def change(data):
+        found = next(r for r in data["constraints"] if r["name"] == name)
+        found[key] = value(found[key]) if callable(value) else value
+
+    return change
+
+
+def drop(name):
+    """Return an edit that leaves a stated row out."""
+
+    def change(data):
+        kept = [r for r in data["constraints"] if r["name"] != name]
+        assert len(kept) == len(data["constraints"]) - 1
+        data["constraints"] = kept
+
+    return change
+
+
+def turned(i, normal):
+    """Return an edit of a normal, with tangents across it."""
+
+    def change(data):
+        frame = np.linalg.qr(np.column_stack([normal, np.eye(3)[np.argsort(np.abs(normal))[:2]].T]))[0].T
+        entry = data["grasp"]["contacts"][i]
+        entry["normal"] = list(normal)
+        entry["tangents"] = [frame[1].tolist(), np.cross(normal, frame[1]).tolist()]
+
+    return change
+
+
+def asked(i, *path):
+    return ("problem", "constraints", i, *path)
+
+
+def contact(i, key):
+    return ("grasp", "contacts", i, key)
+
+
+def a_little(v):
+    return v + 1e-4
+
+
+BOX = {
+    "the body is larger": (put(("problem", "body", "extents", 0), 0.5), "surface"),
+    "the body is a little larger": (put(("problem", "body", "extents", 0), 0.0801), "surface"),
+    "the body is a sphere": (put(("problem", "body"), {"type": "sphere", "radius": 0.04}), "surface"),
+    "another face": (put(contact(0, "face"), "+y"), "surface"),
+    "a face there is not": (put(contact(0, "face"), "lid"), "surface"),
+    "a forbidden face": (put(contact(2, "face"), "-z"), "faces"),
+    "a contact off its face": (put(contact(0, "position"), [0.0401, 0.004, 0.01]), "surface"),
+    "a contact past the edge": (put(contact(2, "position"), [0.0, 0.02, -0.0301]), "surface"),
+    "a contact moved along its face": (put(contact(2, "position"), [0.0001, 0.02, -0.01]), "constraint 1, spread"),
+    "a normal outwards": (turned(2, [0.0, 1.0, 0.0]), "normals"),
+    "a normal turned": (turned(2, [1e-4, -np.sqrt(1.0 - 1e-8), 0.0]), "normals"),
+    "a stated height": (row("table, finger 1", "value", a_little), "constraint 0, table"),
+    "a stated bound": (row("table, finger 1", "bound", [-0.06, None]), "constraint 0, table"),
+    "no bound": (row("table, finger 1", "bound", [None, None]), "constraint 0, table"),
+    "a row that is left out": (drop("table, finger 2"), "constraint 0, table"),
+    "the table's height": (put(asked(0, "height"), -0.051), "constraint 0, table"),
+    "the table's clearance": (put(asked(0, "clearance"), 0.0), "constraint 0, table"),
+    "the table as high as it was kept": (put(asked(0, "height"), 0.0), "constraint 0, table"),
+    "the table gone": (put(("problem", "constraints"), lambda c: c[1:]), "constraints"),
+    "a least distance": (put(asked(1, "min"), 0.005), "constraint 1, spread"),
+    "a greatest distance": (put(asked(1, "max"), None), "constraint 1, spread"),
+    "a stated distance": (row("spread, fingers 0 and 2", "value", a_little), "constraint 1, spread"),
+    "a distance left out": (drop("spread, fingers 0 and 2"), "constraint 1, spread"),
+    "a forbidden region": (put(asked(3, "region", "offset"), 0.04), "constraint 3, forbid"),
+    "a region's direction": (put(asked(3, "region", "normal"), [0.0, 1.0, 0.0]), "constraint 3, forbid"),
+    "faces forbidden afterwards": (put(asked(2, "faces"), ["+x"]), "faces"),
+    "a workspace": (put(asked(4, "region", "upper", 0), 0.05), "constraint 4, workspace"),
+    "fingers of a workspace": (put(asked(4, "fingers"), [0, 2]), "constraint 4, workspace"),
+    "a mirror plane": (put(asked(5, "offset"), 0.001), "constraint 5, symmetric"),
+    "a mirror's tolerance": (put(asked(5, "tolerance"), 1e-2), "constraint 5, symmetric"),
+    "an obstacle moved": (put(asked(6, "position", 1), -0.07), "constraint 6, obstacle"),
+    "an obstacle grown": (put(asked(6, "body", "radius"), 0.03), "constraint 6, obstacle"),
+    "an obstacle's name": (put(asked(6, "name"), "pole"), "constraint 6, obstacle"),
+    "limits of an expression": (put(asked(7, "upper"), [0.1]), "constraint 7, expression"),
+    "a value of an expression": (row("level", "value", 0.1), "constraint 7, expression"),
+    "smaller fingertips": (put(("problem", "hand", "radius"), 0.007), "hand"),
+    "a farther reach": (put(("problem", "hand", "reach"), 0.1), "hand"),
+    "fingertips farther apart": (put(("problem", "hand", "spread", 1), 0.3), "hand"),
+    "the palm elsewhere": (put(("hand", "palm", 2), a_little), "hand"),
+    "no palm": (put(("hand",), {}), "hand"),
+    "a stated reach": (row("reach, finger 0", "value", a_little), "hand"),
+    "a row of the hand left out": (drop("reach, finger 0"), "hand"),
+    "nonsense for a radius": (put(("problem", "hand", "radius"), "small"), "problem"),
+    "nonsense for a height": (put(asked(0, "height"), "low"), "constraint 0, table"),
+}
+JAWS = {
+    "a face the model may not use": (put(("problem", "contacts", 0, "faces"), ["top"]), "faces"),
+    "a wider body": (put(("problem", "body", "radius"), 0.031), "surface"),
+    "a shorter body": (put(("problem", "body", "height"), 0.01), "surface"),
+    "jaws that open less": (put(("problem", "hand", "opening"), 0.05), "hand"),
+    "jaws that tilt more": (put(("problem", "hand", "tilt"), 0.1), "hand"),
+    "a stated opening": (row("opening of the jaws", "value", a_little), "hand"),
+    "a contact around the cylinder": (
+        put(contact(0, "position"), [0.03 * np.cos(0.01), 0.03 * np.sin(0.01), 0.01]),
+        "normals",
+    ),
+}
+BLOCK = {
+    "another digest": (put(("problem", "body", "sha256"), "0" * 64), "mesh file"),
+    "a contact off the mesh": (put(contact(0, "position"), [0.0255, 0.00254, 0.00508]), "surface"),
+    "a contact past the mesh": (put(contact(0, "position"), [0.0254, 0.00254, 0.0508]), "surface"),
+    "the normal of another triangle": (turned(0, [0.0, -1.0, 0.0]), "normals"),
+    "a normal between two": (turned(0, [-0.6, -0.8, 0.0]), "normals"),
+    "a face there is not": (put(contact(0, "face"), "top"), "surface"),
+    "a stated height": (row("table, finger 0", "value", a_little), "constraint 0, table"),
+}
+FINGERS = {
+    "a joint": (
+        put(("hand", "joint_positions"), lambda j: {**j, next(iter(j)): next(iter(j.values())) + 1e-3}),
+        "hand",
+    ),
+    "a joint past its limit": (put(("hand", "joint_positions"), lambda j: dict.fromkeys(j, 4.0)), "joints"),
+    "a joint left out": (put(("hand", "joint_positions"), lambda j: dict(list(j.items())[1:])), "hand"),
+    "the palm's position": (put(("hand", "palm_pose", "position", 0), a_little), "hand"),
+    "the palm's orientation": (
+        put(("hand", "palm_pose", "quaternion_wxyz"), lambda q: np.roll(q, 1).tolist()),
+        "hand",
+    ),
+    "a quaternion that is longer": (
+        put(("hand", "palm_pose", "quaternion_wxyz"), lambda q: [1.01 * v for v in q]),
+        "hand",
+    ),
+    "a fingertip's radius": (put(("problem", "hand", "fingertips", 0, "radius"), 0.011), "hand"),
+    "a fingertip's place": (put(("problem", "hand", "fingertips", 0, "offset", 0), 0.001), "hand"),
+    "a fingertip on another link": (put(("problem", "hand", "fingertips", 0, "link"), "finger_2_tip"), "hand"),
+    "a body that is larger": (put(("problem", "body", "radius"), a_little), "surface"),
+    "a link's sphere": (put(("problem", "hand", "link_spheres", "palm", 0, 3), a_little), "links"),
+    "a clearance": (put(("problem", "hand", "clearance"), 0.001), "links"),
+    "a stated clearance": (row("clearance from the body, palm/0", "value", a_little), "links"),
+    "a clearance left out": (drop("clearance from the body, palm/0"), "links"),
+    "more pairs of spheres": (put(("problem", "hand", "watched_pairs"), lambda n: n + 1), "links"),
+    "the table's height": (put(asked(0, "height"), 0.0), "constraint 0, table"),
+    "the palm's direction": (put(("problem", "hand", "approach"), [1.0, 0.0, 0.0]), "constraint 1, approach"),
+    "the cone of approach": (put(asked(1, "angle"), 1.0), "constraint 1, approach"),
+    "a height of a link": (row("table, palm/0", "value", a_little), "constraint 0, table"),
+}
+
+
+def failures(data, *folders):
+    return [name for name, check in recomputed_file(data, *folders).items() if check.failed]
+
+
+@pytest.mark.parametrize("name", BOX)
+def test_lies_about_a_box(name):
+    change, where = BOX[name]
+    assert where in failures(edited(honest.box(), change))
+
+
+@pytest.mark.parametrize("name", JAWS)
+def test_lies_about_jaws(name):
+    change, where = JAWS[name]
+    assert where in failures(edited(honest.jaws(), change))
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("block")
+    return honest.block(folder), folder
+
+
+@pytest.mark.parametrize("name", BLOCK)
+def test_lies_about_a_mesh(name, block):
+    data, folder = block
+    change, where = BLOCK[name]
+    assert where in failures(edited(data, change), folder)
+
+
+@pytest.mark.parametrize("name", FINGERS)
+def test_lies_about_a_posed_hand(name):
+    change, where = FINGERS[name]
+    assert where in failures(edited(honest.fingers(), change), FOLDER)
+
+
+def test_the_honest_files_pass_and_everything_is_made_but_the_expression(block):
+    found = recomputed_file(honest.box())
+    assert [n for n, c in found.items() if not c.passed] == ["constraint 7, expression"]
+    assert not found["constraint 7, expression"].made
+    for data, *folders in ((honest.jaws(),), block, (honest.fingers(), FOLDER)):
+        assert {n: str(c) for n, c in recomputed_file(data, *folders).items() if not c.passed} == {}
+
+
+def test_a_row_that_a_longer_quaternion_explains_is_no_lie():
+    """The program's quaternion had a length within its tolerance; the file states it at length 1."""
+    data = honest.fingers()
+    exact = recomputed_file(data, FOLDER)["links"]
+    assert exact.passed
+
+    def lengthen(d):
+        row("palm quaternion of unit length", "value", 1.0 + 8e-6)(d)
+        row("on fingertip finger_1_tip, finger 0, x", "value", lambda v: v + 3e-7)(d)
+
+    assert failures(edited(data, lengthen), FOLDER) == []
+
+    def only_the_row(d):
+        row("on fingertip finger_1_tip, finger 0, x", "value", lambda v: v + 3e-7)(d)
+
+    assert failures(edited(data, only_the_row), FOLDER) == ["hand"]
+
+
+def test_a_check_that_was_not_made_neither_passes_nor_fails():
+    check = Check.not_made("surface", "part.stl is not there")
+    assert (check.made, check.passed, check.failed) == (False, False, False)
+    assert str(check) == "--   surface: not made: part.stl is not there"
+    good, bad = Check("interval", True, "fine"), Check("interval", False, "empty")
+    assert Verification((good, check), None)
+    assert Verification((good, check), None).not_made == (check,)
+    assert not Verification((check, bad), None)
+    assert str(Verification((good, bad), None)) == "ok   interval: fine\nFAIL interval: empty"

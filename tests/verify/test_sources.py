@@ -1,0 +1,121 @@
+"""Meshes and URDFs are read again from their own files, where these are there and are the recorded ones."""
+
+import shutil
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.verify.bodies.triangles import TriangleSurface
+from tests.hands.urdf import FOLDER
+from tests.verify import honest
+from tests.verify.stated import edited, recomputed_file
+
+
+@pytest.fixture
+def block(tmp_path):
+    return honest.block(tmp_path)
+
+
+def test_a_mesh_is_found_beside_the_solution_file(block, tmp_path):
+    solution = ng.GraspSolution.from_dict(block)
+    checks = {c.name: c for c in ng.verify(solution.save(tmp_path / "grasp.json"), rtol=0.5).checks}
+    assert checks["surface"].passed
+    assert checks["normals"].passed
+
+
+def test_a_mesh_is_found_in_the_current_folder(block, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert recomputed_file(block)["surface"].passed
+
+
+def test_a_mesh_that_is_not_there_is_not_made(block):
+    check = recomputed_file(block)["surface"]
+    assert not check.made
+    assert check.detail == "not made: block.stl is neither beside the file nor in the folders that were named"
+
+
+def test_a_source_that_is_no_mesh_is_not_made(block, tmp_path):
+    (tmp_path / "block.stl").write_text("a script")
+    check = recomputed_file(block, tmp_path)["surface"]
+    assert not check.made
+    assert "block.stl is not a mesh that can be read" in check.detail
+
+
+def test_another_mesh_of_that_name_is_not_made(block, tmp_path):
+    trimesh.creation.box([3.0, 1.0, 1.0]).export(tmp_path / "block.stl")
+    check = recomputed_file(block, tmp_path)["surface"]
+    assert not check.made
+    assert "another sha256" in check.detail
+
+
+def test_constraints_are_recomputed_without_the_mesh(block):
+    check = recomputed_file(block)["constraint 0, table"]
+    assert check.made
+    assert check.passed
+
+
+def test_older_files_do_not_say_the_unit(block, tmp_path):
+    def forget(data):
+        del data["problem"]["body"]["unit"]
+
+    assert recomputed_file(edited(block, forget), tmp_path)["surface"].passed
+
+
+def test_older_files_do_not_hold_the_links_spheres():
+    def forget(data):
+        for key in ("link_spheres", "approach", "watched_pairs"):
+            del data["problem"]["hand"][key]
+
+    found = recomputed_file(edited(honest.fingers(), forget), FOLDER)
+    assert found["hand"].passed
+    assert found["joints"].passed
+    assert [n for n, c in found.items() if not c.made] == ["constraint 0, table", "constraint 1, approach", "links"]
+    assert "3 rows recomputed" in found["constraint 0, table"].detail
+
+
+def test_a_urdf_that_is_not_there_is_not_made():
+    found = recomputed_file(honest.fingers())
+    assert [n for n, c in found.items() if not c.made] == ["constraint 0, table", "hand", "links", "joints"]
+    assert found["surface"].passed
+
+
+def test_another_urdf_of_that_name_is_not_made(tmp_path):
+    place = shutil.copy(FOLDER / "three_finger_hand.urdf", tmp_path)
+    with open(place, "a") as file:
+        file.write("<!-- newer -->")
+    check = recomputed_file(honest.fingers(), tmp_path)["hand"]
+    assert not check.made
+    assert "three_finger_hand.urdf has another sha256" in check.detail
+
+
+def test_distances_from_triangles(rng):
+    """Against libigl."""
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    surface = TriangleSurface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    points = rng.uniform(-0.1, 0.1, (50, 3))
+    expected = np.asarray(igl.signed_distance(points, surface.vertices, surface.faces)[0])
+    np.testing.assert_allclose([surface.distance(p) for p in points], np.abs(expected), atol=1e-12)
+    assert [surface.is_inside(p) for p in points] == (expected < 0.0).tolist()
+
+
+def test_a_round_fingertip_touches_an_edge(block, tmp_path):
+    """Any normal between those of the two sides is right there, and none beyond."""
+    data = recomputed_surface(block, tmp_path)
+    edge = 0.0254 * np.array([1.0, 0.5, 0.0])
+    for angle, right in ((0.0, True), (0.3, True), (np.pi / 2, True), (-0.1, False), (1.8, False)):
+        normal = -np.array([np.cos(angle), np.sin(angle), 0.0])
+        fit = data.fit("surface", edge, normal, "sphere")
+        assert fit.off < 1e-12
+        assert (fit.turned < 1e-9) == right
+    assert data.fit("surface", edge, normal, "flat").turned is None
+
+
+def recomputed_surface(data, folder):
+    from nlpgrasp.verify.registry import BODIES
+    from nlpgrasp.verify.sources import Sources
+
+    body = data["problem"]["body"]
+    return BODIES.of(body)(body, Sources((folder,)))

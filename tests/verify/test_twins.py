@@ -1,0 +1,220 @@
+"""Numeric twins say what the program's own expressions say: surfaces, distances and rows at random places."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+import nlpgrasp as ng
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.hands.kinematics import links_below, poses
+from nlpgrasp.verify.hands.tips import Touching, touching_rows
+from nlpgrasp.verify.placement import StatedPlacement
+from nlpgrasp.verify.recomputed import link_rows
+from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
+from nlpgrasp.verify.sources import Sources
+from tests import samples
+from tests.hands.urdf import FOUR, GRIPPER, PADS, THREE, Mujoco
+from tests.verify.stated import contacts_on, problem_of, recomputed_file, stated_file
+
+FORMULAS = {k: b for k, b in samples.BODIES.items() if "implicit" not in k}
+REGION = ng.BoxRegion([-4.0] * 3, [4.0] * 3)
+CONSTRAINTS_IN_SPACE = {
+    "table": ng.Table(-5.0, 0.01),
+    "spread": ng.Spread(0.0, 50.0),
+    "spread of some": ng.Spread(0.0, 50.0, fingers=[2, 0]),
+    "forbid faces": ng.Forbid(["bottom"]),
+    "forbid half-space": ng.Forbid(ng.HalfSpace([0.3, -1.0, 0.2], 9.0)),
+    "forbid box": ng.Forbid(ng.BoxRegion([3.0, 3.0, 3.0], [4.0, 5.0, 6.0])),
+    "workspace box": ng.Workspace(REGION),
+    "workspace half-space": ng.Workspace(ng.HalfSpace([0.3, -1.0, 0.2], -9.0), fingers=[1]),
+    "symmetric": ng.Symmetric([0, 2], [0.2, 0.3, 1.0], 0.1, 9.0),
+    "obstacle": ng.Obstacle(ng.Box([0.2, 0.3, 0.4]), 0.01, [5.0, 1.0, 0.0], [0.9, 0.1, 0.3, 0.2], "wall"),
+}
+
+
+def surface(body):
+    data = body.to_dict()
+    return BODIES.of(data)(data, Sources())
+
+
+def test_every_kind_of_the_package_has_a_twin():
+    assert set(BODIES.kinds) >= {body.to_dict()["type"] for body in samples.BODIES.values()} | {"mesh"}
+    assert set(CONSTRAINTS.kinds) >= {c.to_dict()["type"] for c in CONSTRAINTS_IN_SPACE.values()} | {"expression"}
+    assert set(HANDS.kinds) >= {"fingertips", "parallel_jaw", "urdf"}
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_contacts_of_every_face_fit(name, rng):
+    body, twin = FORMULAS[name], surface(FORMULAS[name])
+    np.testing.assert_allclose(twin.bounds, body.bounds, rtol=1e-14)
+    for face in body.face_names:
+        for _ in range(20):
+            points, normals = contacts_on(body, [face], rng)
+            fit = twin.fit(face, points[0], normals[0], None)
+            assert fit.off < 1e-8 * body.size
+            assert fit.turned < 1e-7
+            assert twin.fit(face, points[0] + 0.01 * body.size * normals[0], normals[0], None).off > 1e-3 * body.size
+            turned = normals[0] + 0.01 * np.roll(normals[0], 1)
+            assert twin.fit(face, points[0], turned, None).turned > 1e-3
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_distances_are_those_of_the_program(name, rng):
+    body = FORMULAS[name]
+    points = rng.uniform(-2.0, 2.0, (200, body.space)) * body.size
+    np.testing.assert_allclose(surface(body).distance(points), body.signed_distance(points), atol=1e-9 * body.size)
+
+
+def test_a_point_past_the_edge_of_a_face_is_off_it():
+    fit = surface(ng.Box([1.0, 2.0, 3.0])).fit("+x", np.array([0.5, 1.3, 0.0]), np.array([-1.0, 0.0, 0.0]), None)
+    assert fit.off == pytest.approx(0.3)
+    assert fit.turned == 0.0
+
+
+@pytest.mark.parametrize("name", CONSTRAINTS_IN_SPACE)
+def test_rows_are_those_of_the_program(name, rng):
+    body = ng.Cylinder(0.5, 2.0)
+    problem = problem_of(body, 3, constraints=[CONSTRAINTS_IN_SPACE[name]], hand=ng.Fingertips(3, 0.05))
+    for _ in range(5):
+        faces = ["side", "top", "side"]
+        found = recomputed_file(stated_file(problem, faces, *contacts_on(body, faces, rng)))
+        check = found[f"constraint 0, {problem.constraints[0].to_dict()['type']}"]
+        assert check.made, check
+        assert check.passed, check
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_every_body_may_be_an_obstacle(name, rng):
+    obstacle = FORMULAS[name]
+    held = ng.Cylinder(0.5, 2.0) if obstacle.space == 3 else ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]])
+    faces = list(held.face_names[:2])
+    away = [9.0] * held.space
+    problem = problem_of(held, 2, constraints=[ng.Obstacle(obstacle, 0.02, away)])
+    check = recomputed_file(stated_file(problem, faces, *contacts_on(held, faces, rng)))["constraint 0, obstacle"]
+    assert check.made, check
+    assert check.passed, check
+
+
+def test_a_mesh_may_be_an_obstacle(rng, tmp_path):
+    trimesh.creation.box([0.4, 0.4, 0.1]).export(tmp_path / "slab.stl")
+    slab = ng.Mesh.load(tmp_path / "slab.stl")
+    held = ng.Box([0.1, 0.1, 0.1])
+    problem = problem_of(held, 2, constraints=[ng.Obstacle(slab, 0.01, [0.0, 0.0, -0.12])])
+    data = stated_file(problem, ["+x", "+y"], *contacts_on(held, ["+x", "+y"], rng))
+    assert recomputed_file(data, tmp_path)["constraint 0, obstacle"].passed
+    data["constraints"][0]["value"] += 0.02
+    assert recomputed_file(data, tmp_path)["constraint 0, obstacle"].failed
+    assert not recomputed_file(data)["constraint 0, obstacle"].made
+
+
+def test_planar_constraints(rng):
+    body = FORMULAS["polygon"]
+    constraints = [
+        ng.Table(-3.0),
+        ng.Spread(0.0, 9.0),
+        ng.Workspace(ng.BoxRegion([-2.0, -2.0], [2.0, 2.0])),
+        ng.Forbid(ng.HalfSpace([0.0, 1.0], 5.0)),
+        ng.Symmetric([0, 1], [1.0, 0.0], 0.0, 5.0),
+    ]
+    faces = ["edge0", "edge1", "edge2"]
+    found = recomputed_file(
+        stated_file(problem_of(body, 3, constraints=constraints), faces, *contacts_on(body, faces, rng))
+    )
+    assert all(check.made and check.passed for check in found.values()), found
+
+
+@pytest.mark.parametrize(
+    "hand",
+    [
+        ng.Fingertips(3),
+        ng.Fingertips(3, 0.02),
+        ng.Fingertips(3, 0.02, spread=9.0),
+        ng.Fingertips(3, 0.02, spread=(0.01, 9.0), reach=9.0),
+    ],
+    ids=["points", "round", "spread", "reach"],
+)
+def test_free_fingertips(hand, rng):
+    body, faces = ng.Box([1.0, 2.0, 3.0]), ["+x", "-y", "+z"]
+    values = {} if hand.reach is None else {"palm": np.array([0.1, 0.2, 2.0])}
+    found = recomputed_file(stated_file(problem_of(body, 3, hand=hand), faces, *contacts_on(body, faces, rng), values))
+    assert found["hand"].made, found["hand"]
+    assert found["hand"].passed, found["hand"]
+
+
+def test_parallel_jaws():
+    points, normals = [[0.5, 0.1, 0.2], [-0.5, 0.1, 0.2]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    problem = problem_of(ng.Box([1.0, 2.0, 3.0]), 2, hand=ng.ParallelJaw(1.2, 0.1))
+    check = recomputed_file(stated_file(problem, ["+x", "-x"], points, normals))["hand"]
+    assert check.made
+    assert check.passed
+    assert check.detail.startswith("4 rows")
+
+
+@pytest.mark.parametrize("path", [FOUR, THREE, GRIPPER], ids=["four", "three", "gripper"])
+def test_links_are_where_mujoco_puts_them(path, rng):
+    links = links_below(path.read_bytes(), "palm")
+    free = {link.joint: rng.uniform(link.lower, link.upper) for link in links if link.moves and link.follow is None}
+    positions = dict(free)
+    for link in links:
+        if link.follow is not None:
+            positions[link.joint] = link.follow.multiplier * free[link.follow.joint] + link.follow.offset
+    expected = Mujoco(path).link_poses(positions)
+    found = poses(links, "palm", np.eye(4), positions)
+    assert len(found) > 3
+    for link in set(found) & set(expected):
+        np.testing.assert_allclose(found[link], expected[link], atol=1e-9)
+
+
+EVERY_TIP = {
+    "finger_1_tip": ng.SphereTip(0.01, [0.001, 0.0, 0.002]),
+    "finger_2_tip": ng.EllipsoidTip([0.01, 0.011, 0.012], [0.0, 0.0, 0.001], [0.1, 0.2, 0.3], [0.0, 0.0, 1.0], 1.0),
+    "finger_3_tip": ng.FlatTip([0.01, 0.012], [0.0, 0.001, 0.0], [0.3, 0.1, 0.2]),
+}
+
+
+@pytest.mark.parametrize(("path", "tips"), [(THREE, EVERY_TIP), (GRIPPER, PADS)], ids=["every tip", "gripper"])
+@pytest.mark.filterwarnings("ignore:link .* is thicker than its fingertip")
+def test_rows_of_a_posed_hand_are_those_of_the_program(path, tips, rng):
+    """In a random posture fingertips touch nothing: the values are what they are, limits or not."""
+    hand, body = ng.URDFHand.load(path, tips), ng.Sphere(0.03)
+    drawn, _ = hand.draw(1, np.zeros((1, 3)), rng)
+    values = {name: v[0] for name, v in drawn.items()}
+    points = rng.standard_normal((hand.count, 3))
+    points *= 0.03 / np.linalg.norm(points, axis=1, keepdims=True)
+    constraints = [ng.Table(-0.1), ng.Approach([0.3, 0.2, 1.0], 1.0), ng.Workspace(REGION, palm=True)]
+    problem = problem_of(body, hand.count, hand=hand, constraints=constraints)
+    data = stated_file(problem, ["surface"] * hand.count, points, -points / 0.03, values)
+    stated = {row["name"]: row["value"] for row in data["constraints"]}
+    asked = data["problem"]
+    twin = HANDS.of(asked["hand"])(asked["hand"], data["hand"], stated, Sources((path.parent,)))
+    placement = StatedPlacement(points, -points / 0.03, body.size, twin, surface, stated)
+    rows = [row for c in asked["constraints"] for row in CONSTRAINTS.of(c)(c, placement)]
+    rows += [*twin.rows(placement), *link_rows(twin, surface(body), placement)]
+    assert {row.name for row in rows} == set(stated)
+    limits = {row["name"]: row["bound"] for row in data["constraints"]}
+    for row in rows:
+        assert row.value == pytest.approx(stated[row.name], abs=1e-12), row.name
+        low, high = limits[row.name]
+        assert row.lower == pytest.approx(-np.inf if low is None else low)
+        assert row.upper == pytest.approx(np.inf if high is None else high)
+
+
+def test_a_contact_anywhere_on_a_finger_links_side():
+    tip = ng.CylinderTip(0.01, [0.0, 0.0, 0.0], [0.0, 0.0, 0.04]).to_dict()
+    turned = np.eye(4)
+    turned[:3, :3], turned[:3, 3] = Rotation.from_euler("xyz", [0.3, 0.2, 0.1]).as_matrix(), [0.1, 0.2, 0.3]
+
+    def rows(height, lean=0.0):
+        n = turned[:3, :3] @ np.array([np.cos(lean), 0.0, np.sin(lean)])
+        p = turned[:3, :3] @ np.array([0.0, 0.0, height]) + turned[:3, 3] + 0.01 * n
+        return [row.value for row in touching_rows(tip, Touching("on", turned, p, n, 0.05, 0.0, 0.0))]
+
+    np.testing.assert_allclose(rows(0.013), 0.0, atol=1e-15)
+    assert np.linalg.norm(rows(0.045)[:3]) == pytest.approx(0.005)
+    assert rows(0.013, 0.1)[3] == pytest.approx(np.sin(0.1))
+
+
+def test_a_fingertip_of_an_unknown_kind_is_not_made():
+    with pytest.raises(NotMadeError, match="nothing recomputes a fingertip of type 'claw'"):
+        list(touching_rows({"type": "claw"}, Touching("on", np.eye(4), np.zeros(3), np.ones(3), 1.0, 0.0, 0.0)))
