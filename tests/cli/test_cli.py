@@ -9,7 +9,9 @@ import time
 
 import pytest
 
+import nlpgrasp as ng
 from tests.images import panels_drawn, size
+from tests.verify import honest
 
 SMALL = """
 import nlpgrasp as ng
@@ -74,6 +76,25 @@ def test_verify_of_a_wrong_claim_is_exit_code_1(solved):
     done = run("verify", "wrong.json", cwd=folder)
     assert done.returncode == 1
     assert "NOT verified" in done.stdout
+
+
+def test_verify_looks_for_meshes_where_it_is_told(tmp_path):
+    shelf = tmp_path / "shelf"
+    shelf.mkdir()
+    solution = ng.GraspSolution.from_dict(honest.block(shelf))
+    solution.save(tmp_path / "block.json")
+
+    def surface(*more):
+        done = run("verify", "block.json", "--rtol", 0.5, "--json", *more, cwd=tmp_path)
+        return next(c for c in json.loads(done.stdout)["checks"] if c["name"] == "surface")
+
+    assert surface()["made"] is False
+    assert surface("--folder", "shelf") | {"detail": ""} == {
+        "name": "surface",
+        "passed": True,
+        "detail": "",
+        "made": True,
+    }
 
 
 def test_quality_prints_both_measures(solved):
