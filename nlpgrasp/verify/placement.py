@@ -55,7 +55,7 @@ class Surface(Protocol):
 
     @property
     def rough(self) -> float:
-        """How far below its distance the solver's own may be at an obstacle, and how far above, metres; 0 if equal."""
+        """How far above this distance the solver's own may be at an obstacle, metres; 0 where both are equal."""
 
 
 @dataclass(frozen=True)

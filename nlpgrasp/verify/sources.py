@@ -1,28 +1,25 @@
-"""Files that a solution was made from: meshes and URDFs, looked for by their recorded names."""
+"""Files that a solution was made from: meshes and URDFs, looked for by the names it records."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
-from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.check import NotMadeError
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Where the files are looked for, and what was found of them.
+    """Where the files are looked for.
 
     Parameters
     ----------
     folders : tuple of Path
         In this order.
-    claims : list of Check
-        For each file that was found, whether its fingerprint is the recorded one.
     """
 
     folders: tuple[Path, ...] = (Path(),)
-    claims: list[Check] = field(default_factory=list)
 
     @classmethod
     def beside(cls, file: Path | None, more: Iterable[str | Path] = ()) -> Sources:
@@ -38,9 +35,4 @@ class Sources:
             place = folder / name
             if place.is_file():
                 return place
-        raise NotMadeError(f"{name} is neither beside the file nor in the folders that were named")
-
-    def claim(self, check: Check) -> None:
-        """Note what a file's fingerprint says, once."""
-        if check not in self.claims:
-            self.claims.append(check)
+        raise NotMadeError(f"{name} is not beside the file, in the current folder or in one that was named")

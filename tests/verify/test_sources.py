@@ -34,7 +34,7 @@ def test_a_mesh_is_found_in_the_current_folder(block, tmp_path, monkeypatch):
 def test_a_mesh_that_is_not_there_is_not_made(block):
     check = recomputed_file(block)["surface"]
     assert not check.made
-    assert check.detail == "not made: block.stl is neither beside the file nor in the folders that were named"
+    assert check.detail == "not made: block.stl is not beside the file, in the current folder or in one that was named"
 
 
 def test_a_source_that_is_no_mesh_is_not_made(block, tmp_path):
