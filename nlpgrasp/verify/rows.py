@@ -23,8 +23,8 @@ class RowValue:
     ----------
     name : str
         As the file states it.
-    value : float
-        In the row's own unit.
+    value : float or None
+        In the row's own unit; None where it stays unknown: then the stated value has to keep the limits.
     lower, upper : float
     scale : float
         Typical size of the value: tolerances are relative to it.
@@ -35,26 +35,31 @@ class RowValue:
     """
 
     name: str
-    value: float
+    value: float | None
     lower: float = -np.inf
     upper: float = np.inf
     scale: float = 1.0
     error: float = 0.0
     stated_below: bool = False
 
-    def breaks(self, promise: float) -> bool:
-        """Return whether the value is outside its limits by more than what the solver promises."""
+    def broken(self, value: float, promise: float) -> str:
+        """Return that a value is outside the limits by more than what the solver promises, nothing where it is not."""
         slack = promise * self.scale + self.error
-        return not self.lower - slack <= self.value <= self.upper + slack
+        kept = self.lower - slack <= value <= self.upper + slack
+        return "" if kept else f"{self.name}: {value:.9g} is outside {self._limits}"
+
+    def off(self, stated: ConstraintReport) -> float:
+        """Return how far the stated value is above the recomputed one."""
+        return 0.0 if self.value is None else stated.value - self.value
 
     def contradicts(self, stated: ConstraintReport) -> str:
         """Return what a stated row says that is not so, nothing where it agrees."""
         if not (_same(stated.lower, self.lower, self.scale) and _same(stated.upper, self.upper, self.scale)):
             return f"{self.name}: stated within [{stated.lower:g}, {stated.upper:g}], the problem says {self._limits}"
-        difference = stated.value - self.value
-        if not (self.stated_below and difference < 0.0) and not abs(difference) <= ROUNDING * self.scale + self.error:
-            return f"{self.name}: stated {stated.value:.9g}, recomputed {self.value:.9g}"
-        return ""
+        off = self.off(stated)
+        if (self.stated_below and off < 0.0) or abs(off) <= ROUNDING * self.scale + self.error:
+            return ""
+        return f"{self.name}: stated {stated.value:.9g}, recomputed {self.value:.9g}"
 
     @property
     def _limits(self) -> str:
@@ -114,12 +119,9 @@ def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: fl
             if said is None:
                 wrong.append(f"{row.name}: not in the file")
                 continue
-            contradiction = row.contradicts(said)
-            if contradiction:
-                wrong.append(contradiction)
-            elif row.breaks(promise):
-                wrong.append(f"{row.name}: {row.value:.6g} is outside {row._limits}")
-            worst = max(worst, abs(said.value - row.value) / row.scale)
+            lie = row.contradicts(said) or row.broken(said.value if row.value is None else row.value, promise)
+            wrong += [lie] if lie else []
+            worst = max(worst, abs(row.off(said)) / row.scale)
     except NotMadeError as reason:
         why = str(reason)
         stated.some_unknown |= not reason.every_row
@@ -134,7 +136,7 @@ def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: fl
 def kept(name: str, rows: Iterable[RowValue], promise: float) -> Check:
     """Return whether rows that the file does not state keep their limits."""
     found = list(rows)
-    wrong = [f"{row.name}: {row.value:.9g} is outside {row._limits}" for row in found if row.breaks(promise)]
+    wrong = [lie for row in found if row.value is not None and (lie := row.broken(row.value, promise))]
     return Check(name, not wrong, _listed(wrong) if wrong else f"{len(found)} within their limits")
 
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+import nlpgrasp as ng
 from nlpgrasp.verify.check import Check, Verification
 from tests.hands.urdf import FOLDER
 from tests.verify import honest
-from tests.verify.stated import edited, recomputed_file
+from tests.verify.stated import contacts_on, edited, problem_of, recomputed_file, stated_file
 
 
 def put(path, value):
@@ -235,3 +236,24 @@ def test_a_check_that_was_not_made_neither_passes_nor_fails():
     assert Verification((good, check), None).not_made == (check,)
     assert not Verification((check, bad), None)
     assert str(Verification((good, bad), None)) == "ok   interval: fine\nFAIL interval: empty"
+
+
+def test_regions_of_a_script_have_limits_alone(rng):
+    """Two constraints may give rows of one name: each meets its own, in the order of the problem."""
+    constraints = [
+        ng.Forbid(lambda p: p[2] - 0.05),
+        ng.Forbid(lambda p: p[2] - 0.07),
+        ng.Workspace(lambda p: p[2] + 0.05),
+    ]
+    body = ng.Box([0.08, 0.04, 0.06])
+    problem = problem_of(body, 2, constraints=constraints)
+    data = stated_file(problem, ["+x", "-x"], *contacts_on(body, ["+x", "-x"], rng))
+    found = recomputed_file(data)
+    names = ["constraint 0, forbid", "constraint 1, forbid", "constraint 2, workspace"]
+    assert [n for n, c in found.items() if not c.made] == names
+    assert not any(c.failed for c in found.values())
+    bound = edited(data, row("forbidden region, finger 0", "bound", [None, 0.01]))
+    assert failures(bound) == ["constraint 0, forbid"]
+    value = edited(data, row("workspace, finger 1", "value", -0.01))
+    assert failures(value) == ["constraint 2, workspace", "constraints"]
+    assert failures(edited(data, drop("workspace, finger 1"))) == ["constraint 2, workspace"]

@@ -85,3 +85,10 @@ def test_a_file_is_verified_from_its_path(data, tmp_path):
     path.write_text(json.dumps(data))
     assert ng.verify(path)
     assert ng.verify(str(path))
+
+
+def test_another_body_fails(data):
+    def grow(d):
+        d["problem"]["body"]["semi_axes"][0] = 2.001
+
+    assert failed(verified(data, grow)) == ["surface", "normals"]

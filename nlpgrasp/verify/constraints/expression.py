@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import count, takewhile
 
+import numpy as np
+
 from nlpgrasp.common.types import Json
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.placement import StatedPlacement
@@ -12,18 +14,13 @@ from nlpgrasp.verify.rows import RowValue
 
 
 def expression(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the stated values within the problem's limits, then say that the values themselves stay unknown."""
+    """Yield the limits of the rows that the file states, then say that their values stay unknown."""
     name, lower, upper = str(data["name"]), list(data["lower"]), list(data["upper"])
     numbered = takewhile(placement.stated.__contains__, (f"{name}[{i}]" for i in count()))
     labels = [name] if name in placement.stated else list(numbered)
     for i, label in enumerate(labels):
         low, high = (ends[i] if len(ends) > 1 else ends[0] for ends in (lower, upper))
-        yield RowValue(
-            label,
-            placement.stated[label],
-            -float("inf") if low is None else float(low),
-            float("inf") if high is None else float(high),
-        )
+        yield RowValue(label, None, -np.inf if low is None else float(low), np.inf if high is None else float(high))
     if not labels:
         raise NotMadeError(f"the file states no row of {name!r}")
     text = f"the expression {name!r} stays in the script that made it; its limits are the problem's"

@@ -84,13 +84,14 @@ def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
 def _depths(
     region: Json, points: Mapping[str, FloatArray], placement: StatedPlacement, lower: float, upper: float
 ) -> Iterator[RowValue]:
-    """Yield how deep points are in a region; where the region stays in a script, the stated depths, as not made."""
+    """Yield how deep points are in a region; where the region stays in a script, that this is unknown."""
     unknown = ""
     for name, point in points.items():
+        value: float | None = None
         try:
             value = inside(region, point)
         except NotMadeError as reason:
-            unknown, value = str(reason), placement.stated.get(name, np.nan)
+            unknown = str(reason)
         yield RowValue(name, value, lower, upper, placement.size)
     if unknown:
         raise NotMadeError(unknown, every_row=True)
