@@ -60,7 +60,7 @@ def run():
 
 
 def workers():
-    """Return the processes that joblib started."""
+    """Return the worker processes."""
     return psutil.Process().children(recursive=True) or [psutil.Process()]
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import CancelledError
-from typing import Any
+from typing import TYPE_CHECKING
 
 from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError, MissingExtraError, NlpgraspError
 from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.run.work import Job, Outcome, work
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")
 REACHED = 10  # seconds to reach a scheduler
@@ -18,7 +21,7 @@ AHEAD = 2  # solves a worker has waiting, so that it never waits for one
 LEAST_WINDOW = 4
 
 
-def connect(address: str) -> Any:
+def connect(address: str) -> Client:
     """Return a client of a Dask scheduler.
 
     Raises
@@ -42,8 +45,8 @@ def connect(address: str) -> Any:
 
 
 def run_cluster(
-    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], client: Any
-) -> Iterator[tuple[SolveId, Outcome]]:
+    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], client: Client
+) -> Generator[tuple[SolveId, Outcome], None, None]:
     """Yield each solve with its outcome as it is done, in any order.
 
     A few solves a worker are submitted at a time. Those of a worker that ends are done again by others; one that ends
@@ -52,7 +55,7 @@ def run_cluster(
     from distributed import as_completed
 
     waiting = iter(solves)
-    under_way: dict[Any, SolveId] = {}
+    under_way: dict[Future, SolveId] = {}
     done = as_completed(loop=client.loop)
 
     def submit() -> None:
@@ -61,7 +64,7 @@ def run_cluster(
             if solve is None:
                 return
             job = pack(solve)
-            future = client.submit(work, job, pure=False, key=f"nlpgrasp-{job.token}-{solve.seed}")
+            future = client.submit(work, job, pure=False, key=f"nlpgrasp-{job.parcel.token}-{solve.seed}")
             under_way[future] = solve
             done.add(future)
 
@@ -75,7 +78,7 @@ def run_cluster(
         raise ClusterLostError(f"the cluster was lost ({type(error).__name__})") from None
 
 
-def _window(client: Any) -> int:
+def _window(client: Client) -> int:
     """Return how many solves may be with the cluster: it may grow and shrink."""
     return max(LEAST_WINDOW, AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]))
 
@@ -84,7 +87,7 @@ class ClusterLostError(NlpgraspError):
     """The scheduler went away while solves were under way."""
 
 
-def _outcome(future: Any) -> Outcome:
+def _outcome(future: Future) -> Outcome:
     if future.status == "finished":
         result: Outcome = future.result()
         return result

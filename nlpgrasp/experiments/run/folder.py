@@ -10,9 +10,10 @@ import hashlib
 import json
 import os
 import re
+import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TextIO
 
 from nlpgrasp.common.files import write_text
 from nlpgrasp.common.shown.text import plain
@@ -21,10 +22,23 @@ from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.run.plan import Plan, check_same, read_plan
 from nlpgrasp.solution.solution import GraspSolution
 
-try:
+if sys.platform == "win32":
+
+    def _locked(file: TextIO) -> bool:
+        """Return True: two runs in one folder are not kept apart."""
+        return True
+
+else:
     import fcntl
-except ImportError:  # not on Windows: two runs in one folder are then not kept apart
-    fcntl = None  # type: ignore[assignment]
+
+    def _locked(file: TextIO) -> bool:
+        """Lock a file until this process ends, however it ends; return False where another process holds it."""
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
 
 PLAN, SOLVES, LOCK = "experiment.json", "solves", ".lock"
 HASH = 16  # hexadecimal digits, in the names of files
@@ -44,7 +58,7 @@ class Folder:
         if not isinstance(path, str | Path) or not str(path).strip() or "\0" in str(path):
             raise InputError("out", path, "the path of a folder")
         self.path = Path(path).absolute()
-        self._lock: Any = None
+        self._lock: TextIO | None = None
 
     def open(self, plan: Plan, resume: bool) -> None:
         """Take the folder for an experiment, making it where there is none.
@@ -93,14 +107,11 @@ class Folder:
             self._lock = None
 
     def _hold(self) -> None:
-        """Keep other runs off; the system lets go when this process ends, however it ends."""
+        """Keep other runs off."""
         self._lock = (self.path / LOCK).open("w")
-        if fcntl is not None:
-            try:
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                self.close()
-                raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own") from None
+        if not _locked(self._lock):
+            self.close()
+            raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own")
 
     def plan(self) -> Plan:
         """Return the plan.

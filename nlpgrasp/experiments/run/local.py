@@ -1,39 +1,34 @@
-"""Solves over the cores of this machine, by joblib."""
+"""Solves over the cores of this machine."""
 
 from __future__ import annotations
 
 import faulthandler
 import multiprocessing
-import os
 import re
-import signal
-import threading
-import time
-import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from itertools import islice
 
-from joblib import Parallel, delayed
-from joblib.externals.loky.process_executor import BrokenProcessPool
+from loky.process_executor import BrokenProcessPool
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.run.work import Job, Outcome, work
+from nlpgrasp.solve.workers.processes import Processes
 
-WATCH = 1.0  # seconds between looks at whether the parent is there
-IDLE = 30  # seconds after which workers that have nothing to do end
+IDLE = 30.0  # seconds after which workers that have nothing to do end
 
 
 def run_local(
     solves: Sequence[SolveId], pack: Callable[[SolveId], Job], workers: int
-) -> Iterator[tuple[SolveId, Outcome]]:
+) -> Generator[tuple[SolveId, Outcome], None, None]:
     """Yield each solve with its outcome as it is done, in any order.
 
-    No more solves are under way than there are workers. When a worker process ends, joblib's pool ends with it, and
+    No more solves are under way than there are workers. When a worker process ends, all workers end with it, and
     nothing says which of the solves under way ended it: each of them is done again, alone, and the one that ends its
     process again has failed.
     """
-    if multiprocessing.current_process().daemon:  # joblib would stay in this process, which a crash would end
+    if multiprocessing.current_process().daemon:
         raise InputError("workers", "a daemonic process, which can have none", "a call from another process")
     waiting = dict.fromkeys(solves)
     while waiting:
@@ -52,54 +47,29 @@ def _until_broken(
 
     Returns the solves that were under way then, which go on waiting, and in words how the worker ended.
     """
-    under_way: dict[SolveId, None] = {}
-
-    def tasks() -> Iterator[Any]:
-        for solve in list(waiting):
-            under_way[solve] = None
-            yield delayed(_guarded)(pack(solve))
-
-    # with one job joblib would stay in this process, which a crash would end: two processes then, one of them idle
-    pool = Parallel(
-        n_jobs=max(workers, 2),
-        pre_dispatch=workers,
-        batch_size=1,
-        backend="loky",
-        max_nbytes=None,
-        return_as="generator_unordered",
-        initializer=_prepare,
-        initargs=(os.getpid(),),
-        idle_worker_timeout=IDLE,
-    )
-    results = pool(tasks())
+    processes, left = Processes(workers, IDLE), iter(list(waiting))
+    under_way: dict[Future[Outcome], SolveId] = {}
     try:
-        for solve, outcome in results:
-            del under_way[solve], waiting[solve]
-            yield solve, outcome
+        while True:
+            for solve in islice(left, workers - len(under_way)):
+                under_way[processes.submit(_quietly, pack(solve))] = solve
+            if not under_way:
+                return [], ""
+            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+            for future in sorted(done, key=lambda one: one.exception() is not None):
+                outcome = future.result()
+                solve = under_way.pop(future)
+                del waiting[solve]
+                yield solve, outcome
     except BrokenProcessPool as error:
         codes = re.search(r"\{(.+?)\}", str(error))  # such as {SIGSEGV(-11)}
-        return list(under_way), f" ({codes[1]})" if codes else ""
+        return list(under_way.values()), f" ({codes[1]})" if codes else ""
     finally:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that solves under way are cancelled: it is meant
-            results.close()
-    return [], ""
+        if under_way:
+            processes.end()
 
 
-def _guarded(job: Job) -> tuple[SolveId, Outcome]:
-    """Do a job in a worker."""
-    faulthandler.disable()  # a crash is reported by the parent, in one line
-    return job.solve, work(job)
-
-
-def _prepare(parent: int) -> None:
-    """Prepare a worker: Ctrl-C is for the parent, and a worker whose parent is gone ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.dup2(2, 1)  # what scripts print is not for the parent's standard output
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(WATCH)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+def _quietly(job: Job) -> Outcome:
+    """Do a job in a worker; a crash is reported by the parent, in one line."""
+    faulthandler.disable()
+    return work(job)

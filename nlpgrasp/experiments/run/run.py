@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +21,7 @@ from nlpgrasp.experiments.run.local import run_local
 from nlpgrasp.experiments.run.plan import plan_of
 from nlpgrasp.experiments.run.work import Outcome, Packer
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.workers.pool import cores
+from nlpgrasp.solve.workers.processes import cores
 
 Progress = Callable[[SolveRecord], None]
 
@@ -116,9 +116,9 @@ class _Run:
             self._record(solve, record)
         return [solve for solve in self.experiment.solves if solve not in done]
 
-    def collect(self, outcomes: Iterator[tuple[SolveId, Outcome]]) -> None:
+    def collect(self, outcomes: Generator[tuple[SolveId, Outcome], None, None]) -> None:
         """Keep each outcome as it comes, until all are there, the user interrupts, or one cannot be written."""
-        with closing(outcomes):  # type: ignore[type-var]  # a generator
+        with closing(outcomes):
             try:
                 for solve, outcome in outcomes:
                     self._keep(solve, outcome)

@@ -5,13 +5,8 @@ from __future__ import annotations
 import casadi as ca
 from threadpoolctl import OpenBLASController, register, threadpool_limits
 
-
-class CasadiOpenBLAS(OpenBLASController):  # type: ignore[misc]
-    """The OpenBLAS that CasADi brings for IPOPT, which threadpoolctl does not know by its name."""
-
-    filename_prefixes = ("libcasadi-tp-openblas",)
-
-
+# the OpenBLAS that CasADi brings for IPOPT, which threadpoolctl does not know by its name
+CasadiOpenBLAS = type("CasadiOpenBLAS", (OpenBLASController,), {"filename_prefixes": ("libcasadi-tp-openblas",)})
 register(CasadiOpenBLAS)
 
 

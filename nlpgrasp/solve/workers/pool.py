@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import pickle
-import signal
-import sys
 import time
-import uuid
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from typing import Any
+from dataclasses import dataclass
+from functools import partial
 
-import cloudpickle
-from loky import get_reusable_executor
 from loky.process_executor import BrokenProcessPool
 
 from nlpgrasp.errors import InputError
@@ -24,18 +19,26 @@ from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
+from nlpgrasp.solve.workers.processes import Processes, cores
 from nlpgrasp.solve.workers.stop import Stop
 
 NOT_BEGUN = "not begun"
 GRACE = 10.0  # seconds in-flight starts get to finish after a stop
-_benches: dict[str, Workbench] = {}
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A problem and how it is solved."""
+
+    problem: GraspProblem
+    options: SolveOptions
 
 
 class Runner:
     """Runs the starts of one problem, and looks back at them, where the problem's programs are.
 
-    loky's workers are fresh interpreters that never import the caller's main module: notebooks and scripts
-    without a main guard work. A worker that dies costs the starts in flight, which are reported as failed.
+    A worker that dies costs the starts in flight, which are reported as failed.
 
     Parameters
     ----------
@@ -52,8 +55,7 @@ class Runner:
         self.problem, self.options, self.count = problem, options, starts
         self.workers = 1 if bench is not None else min(options.workers or cores(), starts)
         self._bench = bench
-        self._payload: tuple[list[str], bytes] | None = None
-        self._token = uuid.uuid4().hex
+        self._parcel: Parcel[LazyBench[_Asked]] | None = None
 
     def starts(self, seed: int, stop: Stop) -> Iterator[StartResult]:
         """Yield each start's result as it is done, in any order."""
@@ -64,16 +66,13 @@ class Runner:
 
     def look_back(self, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:
         """Return what is worth knowing after the starts; nothing where a worker ends over it."""
-        if self._payload is None:
+        if self._parcel is None:
             return look_back(self._workbench(), best, results, seed, stop)
-        executor = get_reusable_executor(max_workers=self.workers, timeout=300, initializer=_ignore_interrupt)
         seen = [] if best is not None else list(results)
         try:
-            future = executor.submit(_look_back, self._token, self._payload, best, seen, seed, stop)
-            found: Aftermath = future.result()
+            return Processes(self.workers).submit(_look_back, self._parcel, best, seen, seed, stop).result()
         except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
             return Aftermath()
-        return found
 
     def _workbench(self) -> Workbench:
         if self._bench is None:
@@ -89,14 +88,12 @@ class Runner:
 
     def _in_processes(self, seed: int, stop: Stop) -> Iterator[StartResult]:
         try:
-            self._payload = (list(sys.path), cloudpickle.dumps((self.problem, self.options)))
+            self._parcel = Parcel.of(LazyBench(partial(_Asked, self.problem, self.options)))
         except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
             reason = f"{type(error).__name__}: {error}"
             raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
-        executor = get_reusable_executor(max_workers=self.workers, timeout=300, initializer=_ignore_interrupt)
-        pending: dict[Future[Any], int] = {
-            executor.submit(_work, self._token, self._payload, index, seed, stop): index for index in range(self.count)
-        }
+        processes = Processes(self.workers)
+        pending = {processes.submit(_work, self._parcel, index, seed, stop): index for index in range(self.count)}
         give_up = None
         while pending:
             done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
@@ -107,47 +104,23 @@ class Runner:
                 for future in [f for f in pending if f.cancel()]:
                     pending.pop(future)
                 if time.monotonic() > give_up:
-                    executor.shutdown(wait=True, kill_workers=True)
+                    processes.end()
                     break
 
 
-def _work(token: str, payload: tuple[list[str], bytes], index: int, seed: int, stop: Stop) -> StartResult | None:
-    """Run one start in a worker."""
-    if stop.requested():
-        return None
-    return run_start(_bench_of(token, payload), index, seed, stop)
+def _work(parcel: Parcel[LazyBench[_Asked]], index: int, seed: int, stop: Stop) -> StartResult | None:
+    """Run one start in a worker; None where it is too late to begin."""
+    return None if stop.requested() else run_start(parcel.unpacked().bench, index, seed, stop)
 
 
 def _look_back(
-    token: str,
-    payload: tuple[list[str], bytes],
-    best: StartGrasp | None,
-    results: list[StartResult],
-    seed: int,
-    stop: Stop,
+    parcel: Parcel[LazyBench[_Asked]], best: StartGrasp | None, results: list[StartResult], seed: int, stop: Stop
 ) -> Aftermath:
     """Look back at the starts in a worker."""
-    return look_back(_bench_of(token, payload), best, results, seed, stop)
+    return look_back(parcel.unpacked().bench, best, results, seed, stop)
 
 
-def _bench_of(token: str, payload: tuple[list[str], bytes]) -> Workbench:
-    """Return the problem's workbench in this worker, building it on the first call."""
-    if token not in _benches:
-        _benches.clear()
-        problem, options = _loaded(payload)
-        _benches[token] = Workbench(problem, options)
-    return _benches[token]
-
-
-def _loaded(payload: tuple[list[str], bytes]) -> tuple[GraspProblem, SolveOptions]:
-    """Return problem and options, with the caller's import path: a script may have imported its neighbours."""
-    path, pickled = payload
-    sys.path.extend(entry for entry in path if entry not in sys.path)
-    problem, options = cloudpickle.loads(pickled)
-    return problem, options
-
-
-def _result(future: Future[Any], index: int) -> StartResult:
+def _result(future: Future[StartResult | None], index: int) -> StartResult:
     try:
         result = future.result()
     except (BrokenProcessPool, CancelledError, OSError, SystemExit, ImportError) as error:
@@ -155,16 +128,4 @@ def _result(future: Future[Any], index: int) -> StartResult:
         return StartResult(StartRecord(index, Status.FAILED, message=text))
     if result is None:
         return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
-    return result  # type: ignore[no-any-return]
-
-
-def cores() -> int:
-    """Return the cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _ignore_interrupt() -> None:
-    """Leave Ctrl-C to the parent, which tells the workers through the stop flag."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return result

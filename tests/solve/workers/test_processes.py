@@ -1,0 +1,44 @@
+"""Worker processes: other processes than this one, kept, ended, and new after one has died."""
+
+import os
+import signal
+
+import pytest
+from loky.process_executor import BrokenProcessPool
+
+from nlpgrasp.solve.workers.processes import Processes, cores
+
+
+def test_tasks_run_in_other_processes_that_are_kept():
+    processes = Processes(1)
+    first = processes.submit(os.getpid).result()
+    assert first != os.getpid()
+    assert processes.submit(pow, 2, 10).result() == 1024
+    assert Processes(1).submit(os.getpid).result() == first
+
+
+def test_what_a_task_raises_is_raised_by_its_result():
+    with pytest.raises(ZeroDivisionError):
+        Processes(1).submit(divmod, 1, 0).result()
+
+
+def test_a_worker_leaves_ctrl_c_to_its_parent():
+    assert Processes(1).submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
+
+
+def test_a_worker_that_dies_breaks_its_pool_alone():
+    with pytest.raises(BrokenProcessPool, match="SIGKILL"):
+        Processes(1).submit(signal.raise_signal, signal.SIGKILL).result()
+    assert Processes(1).submit(abs, -1).result() == 1
+
+
+def test_ended_workers_are_gone():
+    processes = Processes(1)
+    worker = processes.submit(os.getpid).result()
+    processes.end()
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+
+
+def test_cores_are_those_of_this_process():
+    assert 1 <= cores() <= (os.cpu_count() or 1)
