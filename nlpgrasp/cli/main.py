@@ -10,7 +10,7 @@ import sys
 from contextlib import nullcontext, redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -30,7 +30,8 @@ from nlpgrasp.verify.verify import verify
 from nlpgrasp.version import __version__
 
 INTERRUPTED = 130  # what typer makes of Ctrl-C
-USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # typer brings a click of its own; this is its UsageError
+# typer brings a click of its own; this is its UsageError
+USAGE_ERROR: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
 
 
 def _root(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Mapping
 from types import TracebackType
-from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.records import StartRecord
@@ -34,7 +34,7 @@ class Reporter:
         self.starts = starts
         self.as_json = as_json
         self._bar: Progress | None = None
-        self._task: Any = None
+        self._task = TaskID(0)
 
     def __enter__(self) -> Reporter:
         if not self.as_json:
@@ -72,7 +72,7 @@ class Reporter:
         )
 
 
-def emit(data: dict[str, Any]) -> None:
+def emit(data: Mapping[str, object]) -> None:
     """Write one JSON line to standard output."""
     sys.stdout.write(json.dumps(data, allow_nan=False) + "\n")
     sys.stdout.flush()
@@ -83,7 +83,7 @@ def pair(bounds: Bounds) -> list[float] | None:
     return [bounds.lower, bounds.upper] if math.isfinite(bounds.upper) else None
 
 
-def done(solution: GraspSolution, path: str | None) -> dict[str, Any]:
+def done(solution: GraspSolution, path: str | None) -> dict[str, object]:
     """Return the last JSON line of a solve."""
     return {
         "event": "done",

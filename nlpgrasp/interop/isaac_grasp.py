@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -116,7 +115,7 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
     return tuple(_grasp(f"{name}: grasps.{key}", str(key), value, frame) for key, value in grasps.items())
 
 
-def _grasp(where: str, name: str, data: Any, frame: str) -> IsaacGrasp:
+def _grasp(where: str, name: str, data: object, frame: str) -> IsaacGrasp:
     if not isinstance(data, Mapping):
         raise InputError(where, data, "a mapping with position, orientation and cspace_position")
     turned = data.get("orientation")
@@ -138,7 +137,7 @@ def _grasp(where: str, name: str, data: Any, frame: str) -> IsaacGrasp:
     )
 
 
-def _joints(where: str, data: Any) -> dict[str, float]:
+def _joints(where: str, data: object) -> dict[str, float]:
     if data is None:
         return {}
     if not isinstance(data, Mapping):

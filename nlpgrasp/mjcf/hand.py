@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nlpgrasp.common.extras.mujoco import import_mujoco
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.mjcf.scene import mjcf
+from nlpgrasp.mjcf.scene import mjcf_of_object
 from nlpgrasp.solution.solution import GraspSolution
+
+if TYPE_CHECKING:
+    from mujoco import MjModel, MjsFrame, MjSpec
 
 PREFIX = "hand_"
 GAIN = 5.0  # N m / rad (or N / m), of the joints' position motors
@@ -42,7 +48,7 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path) -> str:
     if "palm_pose" not in posture or "joint_positions" not in posture:
         raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
     palm = solution.palm
-    spec = mujoco.MjSpec.from_string(mjcf(solution, fingertips=False))
+    spec = mujoco.MjSpec.from_string(mjcf_of_object(solution))
     hand = _read(mujoco, urdf)
     names = {j.name for j in hand.joints}
     missing = sorted(set(posture["joint_positions"]) - names)
@@ -69,7 +75,8 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path) -> str:
     return str(spec.to_xml())
 
 
-def _read(mujoco: Any, urdf: str | Path) -> Any:
+def _read(mujoco: ModuleType, urdf: str | Path) -> MjSpec:
+    """Return the hand's model, its meshes by absolute paths."""
     if not Path(urdf).is_file():
         raise InputError("--hand", str(urdf), "the hand's URDF file")
     try:
@@ -84,7 +91,7 @@ def _read(mujoco: Any, urdf: str | Path) -> Any:
     return hand
 
 
-def _place(mujoco: Any, spec: Any, frame: Any, palm: str, posture: Mapping[str, Any]) -> None:
+def _place(mujoco: ModuleType, spec: MjSpec, frame: MjsFrame, palm: str, posture: Json) -> None:
     """Move the hand's frame to where its palm comes to the palm's pose."""
     try:
         model = spec.compile()
@@ -103,7 +110,7 @@ def _place(mujoco: Any, spec: Any, frame: Any, palm: str, posture: Mapping[str, 
     frame.quat = turned
 
 
-def _positions(model: Any, joints: Mapping[str, float]) -> Any:
+def _positions(model: MjModel, joints: Mapping[str, float]) -> FloatArray:
     """Return the scene's coordinates: the object in its place, the hand's joints as given."""
     q = np.array(model.qpos0)
     for name, value in joints.items():

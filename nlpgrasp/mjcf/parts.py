@@ -41,8 +41,8 @@ def joint_names(i: int, model: ContactModel, space: int) -> list[str]:
     return [f"tip_{i}_{FORCE_NAMES[axis]}" for axis in model.axes(space) if axis < space]
 
 
-def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, mass: Mass, unit: Scales | None) -> None:
-    """Add the object: free (in the plane, if planar), its mesh, with ``unit`` a patch of plane at each contact."""
+def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, mass: Mass) -> Element:
+    """Add the object, free (in the plane, if planar), with its mesh; return its body."""
     body = SubElement(world, "body", name="object")
     if grasp.space == 3:
         SubElement(body, "freejoint", name="object")
@@ -54,8 +54,11 @@ def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, m
     SubElement(body, "inertial", pos=numbers(mass.center), mass=f"{mass.mass:.9g}", fullinertia=moments)
     _add_mesh(asset, "object", drawing.body)
     SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
-    if unit is None:
-        return
+    return body
+
+
+def add_patches(body: Element, grasp: Grasp, unit: Scales) -> None:
+    """Add to the object's body a patch of its tangent plane at each contact."""
     thick = TIP * unit.length
     half = numbers([thick, PATCH * unit.length, PATCH * unit.length])
     for i, (p, n) in enumerate(zip(in_space(grasp.points), in_space(grasp.normals), strict=True)):

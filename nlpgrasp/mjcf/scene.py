@@ -7,6 +7,7 @@ model knows it. The mesh itself, as its hull, meets whatever else is put into th
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
@@ -20,6 +21,7 @@ from nlpgrasp.mjcf.parts import (
     add_fingertip,
     add_links,
     add_object,
+    add_patches,
     force_indices,
     joint_names,
     numbers,
@@ -42,21 +44,12 @@ SOLVER = {
 }
 
 
-def mjcf(
-    solution: GraspSolution,
-    *,
-    grasp: Grasp | None = None,
-    mass: Mass | None = None,
-    forces: FloatArray | None = None,
-    unit: Scales | None = None,
-    stiffness: bool = True,
-    fingertips: bool = True,
-) -> str:
-    """Return the scene as MJCF text; metres, newtons, the world's frame is the body's, no gravity.
+@dataclass(frozen=True)
+class SceneOptions:
+    """What a scene shows in place of what a solution says by itself.
 
     Parameters
     ----------
-    solution : GraspSolution
     grasp : Grasp, optional
         Contacts in place of the solution's.
     mass : Mass, optional
@@ -68,40 +61,77 @@ def mjcf(
         Of the keyframe's forces when left out.
     stiffness : bool
         Whether joints hold the fingertips in place besides their motors.
-    fingertips : bool
-        Whether there are any; without them the object alone.
+    """
+
+    grasp: Grasp | None = None
+    mass: Mass | None = None
+    forces: FloatArray | None = None
+    unit: Scales | None = None
+    stiffness: bool = True
+
+
+def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
+    """Return the scene as MJCF text; metres, newtons, the world's frame is the body's, no gravity.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    options : SceneOptions, optional
 
     Raises
     ------
     InputError
         Without a grasp or a drawing, or with bilateral contacts.
     """
-    drawing = solution.require_drawing()
+    given = SceneOptions() if options is None else options
+    drawing, held = solution.require_drawing(), _pressed(solution, given.grasp)
+    mass = mass_of(drawing.body, DENSITY) if given.mass is None else given.mass
+    x = pressing(held) if given.forces is None else given.forces
+    unit = scales(held, float(np.linalg.norm(x)), mass.mass) if given.unit is None else given.unit
+    root, asset, world = _empty(solution, held, unit)
+    root.insert(0, Comment(" fingertips touch the object's tangent plane at their contacts, and nothing else "))
+    add_patches(add_object(asset, world, held, drawing, mass), held, unit)
+    add_links(asset, world, drawing)
+    contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
+    for i, model in enumerate(held.contacts):
+        add_fingertip(world, held, i, unit, given.stiffness)
+        add_contact(contact, i, model)
+        for joint in joint_names(i, model, held.space):
+            SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
+    SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=numbers(x[force_indices(held)]))
+    return _text(root)
+
+
+def mjcf_of_object(solution: GraspSolution) -> str:
+    """Return the scene of the object alone, for a hand's own model to be put beside it; else as ``mjcf``."""
+    drawing, held = solution.require_drawing(), _pressed(solution, None)
+    mass = mass_of(drawing.body, DENSITY)
+    root, asset, world = _empty(solution, held, scales(held, float(np.linalg.norm(pressing(held))), mass.mass))
+    add_object(asset, world, held, drawing, mass)
+    return _text(root)
+
+
+def _pressed(solution: GraspSolution, grasp: Grasp | None) -> Grasp:
+    """Return the grasp, the solution's where none is given; one that pulls is refused."""
     held = solution.require_grasp() if grasp is None else grasp
     for given in held.contacts:
         if not given.unilateral:
             raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
-    weight = mass_of(drawing.body, DENSITY) if mass is None else mass
-    x = pressing(held) if forces is None else forces
-    unit = scales(held, float(np.linalg.norm(x)), weight.mass) if unit is None else unit
-    step = STEP * unit.time
+    return held
+
+
+def _empty(solution: GraspSolution, held: Grasp, unit: Scales) -> tuple[Element, Element, Element]:
+    """Return a scene with a light and time steps that follow from the units, its assets, and its world."""
+    step, size = STEP * unit.time, drawn_size(solution.drawing, held.points)
     root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
-    if fingertips:
-        root.append(Comment(" fingertips touch the object's tangent plane at their contacts, and nothing else "))
     SubElement(root, "compiler", angle="radian", autolimits="true")
     SubElement(root, "option", SOLVER, timestep=f"{step:.6g}", gravity="0 0 0")
     SubElement(SubElement(root, "default"), "pair", solref=f"{STIFF * step:.6g} 1", solimp="0.95 0.99 1e-6")
     asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
-    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * drawn_size(drawing, held.points)]), dir="0 0 -1")
-    add_object(asset, world, held, drawing, weight, unit if fingertips else None)
-    if fingertips:
-        add_links(asset, world, drawing)
-        contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
-        for i, model in enumerate(held.contacts):
-            add_fingertip(world, held, i, unit, stiffness)
-            add_contact(contact, i, model)
-            for joint in joint_names(i, model, held.space):
-                SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
-        SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=numbers(x[force_indices(held)]))
+    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * size]), dir="0 0 -1")
+    return root, asset, world
+
+
+def _text(root: Element) -> str:
     indent(root)
     return tostring(root, encoding="unicode") + "\n"

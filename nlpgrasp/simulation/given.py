@@ -14,7 +14,7 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.mjcf.scales import scales
-from nlpgrasp.mjcf.scene import DENSITY, mjcf
+from nlpgrasp.mjcf.scene import DENSITY, SceneOptions, mjcf
 from nlpgrasp.quality import FingerForces, finger_forces, mu
 from nlpgrasp.simulation.press import Press
 from nlpgrasp.solution.solution import GraspSolution
@@ -65,7 +65,7 @@ class Given:
     def press(self, there: Grasp, gravity: float) -> Press:
         """Return the grasp in MuJoCo, with the contacts as they really are."""
         unit = scales(self.grasp, float(np.linalg.norm(self.least.forces)), self.mass.mass)
-        scene = mjcf(self.solution, grasp=there, mass=self.mass, unit=unit, stiffness=False)
+        scene = mjcf(self.solution, SceneOptions(there, self.mass, unit=unit, stiffness=False))
         allowed = self.budget.at(there.frames, there.contacts)
         return Press(scene, there, allowed, self.effort, unit, gravity)
 

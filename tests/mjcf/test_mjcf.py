@@ -10,7 +10,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.mjcf import mjcf, mjcf_with_hand
+from nlpgrasp.mjcf import SceneOptions, mjcf, mjcf_with_hand
 from nlpgrasp.tasks.mass import mass_of
 from tests.hands.urdf import three_finger_hand
 from tests.images import panels_drawn
@@ -67,7 +67,7 @@ def test_the_keyframe_presses_with_the_forces_given(box):
     from nlpgrasp.simulation.loads import gripping
 
     grip = gripping(box.grasp, L2Budget())
-    model, data = loaded(mjcf(box, forces=grip))
+    model, data = loaded(mjcf(box, SceneOptions(forces=grip)))
     for _ in range(4000):
         mujoco.mj_step(model, data)
     force, found = np.zeros(6), {}
@@ -133,7 +133,7 @@ def test_what_cannot_be_exported(box, held, tmp_path, monkeypatch):
         mjcf(replace(box, drawing=None))
     glued = ng.Grasp(box.grasp.points, box.grasp.normals, ng.BilateralContact(ng.FrictionContact(0.5)))
     with pytest.raises(InputError, match="cannot pull"):
-        mjcf(box, grasp=glued)
+        mjcf(box, SceneOptions(grasp=glued))
     with pytest.raises(InputError, match=r"a grasp found with an ng\.URDFHand"):
         mjcf_with_hand(box, HAND)
     with pytest.raises(InputError, match="the hand's URDF file"):

@@ -10,6 +10,8 @@ from pathlib import Path
 from nlpgrasp.common.files import write_text
 from nlpgrasp.experiments.found.result import EXPLAINED, NOT_COMPARABLE, ExperimentResult
 from nlpgrasp.experiments.run.folder import PLAN
+from nlpgrasp.report.frame import page
+from nlpgrasp.report.table import Html, table
 
 STYLE = """
 :root { color-scheme: light dark; }
@@ -39,21 +41,16 @@ def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -
     InputError
         When it cannot be written.
     """
-    title = escape(result.name)
     parts = [
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<style>{STYLE}</style></head><body><main>",
-        f"<h1>{title}</h1>",
+        f"<h1>{escape(result.name)}</h1>",
         f"<p>{sum(v.done for v in result.variations)} of {len(result.solves)} solves done.</p>",
         *_warnings(result),
         _table(result),
         *(_figure(picture) for picture in pictures if picture.is_file()),
         _prices(result),
         _inputs(result),
-        "</main></body></html>\n",
     ]
-    return write_text(path, "\n".join(parts))
+    return write_text(path, page(result.name, STYLE, parts))
 
 
 def _warnings(result: ExperimentResult) -> list[str]:
@@ -72,18 +69,16 @@ def _table(result: ExperimentResult) -> str:
         good, total = v.starts
         left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
         span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
-        bar = f'<div class="interval" aria-hidden="true">{span}</div>'
+        bar = Html(f'<div class="interval" aria-hidden="true">{span}</div>')
         active = "; ".join(v.best.active) if v.best is not None else ""
         place = f"{rank}" if v.done else ""
         cells = [place, v.name, v.found, bar, f"{v.agreeing}/{len(v.solves)}", f"{v.seconds:.1f}", f"{good}/{total}"]
         cells += ["; ".join(tied), active]
-        rows.append("".join(f"<td>{cell if cell is bar else escape(cell)}</td>" for cell in cells))
-    head = "".join(f'<th scope="col">{h}</th>' for h in heads)
-    body = "\n".join(f"<tr>{row}</tr>" for row in rows)
+        rows.append(cells)
     caption = (
         f"Rank: 1 plus the number of variations that are certainly better. Ties: within the certified gap. {EXPLAINED}"
     )
-    return f'<div class="wide"><table><caption>{caption}</caption><tr>{head}</tr>\n{body}</table></div>'
+    return table(caption, heads, rows, focusable=False)
 
 
 def _figure(picture: Path) -> str:

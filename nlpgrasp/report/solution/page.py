@@ -10,6 +10,7 @@ from pathlib import Path
 
 from nlpgrasp.common.files import write_text
 from nlpgrasp.experiments.found.compare import compare
+from nlpgrasp.report.frame import page
 from nlpgrasp.report.solution import sections
 from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches, force_words
 from nlpgrasp.report.solution.scene import scene
@@ -38,15 +39,8 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
     if len(solutions) > 1:
         body.append(sections.comparison(compared))
     body += [_solution(name, solution, i) for i, (name, solution) in enumerate(solutions.items())]
-    text = "\n".join(
-        [
-            f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
-            '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">',
-            f"<style>{_resource('report.css')}</style></head><body><main>",
-            *body,
-            f"</main><script>{_resource('vendor/plotly-gl3d.min.js')}</script><script>{_resource('report.js')}</script></body></html>\n",
-        ]
-    )
+    scripts = "".join(f"<script>{_resource(name)}</script>" for name in ("vendor/plotly-gl3d.min.js", "report.js"))
+    text = page(title, _resource("report.css"), body, '<link rel="icon" href="data:,">', scripts)
     return write_text(path, text)
 
 

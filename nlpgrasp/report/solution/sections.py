@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
 
 import numpy as np
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.experiments.found.compare import Comparison
 from nlpgrasp.experiments.found.result import NOT_COMPARABLE
 from nlpgrasp.report.solution.wrench_space import shadows
 from nlpgrasp.report.svg import Curve, chart
+from nlpgrasp.report.table import table
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-
-
-def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table that scrolls sideways where it has to."""
-    head = "".join(f'<th scope="col">{escape(h)}</th>' for h in heads)
-    body = "\n".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
-    titled = f"<caption>{escape(caption)}</caption>" if caption else ""
-    return f'<div class="wide" tabindex="0"><table>{titled}<tr>{head}</tr>\n{body}</table></div>'
 
 
 def comparison(compared: Comparison) -> str:
@@ -161,7 +154,7 @@ def starts(solution: GraspSolution) -> str:
 def inputs(name: str, solution: GraspSolution) -> str:
     """Return all inputs and how to do it again."""
     solver = {k: v for k, v in solution.solver.items() if k != "starts"}
-    data: dict[str, Any] = {"problem": dict(solution.problem), "solver": solver}
+    data = {"problem": dict(solution.problem), "solver": solver}
     text = escape(json.dumps(data, indent=1))
     again = (
         f"nlpgrasp solve SCRIPT --starts {len(solution.starts)} --seed {solver.get('seed', 0)}\nnlpgrasp verify {name}"
@@ -172,9 +165,9 @@ def inputs(name: str, solution: GraspSolution) -> str:
     )
 
 
-def _numbers(values: Any) -> str:
+def _numbers(values: Iterable[float]) -> str:
     return ", ".join(f"{v:.5g}" for v in values)
 
 
-def _numbered(values: Sequence[float]) -> Any:
+def _numbered(values: Sequence[float]) -> FloatArray:
     return np.stack([np.arange(len(values), dtype=float), np.asarray(values)], axis=1)

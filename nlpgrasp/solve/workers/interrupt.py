@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import signal
 import threading
-from types import TracebackType
-from typing import Any
+from collections.abc import Callable
+from types import FrameType, TracebackType
 
 from nlpgrasp.solve.workers.stop import Stop
 
@@ -24,7 +24,7 @@ class Interrupt:
     def __init__(self, stop: Stop) -> None:
         self.stop = stop
         self.caught = False
-        self._previous: Any = None
+        self._previous: Callable[[int, FrameType | None], object] | int | None = None
 
     def __enter__(self) -> Interrupt:
         if threading.current_thread() is threading.main_thread():
