@@ -21,8 +21,8 @@ from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.registry import register as register_contact
 from nlpgrasp.interop.contacts_csv import contacts_csv
 from nlpgrasp.solve.ascent.ascend import Rules, Step
-from nlpgrasp.solve.ascent.registry import ExchangeModel
-from nlpgrasp.solve.ascent.registry import register as register_exchange
+from nlpgrasp.solve.ascent.models.registry import ExchangeModel
+from nlpgrasp.solve.ascent.models.registry import register as register_exchange
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.tasks import TaskPolytope, task_from_dict
