@@ -315,7 +315,7 @@ register_exchange(
 )
 
 
-@pytest.mark.parametrize("workers", [1])
+@pytest.mark.parametrize("workers", [1, 2])
 def test_an_exchange_model_from_elsewhere(tmp_path, workers):
     problem = ng.GraspProblem(ng.Ellipsoid([0.06, 0.03, 0.03]), [ng.FrictionContact(0.5)] * 3, BALL)
     options = ng.SolveOptions(exchange="test random", shadow_prices=False, workers=workers)

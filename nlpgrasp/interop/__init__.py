@@ -1,8 +1,8 @@
 """Grasps for other tools, and from them."""
 
+from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need, ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.interop.contacts_csv import contacts_csv
 from nlpgrasp.interop.contacts_table import read_contacts_csv
-from nlpgrasp.interop.formats import ExportFormat, ExportOptions, Need, ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.interop.glb import glb
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, isaac_grasp, read_isaac_grasps
 from nlpgrasp.interop.placed_hand import grasp_of_posture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from nlpgrasp.interop.formats import ExportFormat
+from nlpgrasp.interop.base import ExportFormat
 from nlpgrasp.solution.solution import GraspSolution
 
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")

@@ -13,8 +13,8 @@ from nlpgrasp.budgets import force_budget
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.interop.base import ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.interop.contacts_csv import FRICTION, MODEL, NORMAL, POSITION, TORSION
-from nlpgrasp.interop.formats import ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.solution.solution import GraspSolution
 
 MOST_ROWS = 1000

@@ -8,7 +8,7 @@ import trimesh
 from nlpgrasp.common.shown.drawing import COLOURS, CONE, NORMAL, drawn_size
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.interop.formats import ExportFormat
+from nlpgrasp.interop.base import ExportFormat
 from nlpgrasp.solution.solution import GraspSolution
 
 POINT = "#141414"

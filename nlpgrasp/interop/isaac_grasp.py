@@ -11,7 +11,7 @@ import yaml
 
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.interop.formats import ExportFormat, ExportOptions, Need
+from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
 from nlpgrasp.solution.solution import GraspSolution
 
 FORMAT, VERSION = "isaac_grasp", 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nlpgrasp.interop.formats import ExportFormat, ExportOptions, Need
+from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
 from nlpgrasp.mjcf import mjcf, mjcf_with_hand
 from nlpgrasp.solution.solution import GraspSolution
 

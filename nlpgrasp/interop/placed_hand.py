@@ -14,7 +14,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.interop.formats import ReadFormat, ReadGrasp, ReadOptions
+from nlpgrasp.interop.base import ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, read_isaac_grasps
 from nlpgrasp.problem.problem import GraspProblem
 

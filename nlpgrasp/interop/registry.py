@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from nlpgrasp.errors import InputError
+from nlpgrasp.interop.base import ExportFormat, ReadFormat
 from nlpgrasp.interop.contacts_csv import CSV
 from nlpgrasp.interop.contacts_table import CONTACTS_TABLE
-from nlpgrasp.interop.formats import ExportFormat, ReadFormat
 from nlpgrasp.interop.glb import GLB
 from nlpgrasp.interop.isaac_grasp import ISAAC_GRASP
 from nlpgrasp.interop.mujoco_scene import MJCF

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.interop.formats import ReadFormat, ReadGrasp, ReadOptions
+from nlpgrasp.interop.base import ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.solution.solution import GraspSolution
 
 

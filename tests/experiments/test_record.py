@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.experiments.found.columns import COLUMNS, Entry, row_of
 from nlpgrasp.experiments.found.digest import asked_of, measured_by
 from nlpgrasp.experiments.found.record import NOT_DONE, SolveRecord
-from nlpgrasp.experiments.found.table import COLUMNS, write_csv
+from nlpgrasp.experiments.found.table import write_csv
 
 BOX = Path(__file__).parents[1] / "solution" / "files" / "box.json"
 
@@ -20,8 +21,8 @@ def solution():
 
 
 def test_a_row_says_what_the_solution_says(solution):
-    row = SolveRecord.of("rough", 3, solution).row("boxes", 2, "solves/rough.json")
-    assert list(row) == list(COLUMNS)
+    row = row_of(Entry("boxes", SolveRecord.of("rough", 3, solution), 2, "solves/rough.json"))
+    assert list(row) == [column.name for column in COLUMNS]
     assert (row["experiment"], row["variation"], row["seed"], row["rank"]) == ("boxes", "rough", 3, 2)
     assert (row["status"], row["mu_lower"], row["mu_upper"]) == ("solved", solution.mu.lower, solution.mu.upper)
     assert (row["contacts"], row["starts"]) == (3, len(solution.starts))
@@ -30,13 +31,13 @@ def test_a_row_says_what_the_solution_says(solution):
 
 @pytest.mark.parametrize(("failure", "status"), [(NOT_DONE, "not_done"), ("RuntimeError: boom", "failed")])
 def test_a_row_without_a_solution(failure, status):
-    row = SolveRecord("rough", 0, failure=failure).row("boxes", None, "solves/rough.json")
+    row = row_of(Entry("boxes", SolveRecord("rough", 0, failure=failure), None, "solves/rough.json"))
     assert (row["status"], row["failure"], row["file"], row["rank"]) == (status, failure, "", None)
     assert (row["mu_lower"], row["mu_upper"]) == (0.0, 0.0)
 
 
 def test_rows_as_csv(solution, tmp_path):
-    row = SolveRecord.of("a, b", 0, solution).row("boxes", None, "x.json")
+    row = row_of(Entry("boxes", SolveRecord.of("a, b", 0, solution), None, "x.json"))
     with write_csv([row], tmp_path / "t.csv").open(newline="") as file:
         (read,) = csv.DictReader(file)
     assert read["variation"] == "a, b"

@@ -15,9 +15,9 @@ from nlpgrasp.cli.experiment import write_outputs
 from nlpgrasp.common.rows import Row
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import SolveId
+from nlpgrasp.experiments.found.columns import COLUMNS
 from nlpgrasp.experiments.found.ranking import ranks, ties
 from nlpgrasp.experiments.found.record import active_constraints
-from nlpgrasp.experiments.found.table import COLUMNS
 from nlpgrasp.experiments.run.folder import Folder
 from nlpgrasp.quality import Bounds
 from nlpgrasp.report.experiment.plots import wilson
@@ -63,7 +63,7 @@ def test_csv_parquet_and_frame_hold_the_same_numbers(result):
 
     with (result.folder / "table.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == list(COLUMNS)
+    assert list(rows[0]) == [column.name for column in COLUMNS]
     assert len(rows) == 8
     stored = pyarrow.parquet.read_table(result.folder / "table.parquet").to_pylist()
     frame = result.frame()

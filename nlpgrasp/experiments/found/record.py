@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.found.digest import asked_of, measured_by
-from nlpgrasp.experiments.found.table import COLUMNS, Row
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
@@ -117,40 +116,6 @@ class SolveRecord:
     def succeeded(self) -> int:
         """How many starts found a certified grasp."""
         return sum(s.status is Status.SOLVED for s in self.starts)
-
-    def row(self, experiment: str, rank: int | None, file: str) -> Row:
-        """Return the record as a row of the experiment's table.
-
-        Parameters
-        ----------
-        experiment : str
-        rank : int or None
-            Of the variation; None where nothing of it is done.
-        file : str
-            Of the solution, in the output folder.
-        """
-        missing = "not_done" if self.failure == NOT_DONE else "failed"
-        values = (
-            experiment,
-            self.variation,
-            self.seed,
-            missing if self.status is None else self.status.name.lower(),
-            self.kind,
-            self.mu.lower,
-            self.mu.upper,
-            rank,
-            self.contacts,
-            len(self.starts),
-            self.succeeded,
-            self.seconds,
-            self.iterations,
-            "; ".join(self.active),
-            "; ".join(str(p) for p in self.prices),
-            self.measured,
-            self.failure,
-            file if self.done else "",
-        )
-        return dict(zip(COLUMNS, values, strict=True))
 
     @property
     def rising(self) -> tuple[tuple[float, float], ...]:

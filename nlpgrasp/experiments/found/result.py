@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 from nlpgrasp.common.shown.text import columns
 from nlpgrasp.experiments.ask.experiment import SolveId
+from nlpgrasp.experiments.found.columns import Entry, Row, row_of
 from nlpgrasp.experiments.found.ranking import ranks, ties
 from nlpgrasp.experiments.found.record import NOT_DONE, SolveRecord
 from nlpgrasp.experiments.found.stored import read_records
-from nlpgrasp.experiments.found.table import Row, frame
+from nlpgrasp.experiments.found.table import frame
 from nlpgrasp.experiments.found.variation_result import VariationResult
 from nlpgrasp.experiments.run.folder import SOLVES, Folder
 from nlpgrasp.solution.solution import GraspSolution
@@ -136,12 +137,12 @@ class ExperimentResult:
         return GraspSolution.load(Folder(self.folder).file(SolveId(variation, best.seed if seed is None else seed)))
 
     def rows(self) -> list[Row]:
-        """Return the table: one mapping a solve, with the keys of ``table.COLUMNS``."""
+        """Return the table: one mapping a solve, by the names of ``columns.COLUMNS``."""
         place, rows = Folder(self.folder), []
         for variation, rank in zip(self.variations, self.ranks(), strict=True):
             for solve in variation.solves:
                 file = f"{SOLVES}/{place.file(SolveId(solve.variation, solve.seed)).name}"
-                rows.append(solve.row(self.name, rank if variation.done else None, file))
+                rows.append(row_of(Entry(self.name, solve, rank if variation.done else None, file)))
         return rows
 
     def frame(self) -> pd.DataFrame:

@@ -12,6 +12,7 @@ from typing import Generic, Protocol, TypeVar, cast
 import cloudpickle
 
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solve.ascent.models.registry import from_outside, register
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.workbench import Workbench
 
@@ -41,23 +42,29 @@ class Parcel(Generic[Item]):
     ----------
     token : str
         The same for all parcels of one item: a process unpacks it once, and keeps it until another comes.
+    path : tuple of str
+        The caller's ``sys.path``.
     content : bytes
+        The item, and the models of the exchange that were registered from outside the package.
     """
 
     token: str
+    path: tuple[str, ...]
     content: bytes
 
     @classmethod
     def of(cls, item: Item, token: str = "") -> Parcel[Item]:
         """Pack an item; whatever its parts raise when they are pickled is raised."""
-        return cls(token or uuid.uuid4().hex, bytes(cloudpickle.dumps((list(sys.path), item))))
+        return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps((from_outside(), item))))
 
     def unpacked(self) -> Item:
         """Return the item in this process."""
         if self.token not in _unpacked:
             _unpacked.clear()  # before the next one is built: each may hold a gigabyte
-            path, item = cloudpickle.loads(self.content)
-            sys.path.extend(entry for entry in path if entry not in sys.path)
+            sys.path.extend(entry for entry in self.path if entry not in sys.path)  # before its modules are imported
+            models, item = cloudpickle.loads(self.content)
+            for model in models:
+                register(model)
             _unpacked[self.token] = item
         return cast("Item", _unpacked[self.token])
 

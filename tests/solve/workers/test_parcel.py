@@ -1,5 +1,8 @@
 """What is sent to workers is unpacked once, with the caller's import path, and makes its programs once."""
 
+import importlib
+import pickle
+import subprocess
 import sys
 from dataclasses import dataclass
 
@@ -68,3 +71,14 @@ def test_what_fails_is_made_again():
         with pytest.raises(ValueError, match="not yet"):
             lazy.bench  # noqa: B018  (asked for what it raises)
     assert len(calls) == 2
+
+
+def test_an_items_module_is_found_by_the_callers_path(tmp_path, monkeypatch):
+    """A worker unpacks with the caller's path in place already: the item's own module may be beside the script."""
+    (tmp_path / "beside.py").write_text("def three():\n    return 3\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    parcel = Parcel.of(importlib.import_module("beside").three)
+    (tmp_path / "parcel").write_bytes(pickle.dumps(parcel))
+    code = f"import pickle; print(pickle.load(open({str(tmp_path / 'parcel')!r}, 'rb')).unpacked()())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr

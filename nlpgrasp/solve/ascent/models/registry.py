@@ -82,3 +82,9 @@ LINEAR = Rules(rounds=40, radius=0.1, last_radius=1e-3, most_radius=0.3, good=1.
 NONLINEAR = Rules(rounds=40, radius=0.15, last_radius=1e-4, good=1.5, poor=0.6, least_gain=1e-4)
 register(ExchangeModel("linear", LinearModel, LINEAR, lambda bench: bench.exchange.linearises))
 register(ExchangeModel("nonlinear", NonlinearModel, NONLINEAR, lambda bench: not bench.exchange.linearises))
+OWN = registered()
+
+
+def from_outside() -> tuple[ExchangeModel, ...]:
+    """Return the models that are not the package's own: worker processes are told of them."""
+    return tuple(model for model in registered() if model not in OWN)
