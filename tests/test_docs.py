@@ -14,7 +14,17 @@ import nlpgrasp as ng
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
-SLOW = ("hands", "experiments", "interop", "simulation", "tasks", "how_to_choose", "my_solve_failed")
+SLOW = (
+    "hands",
+    "experiments",
+    "interop",
+    "simulation",
+    "tasks",
+    "how_to_choose",
+    "my_solve_failed",
+    "getting_started",
+    "architecture",
+)
 BLOCK = re.compile(r"```(python|sh)\n(.*?)```", re.DOTALL)
 SHELL = "\nimport subprocess\nsubprocess.run(['bash', '-euo', 'pipefail', '-c', {!r}], check=True)\n"
 RUN = [

@@ -6,12 +6,14 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
+from nlpgrasp.budgets.registry import BUDGETS
 from nlpgrasp.budgets.registry import register as register_budget
 from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.common.rows import Row
@@ -21,18 +23,20 @@ from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.registry import register as register_contact
 from nlpgrasp.interop.contacts_csv import contacts_csv
 from nlpgrasp.solve.ascent.ascend import Rules, Step
+from nlpgrasp.solve.ascent.models import registry as models
 from nlpgrasp.solve.ascent.models.registry import ExchangeModel
 from nlpgrasp.solve.ascent.models.registry import register as register_exchange
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.tasks import TaskPolytope, task_from_dict
+from nlpgrasp.tasks.base import TASKS
 from nlpgrasp.tasks.registry import register as register_task
 
+RANDOM_RULES = Rules(60, 0.1, 1e-3, worse=0.9, refused=0.9)
 FILES = Path(__file__).parent / "solution" / "files"
 BOX, BALL = ng.Box([0.08, 0.04, 0.04]), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
 
 
-@register_contact
 @dataclass(frozen=True)
 class Gecko(RangeContact):
     """A dry adhesive that slides along neither tangent: friction by another name, as a contact of its own."""
@@ -91,7 +95,6 @@ class WeighedSet(ForceSet):
         return [row]
 
 
-@register_budget
 class Weighed(ForceBudget):
     """The fingers share one unit of normal force, which later fingers pay more for."""
 
@@ -119,7 +122,6 @@ class Weighed(ForceBudget):
         return cls(data["growth"])
 
 
-@register_task
 class Pair(TaskPolytope):
     """A wrench and its opposite."""
 
@@ -134,6 +136,17 @@ class Pair(TaskPolytope):
     @classmethod
     def from_dict(cls, data):
         return cls(data["wrench"])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registered():
+    """Register the kinds of this module, and forget them again."""
+    with patch.dict(CONTACTS._kinds), patch.dict(BUDGETS._kinds), patch.dict(TASKS._kinds), patch.dict(models._models):
+        register_contact(Gecko)
+        register_budget(Weighed)
+        register_task(Pair)
+        register_exchange(ExchangeModel("test random", RandomSteps, RANDOM_RULES, lambda bench: True))
+        yield
 
 
 def passed(solution, path):
@@ -308,11 +321,6 @@ class RandomSteps:
         moved = placed.points + length * self.rng.standard_normal(placed.points.shape)
         there = self.bench.snapped(Placed(placed.faces, moved, placed.hand))
         return Step(there, np.inf, np.zeros_like(state.multipliers), Effort())
-
-
-register_exchange(
-    ExchangeModel("test random", RandomSteps, Rules(60, 0.1, 1e-3, worse=0.9, refused=0.9), lambda bench: True)
-)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -231,7 +231,7 @@ def contact_from_dict(data: Json) -> ContactModel:
         When the model is unknown or a coefficient is missing or out of range.
     """
     given = data.get("model") if isinstance(data, Mapping) else data
-    model = CONTACTS.find(given)
+    model = CONTACTS.find(given) if isinstance(data, Mapping) else None
     if model is None:
         raise CONTACTS.unknown(given)
     return model.from_dict(data)

@@ -86,8 +86,8 @@ class SolveOptions:
         if self.workers is not None:
             workers = integer("SolveOptions.workers", self.workers, at_least=1, at_most=1024)
             object.__setattr__(self, "workers", workers)
-        if not isinstance(self.exchange, bool | str):
-            raise InputError("SolveOptions.exchange", self.exchange, "True or False")
+        if not isinstance(self.exchange, bool | str) or self.exchange == "":
+            raise InputError("SolveOptions.exchange", self.exchange, "True or False, or the name of a model")
         for name in ("shadow_prices", "maximise_robust"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")

@@ -339,3 +339,9 @@ def test_unknown_torsion_model_lists_the_valid_ones():
 def test_unknown_model_in_a_file_is_refused():
     with pytest.raises(ng.InputError, match="one of point, friction, soft"):
         contact_from_dict({"model": "magnet"})
+
+
+@pytest.mark.parametrize("data", ["friction", None, {"model": "bilateral", "of": "point"}, {"model": ["friction"]}])
+def test_what_is_no_contact_model_is_refused_in_a_sentence(data):
+    with pytest.raises(ng.InputError, match=r"contact\.model: got .*, expected one of point, friction"):
+        contact_from_dict(data)

@@ -149,6 +149,7 @@ def test_what_cannot_be_exported(box, held, tmp_path, monkeypatch):
     assert "<mujoco" in mjcf(replace(box, name="bell \a, nothing \0"))  # without MuJoCo
 
 
+@pytest.mark.slow
 def test_from_the_command_line(held, tmp_path):
     held.save(tmp_path / "held.json")
 

@@ -13,6 +13,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Fingertips
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve import SolveOptions
+from nlpgrasp.solve.ascent.models.registry import check_name
 
 Changes: TypeAlias = Mapping[str, Any]
 """Fields of a problem by name, and the values that replace them: of any field's type."""
@@ -135,8 +136,11 @@ def _options(where: str, base: SolveOptions, given: object) -> SolveOptions:
     if given is None:
         return base
     if isinstance(given, SolveOptions):
+        check_name(given.exchange)
         return replace(given, workers=1)
     names = set(base.to_dict()) - {"workers"}
     if not isinstance(given, Mapping) or not set(given) <= names:
         raise InputError(f"{where}.options", given, "an ng.SolveOptions, or a mapping of some of its fields")
-    return replace(base, **given)
+    options = replace(base, **given)
+    check_name(options.exchange)
+    return options

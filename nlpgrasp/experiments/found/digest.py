@@ -14,11 +14,8 @@ ALSO_RECORDED = {"unit", "approach", "link_spheres", "watched_pairs"}  # of body
 
 def asked_of(problem: Json) -> str:
     """Return a digest of a problem's JSON data; budgets are left out: of a hand they are stated in its posture."""
-    parts = {k: problem.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
-    for name in ("body", "hand"):
-        part = parts[name]
-        if isinstance(part, Mapping):
-            parts[name] = {k: v for k, v in part.items() if k not in ALSO_RECORDED}
+    known = without_recorded(problem)
+    parts = {k: known.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -26,3 +23,13 @@ def measured_by(solution: GraspSolution) -> str:
     """Return a digest of what mu is measured by: task and kind of budget."""
     text = json.dumps([solution.problem["task"], solution.budget.kind], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def without_recorded(problem: Json) -> Json:
+    """Return a problem's JSON data without what older files do not record of body and hand."""
+    lean = dict(problem)
+    for name in ("body", "hand"):
+        part = lean.get(name)
+        if isinstance(part, Mapping):
+            lean[name] = {k: v for k, v in part.items() if k not in ALSO_RECORDED}
+    return lean

@@ -17,6 +17,7 @@ from nlpgrasp.experiments.run.work import Job, Outcome, work
 from nlpgrasp.solve.workers.processes import Processes
 
 IDLE = 30.0  # seconds after which workers that have nothing to do end
+LOOK = 0.2  # seconds between looks at Ctrl-C, which a wait without end does not see everywhere
 
 
 def run_local(
@@ -34,10 +35,12 @@ def run_local(
     while waiting:
         suspects, _ = yield from _until_broken(waiting, pack, workers)
         for solve in suspects:
-            again, how = yield from _until_broken({solve: None}, pack, 1)
+            alone = {solve: None}
+            again, how = yield from _until_broken(alone, pack, 1)
             if again:
                 yield solve, Outcome(failure=f"its process ended, twice{how}: a crash, or out of memory")
-            del waiting[solve]
+            if again or not alone:
+                del waiting[solve]  # else it was not begun: a worker ended before
 
 
 def _until_broken(
@@ -55,7 +58,7 @@ def _until_broken(
                 under_way[processes.submit(_quietly, pack(solve))] = solve
             if not under_way:
                 return [], ""
-            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+            done, _ = wait(under_way, timeout=LOOK, return_when=FIRST_COMPLETED)
             for future in sorted(done, key=lambda one: one.exception() is not None):
                 outcome = future.result()
                 solve = under_way.pop(future)

@@ -10,6 +10,7 @@ from nlpgrasp.common.shown.text import one_line, plain
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import Experiment, check_names, check_seeds
 from nlpgrasp.experiments.ask.variation import CaseData
+from nlpgrasp.experiments.found.digest import without_recorded
 from nlpgrasp.solution.file import DEEPEST, depth
 from nlpgrasp.version import __version__
 
@@ -76,7 +77,7 @@ def check_same(old: Plan, new: Plan, where: str) -> None:
     InputError
         Naming what differs.
     """
-    theirs, ours = old["variations"], new["variations"]
+    theirs, ours = ({name: _lean(case) for name, case in plan["variations"].items()} for plan in (old, new))
     gone = [name for name in theirs if name not in ours]
     changed = [name for name in theirs if name in ours and theirs[name] != ours[name]]
     seeds = [seed for seed in old["seeds"] if seed not in new["seeds"]]
@@ -93,6 +94,14 @@ def check_same(old: Plan, new: Plan, where: str) -> None:
         difference = f"an experiment with seed {seeds[0]}"
     if difference is not None:
         raise InputError(f"out ({where})", difference, "the folder of this experiment, or a new one")
+
+
+def _lean(case: CaseData) -> CaseData:
+    """Return a variation without what older plans do not record of its problem."""
+    lean: CaseData = {**case}
+    if "problem" in case:
+        lean["problem"] = without_recorded(case["problem"])
+    return lean
 
 
 def _differing(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:

@@ -12,7 +12,7 @@ from typing import Generic, Protocol, TypeVar, cast
 import cloudpickle
 
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.ascent.models.registry import from_outside, register
+from nlpgrasp.solve.ascent.models.registry import from_outside, know_only
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.workbench import Workbench
 
@@ -63,8 +63,7 @@ class Parcel(Generic[Item]):
             _unpacked.clear()  # before the next one is built: each may hold a gigabyte
             sys.path.extend(entry for entry in self.path if entry not in sys.path)  # before its modules are imported
             models, item = cloudpickle.loads(self.content)
-            for model in models:
-                register(model)
+            know_only(models)
             _unpacked[self.token] = item
         return cast("Item", _unpacked[self.token])
 

@@ -85,6 +85,13 @@ register(ExchangeModel("nonlinear", NonlinearModel, NONLINEAR, lambda bench: not
 OWN = registered()
 
 
+def know_only(models: tuple[ExchangeModel, ...]) -> None:
+    """Know the package's own models and these, whatever was registered before: what a worker's parent knows."""
+    _models.clear()
+    for model in (*OWN, *models):
+        register(model)
+
+
 def from_outside() -> tuple[ExchangeModel, ...]:
     """Return the models that are not the package's own: worker processes are told of them."""
     return tuple(model for model in registered() if model not in OWN)

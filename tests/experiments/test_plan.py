@@ -1,0 +1,40 @@
+"""A folder belongs to one experiment: what older plans do not record makes no other one of it."""
+
+import copy
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.experiments.run.plan import check_same, plan_of
+from tests.hands.urdf import four_finger_hand
+
+
+def plan(height=0.0):
+    task = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
+    problem = ng.GraspProblem(
+        ng.Sphere(0.03), ng.FrictionContact(0.7), task, hand=four_finger_hand(), constraints=[ng.Table(-0.03 + height)]
+    )
+    return plan_of(ng.Experiment(problem, {"a": {}}, name="plan"))
+
+
+def test_a_plan_of_an_earlier_version_goes_on():
+    new = plan()
+    old = copy.deepcopy(new)
+    for name in ("approach", "link_spheres", "watched_pairs"):
+        del old["variations"]["a"]["problem"]["hand"][name]
+    check_same(old, new, "folder")
+    del old["variations"]["a"]["problem"]["hand"]["clearance"]
+    with pytest.raises(ng.InputError, match=r"variation 'a' is another \(problem, hand\)"):
+        check_same(old, new, "folder")
+
+
+def test_another_problem_is_refused():
+    with pytest.raises(ng.InputError, match=r"variation 'a' is another \(problem, constraints\)"):
+        check_same(plan(), plan(0.001), "folder")
+
+
+def test_an_unknown_model_of_the_exchange_is_refused_before_anything_runs():
+    square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    base = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1]))
+    with pytest.raises(ng.InputError, match=r"SolveOptions\.exchange: got 'liner', expected True, False or one of"):
+        ng.Experiment(base, {"a": {"options": {"exchange": "liner"}}})
