@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from xml.etree.ElementTree import ParseError
 
-from nlpgrasp.errors import NlpgraspError
+from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.quality.bounds import Bounds
+
+BROKEN = (
+    *(KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError),
+    *(MemoryError, InputError, OSError, ParseError),
+)
+"""What comes of parts of a file that make no sense."""
 
 
 @dataclass(frozen=True)
@@ -87,3 +95,16 @@ class NotMadeError(NlpgraspError):
     def __init__(self, why: str, every_row: bool = False) -> None:
         super().__init__(why)
         self.every_row = every_row
+
+
+def no_sense(error: Exception) -> str:
+    """Return the sentence of an error out of ``BROKEN``."""
+    return f"the file makes no sense here: {type(error).__name__}: {error}"
+
+
+def guarded(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
+    """Return the checks, or one that failed where the parts of a file that they are about make no sense."""
+    try:
+        return checks()
+    except BROKEN as error:
+        return [Check(name, False, no_sense(error))]

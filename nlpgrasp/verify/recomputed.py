@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from xml.etree.ElementTree import ParseError
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, guarded, no_sense
 from nlpgrasp.verify.hands.unknown import UnknownHand
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
@@ -22,16 +21,12 @@ from nlpgrasp.verify.sources import Sources
 from nlpgrasp.verify.surface import face_check, size_of, surface_checks
 
 ON_MESH = 10.0  # times the promise: steps over a mesh end there
-BROKEN = (KeyError, IndexError, TypeError, ValueError, AttributeError, InputError, OSError, ParseError)
 
 
 def recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
     """Return the checks of surface, faces, constraints and hand."""
-    try:
-        with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
-            return _recomputed(solution, grasp, sources)
-    except BROKEN as error:
-        return [Check("problem", False, _sentence(error))]
+    with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
+        return guarded("problem", lambda: _recomputed(solution, grasp, sources))
 
 
 def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
@@ -62,6 +57,9 @@ def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources
     data = solution.problem["hand"]
     if data is None:
         return None
+    contacts = len(solution.faces)
+    if data["type"] == "fingertips" and data["count"] != contacts:
+        raise InputError("problem.hand.count", data["count"], f"as many as contacts ({contacts})")
     try:
         return HANDS.of(data)(data, solution.hand or {}, values, sources)
     except NotMadeError as reason:
@@ -100,7 +98,7 @@ def _guarded(
     except NotMadeError as reason:
         return Check.not_made(name, str(reason))
     except BROKEN as error:
-        return Check(name, False, _sentence(error))
+        return Check(name, False, no_sense(error))
 
 
 def _stated_check(solution: GraspSolution, unasked: list[str]) -> list[Check]:
@@ -119,7 +117,3 @@ def _within(row: ConstraintReport) -> bool:
 
 def _slack(limit: float) -> float:
     return 1e-6 + 1e-4 * abs(limit) if np.isfinite(limit) else 0.0
-
-
-def _sentence(error: Exception) -> str:
-    return f"the file makes no sense here: {type(error).__name__}: {error}"

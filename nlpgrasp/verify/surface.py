@@ -10,7 +10,7 @@ import trimesh
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bodies.mesh import OtherMeshError
-from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
 from nlpgrasp.verify.placement import Fit, HandNumbers, Surface
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import Sources
@@ -37,6 +37,8 @@ def surface_checks(
         return _on_another_mesh(solution, grasp, tips, other)
     except NotMadeError as reason:
         return None, _not_made(str(reason))
+    except BROKEN as error:
+        return None, [Check("surface", False, no_sense(error))]
     return surface, _fitted(solution, grasp, tips, surface)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, Verification
+from nlpgrasp.verify.check import Check, Verification, guarded
 from nlpgrasp.verify.evidence import direction_checks, force_checks, grasp_map_check, model_checks
 from nlpgrasp.verify.measures import OTHER_SEED, interval, other_measures, overlap, robustness
 from nlpgrasp.verify.recomputed import recomputed
@@ -63,8 +63,8 @@ def verify(
         *direction_checks(solution, grasp, task, force_set),
         *force_checks(solution, grasp, force_set),
         *other_measures(solution, grasp, budget, rtol),
-        *robustness(solution, grasp, task, budget, rtol),
-        *model_checks(solution, grasp, task),
+        *guarded("robustness", lambda: robustness(solution, grasp, task, budget, rtol)),
+        *guarded("contact models", lambda: model_checks(solution, grasp, task)),
         *recomputed(solution, grasp, Sources.beside(file, folders)),
     ]
     return Verification(tuple(checks), found)

@@ -5,6 +5,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.verify.check import Check, Verification
+from nlpgrasp.verify.registry import BODIES
+from nlpgrasp.verify.sources import Sources
 from tests.hands.urdf import FOLDER
 from tests.verify import honest
 from tests.verify.stated import contacts_on, edited, problem_of, recomputed_file, stated_file
@@ -71,6 +73,7 @@ BOX = {
     "the body is larger": (put(("problem", "body", "extents", 0), 0.5), "surface"),
     "the body is a little larger": (put(("problem", "body", "extents", 0), 0.0801), "surface"),
     "the body is a sphere": (put(("problem", "body"), {"type": "sphere", "radius": 0.04}), "surface"),
+    "a body inside out": (put(("problem", "body", "extents"), lambda e: [-v for v in e]), "surface"),
     "another face": (put(contact(0, "face"), "+y"), "surface"),
     "a face there is not": (put(contact(0, "face"), "lid"), "surface"),
     "a forbidden face": (put(contact(2, "face"), "-z"), "faces"),
@@ -93,6 +96,9 @@ BOX = {
     "a distance left out": (drop("spread, fingers 0 and 2"), "constraint 1, spread"),
     "a forbidden region": (put(asked(3, "region", "offset"), 0.04), "constraint 3, forbid"),
     "a region's direction": (put(asked(3, "region", "normal"), [0.0, 1.0, 0.0]), "constraint 3, forbid"),
+    "a region's longer normal": (put(asked(3, "region", "normal"), [0.0, 0.0, 2.0]), "constraint 3, forbid"),
+    "a mirror's longer normal": (put(asked(5, "normal"), [1.0 + 1e-6, 0.0, 0.0]), "constraint 5, symmetric"),
+    "a distance whose square overflows": (put(asked(1, "max"), 1e200), "constraint 1, spread"),
     "faces forbidden afterwards": (put(asked(2, "faces"), ["+x"]), "faces"),
     "a workspace": (put(asked(4, "region", "upper", 0), 0.05), "constraint 4, workspace"),
     "fingers of a workspace": (put(asked(4, "fingers"), [0, 2]), "constraint 4, workspace"),
@@ -111,6 +117,7 @@ BOX = {
     "a stated reach": (row("reach, finger 0", "value", a_little), "hand"),
     "a row of the hand left out": (drop("reach, finger 0"), "hand"),
     "nonsense for a radius": (put(("problem", "hand", "radius"), "small"), "problem"),
+    "a thousand million fingertips": (put(("problem", "hand", "count"), 10**9), "problem"),
     "nonsense for a height": (put(asked(0, "height"), "low"), "constraint 0, table"),
 }
 JAWS = {
@@ -161,6 +168,14 @@ FINGERS = {
     "more pairs of spheres": (put(("problem", "hand", "watched_pairs"), lambda n: n + 1), "links"),
     "the table's height": (put(asked(0, "height"), 0.0), "constraint 0, table"),
     "the palm's direction": (put(("problem", "hand", "approach"), [1.0, 0.0, 0.0]), "constraint 1, approach"),
+    "a longer direction of approach": (put(asked(1, "direction"), [0.0, 0.0, 2.0]), "constraint 1, approach"),
+    "a fingertip without length": (
+        put(
+            ("problem", "hand", "fingertips", 0),
+            lambda t: {"type": "cylinder", "link": t["link"], "radius": 0.01, "start": [0.0] * 3, "end": [0.0] * 3},
+        ),
+        "hand",
+    ),
     "the cone of approach": (put(asked(1, "angle"), 1.0), "constraint 1, approach"),
     "a height of a link": (row("table, palm/0", "value", a_little), "constraint 0, table"),
 }
@@ -199,6 +214,22 @@ def test_lies_about_a_mesh(name, block):
 def test_lies_about_a_posed_hand(name):
     change, where = FINGERS[name]
     assert where in failures(edited(honest.fingers(), change), FOLDER)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"type": "polygon", "vertices": [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]},
+        {"type": "polygon", "vertices": [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]},
+        {"type": "prism", "polygon": [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]], "height": 1.0},
+        {"type": "ellipsoid", "semi_axes": [1.0, -1.0, 1.0]},
+        {"type": "superquadric", "semi_axes": [1.0, 0.0, 1.0], "exponents": [1.0, 1.0]},
+        {"type": "superquadric", "semi_axes": [1.0, 1.0, 1.0], "exponents": [-1.0, 1.0]},
+    ],
+)
+def test_bodies_that_are_none_have_no_numbers(body):
+    with pytest.raises(ng.InputError, match=r"above zero|counter-clockwise"):
+        BODIES.of(body)(body, Sources(()))
 
 
 def test_the_honest_files_pass_and_everything_is_made_but_the_expression(block):

@@ -92,3 +92,11 @@ def test_another_body_fails(data):
         d["problem"]["body"]["semi_axes"][0] = 2.001
 
     assert failed(verified(data, grow)) == ["surface", "normals"]
+
+
+@pytest.mark.parametrize("model", [{"type": "magnet"}, {"type": "friction"}])
+def test_contact_models_that_make_no_sense_fail(data, model):
+    def swap(d):
+        d["problem"]["contacts"][0] = model
+
+    assert "contact models" in failed(verified(data, swap))

@@ -9,6 +9,8 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.verify.bodies.smooth import positive
 from nlpgrasp.verify.placement import Fit
 from nlpgrasp.verify.sources import Sources
 
@@ -46,7 +48,7 @@ class FacedSurface:
 
 def box(data: Json, sources: Sources) -> FacedSurface:
     """Return the six sides ``+x``, ``-x``, ..."""
-    half = array("extents", data["extents"], (3,)) / 2.0
+    half = positive("extents", data["extents"], 3) / 2.0
     pieces = {
         ("+" if sign > 0.0 else "-") + "xyz"[axis]: _side_of_box(axis, sign, half)
         for axis in range(3)
@@ -82,14 +84,14 @@ def cylinder(data: Json, sources: Sources) -> FacedSurface:
 
 def polygon(data: Json, sources: Sources) -> FacedSurface:
     """Return the edges ``edge0``, ``edge1``, ..."""
-    v = array("vertices", data["vertices"], (None, 2))
+    v = _counter_clockwise("vertices", data["vertices"])
     pieces = {f"edge{i}": _edge(v, i) for i in range(len(v))}
     return FacedSurface(np.stack([v.min(axis=0), v.max(axis=0)]), pieces, lambda p: _polygon_distance(v, p))
 
 
 def prism(data: Json, sources: Sources) -> FacedSurface:
     """Return ``side0``, ``side1``, ..., ``top`` and ``bottom``."""
-    v = array("polygon", data["polygon"], (None, 2))
+    v = _counter_clockwise("polygon", data["polygon"])
     half = number("height", data["height"], above=0.0) / 2.0
 
     def side(edge: Piece) -> Piece:
@@ -109,6 +111,15 @@ def prism(data: Json, sources: Sources) -> FacedSurface:
     pieces = {f"side{i}": side(_edge(v, i)) for i in range(len(v))} | {"top": end(1.0), "bottom": end(-1.0)}
     bounds = np.stack([np.append(v.min(axis=0), -half), np.append(v.max(axis=0), half)])
     return FacedSurface(bounds, pieces, field)
+
+
+def _counter_clockwise(field: str, value: object) -> FloatArray:
+    """Return a polygon's vertices (n, 2); clockwise ones would turn the body inside out."""
+    v = array(field, value, (None, 2))
+    after = np.roll(v, -1, axis=0)
+    if not float(np.sum(v[:, 0] * after[:, 1] - v[:, 1] * after[:, 0])) > 0.0:
+        raise InputError(field, value, "counter-clockwise vertices around some area")
+    return v
 
 
 def _edge(v: FloatArray, i: int) -> Piece:

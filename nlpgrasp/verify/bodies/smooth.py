@@ -13,6 +13,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
 from nlpgrasp.verify.placement import Fit
 from nlpgrasp.verify.sources import Sources
 
@@ -63,7 +64,7 @@ def sphere(data: Json, sources: Sources) -> SmoothSurface:
 
 def ellipsoid(data: Json, sources: Sources) -> SmoothSurface:
     """Return ``(g - 1) / |grad g|`` with the gauge ``g = |p / a|``: never more than the distance outside."""
-    axes = array("semi_axes", data["semi_axes"], (3,))
+    axes = positive("semi_axes", data["semi_axes"], 3)
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
         gauge = np.linalg.norm(p / axes, axis=1)
@@ -88,7 +89,7 @@ def torus(data: Json, sources: Sources) -> SmoothSurface:
 
 def superquadric(data: Json, sources: Sources) -> SmoothSurface:
     """Return ``(F - 1) / |grad F|`` with F of degree 1, ``((x^(2/e2) + y^(2/e2))^(e2/e1) + z^(2/e1))^(e1/2)``."""
-    axes, (e1, e2) = array("semi_axes", data["semi_axes"], (3,)), array("exponents", data["exponents"], (2,))
+    axes, (e1, e2) = positive("semi_axes", data["semi_axes"], 3), positive("exponents", data["exponents"], 2)
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
         share = p / axes
@@ -102,3 +103,11 @@ def superquadric(data: Json, sources: Sources) -> SmoothSurface:
         return (inner ** (e1 / 2.0) - 1.0) / np.maximum(np.linalg.norm(gradient, axis=1), SMALLEST), gradient
 
     return SmoothSurface(axes, field)
+
+
+def positive(field: str, value: object, count: int) -> FloatArray:
+    """Return lengths (count,) above zero."""
+    lengths = array(field, value, (count,))
+    if not np.all(lengths > 0.0):
+        raise InputError(field, value, "numbers above zero")
+    return lengths

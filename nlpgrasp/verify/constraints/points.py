@@ -8,9 +8,9 @@ from itertools import combinations
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.verify.check import NotMadeError
-from nlpgrasp.verify.constraints.regions import corners, inside
+from nlpgrasp.verify.constraints.regions import corners, inside, unit
 from nlpgrasp.verify.placement import StatedPlacement
 from nlpgrasp.verify.rows import RowValue
 
@@ -61,7 +61,7 @@ def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     """Yield mirror image less contact, a row a coordinate."""
     i, j = (int(f) for f in data["fingers"])
     a, b = placement.points[i], placement.points[j]
-    normal = array("normal", data["normal"], (len(a),))
+    normal = unit("normal", data["normal"], len(a))
     tolerance = number("tolerance", data["tolerance"], above=0.0)
     apart = a - 2.0 * (normal @ a - number("offset", data["offset"])) * normal - b
     for axis, value in zip("xyz", apart.tolist(), strict=False):
@@ -73,7 +73,7 @@ def approach(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     palm = placement.palm
     if palm.approach is None:
         raise NotMadeError("the file does not record in which direction the palm faces")
-    along = float(palm.approach @ array("direction", data["direction"], (3,)))
+    along = float(palm.approach @ unit("direction", data["direction"], 3))
     yield RowValue("approach, palm", along, float(np.cos(number("angle", data["angle"]))), error=palm.error)
 
 
