@@ -9,10 +9,11 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import Task
+from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 from nlpgrasp.verify.check import Check
 
 FORCE_TOLERANCE = 1e-6
+DIRECTIONS = 500  # in which a wrench is compared with what a task asks for
 
 
 def grasp_map_check(grasp: Grasp) -> Check:
@@ -93,6 +94,42 @@ def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> 
     good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and most <= 1.0 + FORCE_TOLERANCE
     residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
     return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}, {most:.4g} of the force budget")]
+
+
+def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
+    """Check that the forces stated are for wrenches of the task's boundary times the stated lower bound.
+
+    Some of the wrenches may be left out, in the file of a solve not all. Ends of semi-axes and vertices are compared
+    number by number; of other tasks, a wrench must be within the task and not zero.
+    """
+    share, name = solution.mu.lower, "wrenches"
+    if not solution.forces:
+        if share <= 0.0 or not len(task.ends()):
+            return []
+        if not solution.starts:  # a step that follows another grasp: its file claims no forces
+            return [Check.not_made(name, "the file states no finger forces")]
+        return [Check(name, False, "no finger forces for any of the task's wrenches")]
+    wrenches = np.array([wrench for wrench, _ in solution.forces])
+    if wrenches.shape[1:] != (grasp.dimension,):
+        return [Check(name, False, f"shape {wrenches.shape} for dimension {grasp.dimension}")]
+    wrong = _not_asked(task, wrenches, share)
+    if wrong:
+        detail = f"wrench {wrong[0]} is not the stated lower bound times one that the task asks for"
+        return [Check(name, False, detail)]
+    return [Check(name, True, f"{len(wrenches)} of the task's, times {share:.6g}")]
+
+
+def _not_asked(task: Task, wrenches: FloatArray, share: float) -> list[int]:
+    """Return which wrenches (m, d) are not what a task asks for times a share."""
+    size = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
+    if isinstance(task, TaskEllipsoid | TaskPolytope):
+        ends = share * (task.ends() if isinstance(task, TaskEllipsoid) else task.wrenches)
+        off = [float(np.min(np.linalg.norm(ends - wrench, axis=1))) for wrench in wrenches]
+        return np.flatnonzero(~(np.array(off) <= size)).tolist()
+    directions = np.random.default_rng(0).normal(size=(DIRECTIONS, wrenches.shape[1]))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    past = np.max(wrenches @ directions.T - share * task.support(directions)[0], axis=1)
+    return np.flatnonzero(~(past <= size) | ~(size > 0.0)).tolist()
 
 
 def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:

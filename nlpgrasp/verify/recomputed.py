@@ -50,7 +50,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     rows = [_guarded(name, given, partial(compare, stated=stated, promise=promise)) for name, given in parts.items()]
     if hand is not None and hand.linked:
         rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
-    return [*checks, face_check(solution), *rows, *_stated_check(solution, stated.unasked)]
+    return [*checks, face_check(solution), *rows, *_stated_check(solution, stated)]
 
 
 def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources) -> HandNumbers | None:
@@ -101,18 +101,20 @@ def _guarded(
         return Check(name, False, no_sense(error))
 
 
-def _stated_check(solution: GraspSolution, unasked: list[str]) -> list[Check]:
+def _stated_check(solution: GraspSolution, stated: StatedRows) -> list[Check]:
     """Return whether the stated values are within the stated limits, and every stated row is some part's own."""
     if not solution.constraints:
         return []
-    wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _within(c)]
-    wrong += [f"{name} is nothing that the problem asks" for name in unasked]
+    wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _within(c, stated)]
+    wrong += [f"{name} is nothing that the problem asks" for name in stated.unasked]
     detail = f"{len(solution.constraints)} stated values"
     return [Check("constraints", not wrong, f"{detail}: {'; '.join(wrong)}" if wrong else detail)]
 
 
-def _within(row: ConstraintReport) -> bool:
-    return row.lower - _slack(row.lower) <= row.value <= row.upper + _slack(row.upper)
+def _within(row: ConstraintReport, stated: StatedRows) -> bool:
+    promised = stated.slack.get(id(row), 0.0)
+    below, above = (max(_slack(limit), promised) for limit in (row.lower, row.upper))
+    return row.lower - below <= row.value <= row.upper + above
 
 
 def _slack(limit: float) -> float:

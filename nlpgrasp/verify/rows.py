@@ -81,10 +81,13 @@ class StatedRows:
     ----------
     some_unknown : bool
         Whether some part of the problem may have rows that were not recomputed.
+    slack : dict
+        How far outside its limits the solver may leave a row that was recomputed, by the report's identity.
     """
 
     def __init__(self, reports: Iterable[ConstraintReport]) -> None:
         self.some_unknown = False
+        self.slack: dict[int, float] = {}
         self._left: dict[str, list[ConstraintReport]] = {}
         for report in reports:
             self._left.setdefault(report.name, []).append(report)
@@ -119,6 +122,7 @@ def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: fl
             if said is None:
                 wrong.append(f"{row.name}: not in the file")
                 continue
+            stated.slack[id(said)] = (promise + ROUNDING) * row.scale + row.error
             lie = row.contradicts(said) or row.broken(said.value if row.value is None else row.value, promise)
             wrong += [lie] if lie else []
             worst = max(worst, abs(row.off(said)) / row.scale)

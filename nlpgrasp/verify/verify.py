@@ -13,7 +13,7 @@ from pathlib import Path
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, Verification, guarded
-from nlpgrasp.verify.evidence import direction_checks, force_checks, grasp_map_check, model_checks
+from nlpgrasp.verify.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
 from nlpgrasp.verify.measures import OTHER_SEED, interval, other_measures, overlap, robustness
 from nlpgrasp.verify.recomputed import recomputed
 from nlpgrasp.verify.sources import Sources
@@ -37,7 +37,8 @@ def verify(
     Verification
         Fails when there is no grasp, when stated and recomputed intervals do not overlap, when the stated
         interval is empty, when a stated direction contradicts the stated lower bound, or when stated forces
-        do not produce their wrench from inside the cones and the force budget; when contacts are off their faces or
+        do not produce their wrench from inside the cones and the force budget, or are for wrenches that the task does
+        not ask for, or, in the file of a solve, for none at all; when contacts are off their faces or
         have other normals; when a row of the constraints or the hand is missing, has another limit than the problem
         says, another value than positions and hand give, or is broken. What cannot be recomputed (a mesh or URDF that
         is not there or has another fingerprint, an expression that stays in a script) is a check that was not made.
@@ -62,6 +63,7 @@ def verify(
         overlap("certified quality", solution.mu, found),
         *direction_checks(solution, grasp, task, force_set),
         *force_checks(solution, grasp, force_set),
+        *guarded("wrenches", lambda: wrench_checks(solution, grasp, task)),
         *other_measures(solution, grasp, budget, rtol),
         *guarded("robustness", lambda: robustness(solution, grasp, task, budget, rtol)),
         *guarded("contact models", lambda: model_checks(solution, grasp, task)),

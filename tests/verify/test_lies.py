@@ -258,6 +258,19 @@ def test_a_row_that_a_longer_quaternion_explains_is_no_lie():
     assert failures(edited(data, only_the_row), FOLDER) == ["hand"]
 
 
+def test_a_row_that_a_large_body_leaves_within_its_promise_is_no_lie():
+    """Limits are kept to a share of the body's size: here 7.2e-6 m of the 1.2 m of a long box, past 1e-6 m."""
+    body = ng.Box([1.2, 0.4, 0.4])
+    problem = problem_of(body, 2, constraints=[ng.Table(0.0)])
+    normals = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+
+    def lowest(z):
+        return failures(stated_file(problem, ["+x", "-x"], [[0.6, 0.0, -z], [-0.6, 0.0, 0.01]], normals))
+
+    assert lowest(6e-6) == []
+    assert lowest(3e-5) == ["constraint 0, table", "constraints"]
+
+
 def test_a_check_that_was_not_made_neither_passes_nor_fails():
     check = Check.not_made("surface", "part.stl is not there")
     assert (check.made, check.passed, check.failed) == (False, False, False)

@@ -1,9 +1,12 @@
 import copy
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.verify.evidence import wrench_checks
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +103,69 @@ def test_contact_models_that_make_no_sense_fail(data, model):
         d["problem"]["contacts"][0] = model
 
     assert "contact models" in failed(verified(data, swap))
+
+
+WRENCHES = {
+    "none": lambda forces: [],
+    "zeros": lambda forces: [
+        {key: np.zeros(np.shape(value)).tolist() for key, value in force.items()} for force in forces
+    ],
+    "half": lambda forces: [
+        {key: (0.5 * np.array(value)).tolist() for key, value in force.items()} for force in forces
+    ],
+    "one that is longer": lambda forces: [
+        *forces[1:],
+        {key: (1.00001 * np.array(value)).tolist() for key, value in forces[0].items()},
+    ],
+}
+
+
+@pytest.mark.parametrize("name", WRENCHES)
+def test_forces_for_wrenches_that_the_task_does_not_ask_for_fail(data, name):
+    def change(d):
+        d["forces"] = WRENCHES[name](d["forces"])
+
+    assert failed(verified(data, change))[0] == "wrenches"
+
+
+def test_a_file_that_is_not_of_a_solve_may_state_no_forces(data):
+    def neither(d):
+        d["forces"], d["solver"]["starts"], d["best_start"] = [], [], None
+
+    result = verified(data, neither)
+    assert result.passed
+    assert [check.name for check in result.not_made] == ["wrenches"]
+
+
+def test_some_wrenches_may_be_left_out(data):
+    assert failed(verified(data, lambda d: d["forces"].pop(0))) == []
+
+
+def test_wrenches_of_a_sum_are_within_it(data):
+    """Of a sum the ends are not unique: its wrenches are neither zero nor past what it asks for."""
+    grasp = ng.GraspSolution.from_dict(data, "f.json").grasp
+    task = ng.TaskEllipsoid([1.0] * 6) + ng.TaskPolytope(np.concatenate([np.eye(6), -np.eye(6)]))
+    stated = ng.GraspSolution.from_dict(data, "f.json")
+
+    def passed(wrenches):
+        forces = [(w, np.zeros((4, 3))) for w in wrenches]
+        return wrench_checks(replace(stated, forces=forces), grasp, task)[0].passed
+
+    ends = stated.mu.lower * task.ends()
+    assert passed(ends)
+    assert not passed(0.0 * ends)
+    assert not passed(1.5 * ends)
+
+
+def test_a_robust_placement_of_fewer_contacts_fails(data):
+    def leave_out(d):
+        placed = d["grasp"]["contacts"][1:]
+        d["quality"]["robust"] = {
+            "offset": 0.001,
+            "friction_share": 0.1,
+            "mu": d["quality"]["mu"],
+            "positions": [c["position"] for c in placed],
+            "normals": [c["normal"] for c in placed],
+        }
+
+    assert failed(verified(data, leave_out)) == ["robustness"]
