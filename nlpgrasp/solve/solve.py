@@ -63,6 +63,13 @@ def solve(
     -------
     GraspSolution
         Also when no grasp was found: its status says what to do.
+
+    Raises
+    ------
+    InputError
+        Before any start: for arguments out of range, and for a model of the exchange that does not suit the problem.
+    NoGraspError
+        With ``throw``, when no grasp was found.
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, "a GraspProblem")
@@ -93,6 +100,7 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         stop = Stop(deadline, Path(folder) / "stop")
         with Interrupt(stop) as interrupt, one_thread():
+            runner.check_model()
             for result in runner.starts(seed, stop):
                 results.append(result)
                 if progress is not None:

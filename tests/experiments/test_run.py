@@ -7,13 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
-from tests.experiments.small import SCRIPT, base, experiment
+from tests.experiments.small import QUICK, SCRIPT, base, experiment
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -340,6 +341,19 @@ def test_two_runs_do_not_share_a_folder(tmp_path):
     finally:
         process.kill()
         process.communicate()
+
+
+def test_a_solve_in_a_progress_callback_leaves_the_run_alone(tmp_path):
+    inside = []
+
+    def progress(record):
+        if not inside:
+            inside.append(ng.solve(base(), starts=2, options=replace(QUICK, workers=2)))
+
+    result = ng.run_experiment(experiment(), tmp_path / "out", workers=2, progress=progress)
+    assert result.complete
+    assert result.notes == ()
+    assert inside[0].success
 
 
 def test_no_grasp_is_a_finding(tmp_path):

@@ -14,7 +14,7 @@ from loky.process_executor import BrokenProcessPool
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.run.work import Job, Outcome, work
-from nlpgrasp.solve.workers.processes import Processes
+from nlpgrasp.solve.workers.processes import own_processes
 
 IDLE = 30.0  # seconds after which workers that have nothing to do end
 LOOK = 0.2  # seconds between looks at Ctrl-C, which a wait without end does not see everywhere
@@ -50,26 +50,24 @@ def _until_broken(
 
     Returns the solves that were under way then, which go on waiting, and in words how the worker ended.
     """
-    processes, left = Processes(workers, IDLE), iter(list(waiting))
+    left = iter(list(waiting))
     under_way: dict[Future[Outcome], SolveId] = {}
     try:
-        while True:
-            for solve in islice(left, workers - len(under_way)):
-                under_way[processes.submit(_quietly, pack(solve))] = solve
-            if not under_way:
-                return [], ""
-            done, _ = wait(under_way, timeout=LOOK, return_when=FIRST_COMPLETED)
-            for future in sorted(done, key=lambda one: one.exception() is not None):
-                outcome = future.result()
-                solve = under_way.pop(future)
-                del waiting[solve]
-                yield solve, outcome
+        with own_processes(workers, IDLE) as processes:
+            while True:
+                for solve in islice(left, workers - len(under_way)):
+                    under_way[processes.submit(_quietly, pack(solve))] = solve
+                if not under_way:
+                    return [], ""
+                done, _ = wait(under_way, timeout=LOOK, return_when=FIRST_COMPLETED)
+                for future in sorted(done, key=lambda one: one.exception() is not None):
+                    outcome = future.result()
+                    solve = under_way.pop(future)
+                    del waiting[solve]
+                    yield solve, outcome
     except BrokenProcessPool as error:
         codes = re.search(r"\{(.+?)\}", str(error))  # such as {SIGSEGV(-11)}
         return list(under_way.values()), f" ({codes[1]})" if codes else ""
-    finally:
-        if under_way:
-            processes.end()
 
 
 def _quietly(job: Job) -> Outcome:

@@ -15,6 +15,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
+from nlpgrasp.solve.ascent.models.registry import model_of
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
@@ -56,6 +57,16 @@ class Runner:
         self.workers = 1 if bench is not None else min(options.workers or cores(), starts)
         self._bench = bench
         self._parcel: Parcel[LazyBench[_Asked]] | None = None
+
+    def check_model(self) -> None:
+        """Refuse, before any start, a model of the exchange that is unknown or does not suit the problem.
+
+        Raises
+        ------
+        InputError
+        """
+        if isinstance(self.options.exchange, str):
+            model_of(self._workbench())
 
     def starts(self, seed: int, stop: Stop) -> Iterator[StartResult]:
         """Yield each start's result as it is done, in any order."""

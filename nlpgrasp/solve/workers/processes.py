@@ -6,20 +6,22 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
+from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
-from loky import get_reusable_executor
+from loky import ProcessPoolExecutor, get_reusable_executor
 
 P = ParamSpec("P")
 T = TypeVar("T")
 IDLE = 300.0  # seconds after which workers that have nothing to do end
 WATCH = 1.0  # seconds between looks at whether the parent is there
+_kept: list[Processes] = []  # those of the last context that had its own; at most one, and nobody's while it is here
 
 
 class Processes:
-    """Worker processes, kept from one use to the next.
+    """Worker processes: those that all solves of a thread share, kept from one to the next, or some of their own.
 
     loky's workers are fresh interpreters that never import the caller's main module: notebooks and scripts
     without a main guard work. When one dies, all tasks under way fail with ``BrokenProcessPool``, and the next
@@ -28,13 +30,14 @@ class Processes:
     Parameters
     ----------
     count : int
-    idle : float
-        Seconds after which workers that have nothing to do end.
+    own : loky.ProcessPoolExecutor, optional
+        Of as many processes, in place of the shared ones.
     """
 
-    def __init__(self, count: int, idle: float = IDLE) -> None:
-        self._executor: Executor = get_reusable_executor(
-            count, timeout=idle, initializer=_prepare, initargs=(os.getpid(),)
+    def __init__(self, count: int, own: Executor | None = None) -> None:
+        self.count = count
+        self._executor: Executor = own or get_reusable_executor(
+            count, timeout=IDLE, initializer=_prepare, initargs=(os.getpid(),)
         )
 
     def submit(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
@@ -53,6 +56,35 @@ class Processes:
             self._executor.shutdown
         )  # loky's has one more argument than the standard library's
         shutdown(wait=True, kill_workers=True)
+
+
+@contextmanager
+def own_processes(count: int, idle: float) -> Iterator[Processes]:
+    """Return a context with worker processes that nothing else in this process uses: solves meanwhile have others.
+
+    They are kept for the next context that asks for as many; where a context ends by an error, they end with it.
+
+    Parameters
+    ----------
+    count : int
+    idle : float
+        Seconds after which workers that have nothing to do end.
+    """
+    kept = _kept.pop() if _kept else None
+    if kept is not None and kept.count != count:
+        kept.end()
+        kept = None
+    if kept is None:
+        own = ProcessPoolExecutor(count, timeout=idle, initializer=_prepare, initargs=(os.getpid(),))
+        kept = Processes(count, own)
+    try:
+        yield kept
+    except BaseException:
+        kept.end()
+        raise
+    while _kept:
+        _kept.pop().end()
+    _kept.append(kept)
 
 
 def cores() -> int:

@@ -2,11 +2,12 @@
 
 import os
 import signal
+import time
 
 import pytest
 from loky.process_executor import BrokenProcessPool
 
-from nlpgrasp.solve.workers.processes import Processes, cores
+from nlpgrasp.solve.workers.processes import Processes, cores, own_processes
 
 
 def test_tasks_run_in_other_processes_that_are_kept():
@@ -38,6 +39,32 @@ def test_ended_workers_are_gone():
     processes.end()
     with pytest.raises(ProcessLookupError):
         os.kill(worker, 0)
+
+
+def test_own_processes_are_nobody_elses_and_are_kept_for_the_next_that_asks_for_as_many():
+    with own_processes(1, 30.0) as outer:
+        first = outer.submit(os.getpid).result()
+        under_way = outer.submit(time.sleep, 0.2)
+        with own_processes(1, 30.0) as inner:
+            assert inner.submit(os.getpid).result() != first
+        assert Processes(1).submit(os.getpid).result() != first
+        assert under_way.result() is None
+    with own_processes(1, 30.0) as again:
+        assert again.submit(os.getpid).result() == first
+
+
+def test_own_processes_end_with_an_error():
+    workers = []
+
+    def interrupted():
+        with own_processes(1, 30.0) as processes:
+            workers.append(processes.submit(os.getpid).result())
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    with pytest.raises(ProcessLookupError):
+        os.kill(workers[0], 0)
 
 
 def test_cores_are_those_of_this_process():
