@@ -146,7 +146,7 @@ class StatedPlacement:
     points, normals : (k, space) arrays
         Metres, body frame; unit, into the body.
     size : float
-        The body's characteristic length, metres.
+        The body's characteristic length, metres, as far as the contacts bear it out: what tolerances are relative to.
     hand : HandNumbers or None
     surface_of : callable
         JSON data of another body to its ``Surface``.

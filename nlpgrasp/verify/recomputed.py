@@ -8,11 +8,13 @@ from functools import partial
 import numpy as np
 
 from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, guarded, no_sense
+from nlpgrasp.verify.claims.drawing import drawing_check
 from nlpgrasp.verify.hands.unknown import UnknownHand
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
@@ -34,7 +36,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     values = stated.values()
     hand = _hand(solution, values, sources)
     surface, checks = surface_checks(solution, grasp, hand, sources)
-    size = _drawn_size(solution, grasp) if surface is None else size_of(surface)
+    size = size_of(_drawn_box(solution, grasp) if surface is None else surface.bounds, grasp)
     placement = StatedPlacement(
         grasp.points, grasp.normals, size, hand, lambda body: BODIES.of(body)(body, sources), values
     )
@@ -50,6 +52,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     rows = [_guarded(name, given, partial(compare, stated=stated, promise=promise)) for name, given in parts.items()]
     if hand is not None and hand.linked:
         rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
+    checks += guarded("drawing", lambda: _drawing_checks(solution, surface))
     return [*checks, face_check(solution), *rows, *_stated_check(solution, stated)]
 
 
@@ -66,10 +69,15 @@ def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources
         return UnknownHand(str(reason))
 
 
-def _drawn_size(solution: GraspSolution, grasp: Grasp) -> float:
-    """Return about half the diagonal of a body that is not there: that of its drawing, or of the contacts."""
+def _drawn_box(solution: GraspSolution, grasp: Grasp) -> FloatArray:
+    """Return about the box around a body that is not there, (2, space): that of its drawing, or of the contacts."""
     seen = grasp.points if solution.drawing is None else solution.drawing.body.vertices
-    return float(np.linalg.norm(np.ptp(seen, axis=0))) / 2.0
+    return np.stack([seen.min(axis=0), seen.max(axis=0)])
+
+
+def _drawing_checks(solution: GraspSolution, surface: Surface | None) -> list[Check]:
+    drawing = solution.drawing
+    return [] if drawing is None or surface is None else [drawing_check(drawing, surface)]
 
 
 def _constraint_rows(data: Json, placement: StatedPlacement) -> Iterable[RowValue]:
@@ -112,8 +120,8 @@ def _stated_check(solution: GraspSolution, stated: StatedRows) -> list[Check]:
 
 
 def _within(row: ConstraintReport, stated: StatedRows) -> bool:
-    promised = stated.slack.get(id(row), 0.0)
-    below, above = (max(_slack(limit), promised) for limit in (row.lower, row.upper))
+    promised = stated.slack.get(id(row))
+    below, above = (_slack(limit) if promised is None else promised for limit in (row.lower, row.upper))
     return row.lower - below <= row.value <= row.upper + above
 
 

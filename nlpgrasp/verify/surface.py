@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import trimesh
 
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bodies.mesh import OtherMeshError
@@ -17,12 +18,20 @@ from nlpgrasp.verify.sources import Sources
 
 ON_FACE = 1e-6  # of the body's size
 NORMAL = 1e-6  # length of the difference of unit normals
+WIDEST = 50.0  # times the distance of the contacts that are farthest apart: more of a body's size counts for nothing
 ELSEWHERE = "unknown"  # the kind of fingertips of a hand that nothing recomputes
 
 
-def size_of(surface: Surface) -> float:
-    """Return a body's characteristic length: half its bounding box's diagonal, metres."""
-    return float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+def size_of(box: FloatArray, grasp: Grasp) -> float:
+    """Return the length that tolerances are relative to, metres.
+
+    That is half the diagonal of the body's bounding box (2, space), what the solver's promise is about. A file could
+    state a body that is larger where nothing touches it, and so have its way with every tolerance: the distance
+    between contacts, which the quality depends on, bears out a multiple of itself alone.
+    """
+    points = grasp.points if len(grasp) > 1 else np.stack([grasp.points[0], grasp.torque_origin])
+    apart = float(np.max(np.linalg.norm(points[:, None] - points[None], axis=2)))
+    return min(float(np.linalg.norm(box[1] - box[0])) / 2.0, WIDEST * apart)
 
 
 def surface_checks(
@@ -88,7 +97,7 @@ def _fitted(solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], s
             return [Check("surface", False, f"contact {i} on {face!r}, which is no face of the body")]
         except NotMadeError as reason:
             return _not_made(str(reason))
-    return [_on_surface(fits, ON_FACE * size_of(surface)), _normals(fits)]
+    return [_on_surface(fits, ON_FACE * size_of(surface.bounds, grasp)), _normals(fits)]
 
 
 def _on_surface(fits: Sequence[Fit], most: float) -> Check:

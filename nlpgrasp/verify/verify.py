@@ -13,8 +13,8 @@ from pathlib import Path
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, Verification, guarded
-from nlpgrasp.verify.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
-from nlpgrasp.verify.measures import OTHER_SEED, interval, other_measures, overlap, robustness
+from nlpgrasp.verify.claims.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
+from nlpgrasp.verify.claims.quality import OTHER_SEED, interval, other_measures, overlap, robustness
 from nlpgrasp.verify.recomputed import recomputed
 from nlpgrasp.verify.sources import Sources
 

@@ -9,65 +9,8 @@ from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import Sources
 from tests.hands.urdf import FOLDER
 from tests.verify import honest
+from tests.verify.edits import a_little, asked, contact, drop, failures, put, row, turned
 from tests.verify.stated import contacts_on, edited, problem_of, recomputed_file, stated_file
-
-
-def put(path, value):
-    """Return an edit of one entry; a function of the old value where that is given."""
-
-    def change(data):
-        *way, last = path
-        for key in way:
-            data = data[key]
-        data[last] = value(data[last]) if callable(value) else value
-
-    return change
-
-
-def row(name, key, value):
-    """Return an edit of a stated row."""
-
-    def change(data):
-        found = next(r for r in data["constraints"] if r["name"] == name)
-        found[key] = value(found[key]) if callable(value) else value
-
-    return change
-
-
-def drop(name):
-    """Return an edit that leaves a stated row out."""
-
-    def change(data):
-        kept = [r for r in data["constraints"] if r["name"] != name]
-        assert len(kept) == len(data["constraints"]) - 1
-        data["constraints"] = kept
-
-    return change
-
-
-def turned(i, normal):
-    """Return an edit of a normal, with tangents across it."""
-
-    def change(data):
-        frame = np.linalg.qr(np.column_stack([normal, np.eye(3)[np.argsort(np.abs(normal))[:2]].T]))[0].T
-        entry = data["grasp"]["contacts"][i]
-        entry["normal"] = list(normal)
-        entry["tangents"] = [frame[1].tolist(), np.cross(normal, frame[1]).tolist()]
-
-    return change
-
-
-def asked(i, *path):
-    return ("problem", "constraints", i, *path)
-
-
-def contact(i, key):
-    return ("grasp", "contacts", i, key)
-
-
-def a_little(v):
-    return v + 1e-4
-
 
 BOX = {
     "the body is larger": (put(("problem", "body", "extents", 0), 0.5), "surface"),
@@ -176,13 +119,18 @@ FINGERS = {
         ),
         "hand",
     ),
+    "a longer direction of the palm": (
+        put(("problem", "hand", "approach"), lambda a: [2.0 * v for v in a]),
+        "constraint 1, approach",
+    ),
+    "a quaternion that is a little longer": (
+        put(("hand", "palm_pose", "quaternion_wxyz"), lambda q: [(1.0 + 1e-6) * v for v in q]),
+        "hand",
+    ),
+    "the length of the program's quaternion": (row("palm quaternion of unit length", "value", 1.0001), "hand"),
     "the cone of approach": (put(asked(1, "angle"), 1.0), "constraint 1, approach"),
     "a height of a link": (row("table, palm/0", "value", a_little), "constraint 0, table"),
 }
-
-
-def failures(data, *folders):
-    return [name for name, check in recomputed_file(data, *folders).items() if check.failed]
 
 
 @pytest.mark.parametrize("name", BOX)

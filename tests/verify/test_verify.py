@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.verify.evidence import wrench_checks
+from nlpgrasp.verify.claims.evidence import wrench_checks
 
 
 @pytest.fixture(scope="module")

@@ -35,6 +35,7 @@ class FacedSurface:
     pieces: Mapping[str, Piece]
     field: Callable[[FloatArray], FloatArray]
     rough: float = 0.0
+    tight: bool = True
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
         """Return distance and turn of a contact."""

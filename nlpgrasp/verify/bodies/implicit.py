@@ -22,6 +22,7 @@ class TextSurface:
 
     bounds: FloatArray
     rough: float = 0.0
+    tight: bool = False
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
         """Raise ``NotMadeError``."""

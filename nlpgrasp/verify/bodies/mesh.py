@@ -34,6 +34,7 @@ class MeshSurface:
     """
 
     triangles: TriangleSurface
+    tight: bool = True
 
     @cached_property
     def bounds(self) -> FloatArray:

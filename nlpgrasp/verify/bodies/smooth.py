@@ -37,6 +37,7 @@ class SmoothSurface:
     corner: FloatArray
     field: Field
     rough: float = 0.0
+    tight: bool = True
 
     @property
     def bounds(self) -> FloatArray:

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.placement import StatedPlacement
 from nlpgrasp.verify.rows import RowValue
 
@@ -41,5 +42,5 @@ def _local(data: Json, point: FloatArray) -> FloatArray:
         point = point - array("position", data["position"], point.shape)
     if data["quaternion_wxyz"] is None:
         return point
-    turned = Rotation.from_quat(array("quaternion_wxyz", data["quaternion_wxyz"], (4,)), scalar_first=True)
+    turned = Rotation.from_quat(unit("quaternion_wxyz", data["quaternion_wxyz"], 4), scalar_first=True)
     return np.asarray(turned.inv().apply(point))

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.hands.kinematics import Link, links_below, poses, reach
 from nlpgrasp.verify.hands.tips import Touching, centre_of, radius_of, touching_rows
 from nlpgrasp.verify.placement import Ball, Palm, StatedPlacement
@@ -28,6 +29,7 @@ from nlpgrasp.verify.sources import Sources
 
 QUATERNION = "palm quaternion of unit length"
 TIP_DEPTH = 0.2  # of its radius: how far a round fingertip may be in the way of the body elsewhere than at its contact
+FARTHEST = 3.0  # times the reach of the URDF's frames: what spheres may add to it
 FOLLOWING = 1e-9  # radians or metres between a joint and the one that it follows
 
 
@@ -70,14 +72,23 @@ class URDFNumbers:
     @cached_property
     def turn(self) -> float:
         """How far a unit direction of the hand may be off: see above."""
-        return 2.0 * min(abs(self.stated.get(QUATERNION, 1.0) - 1.0), 10.0 * PROMISE)
+        return 2.0 * min(abs(self._stated_length - 1.0), 10.0 * PROMISE)
+
+    @property
+    def _stated_length(self) -> float:
+        """The program's ``q . q``."""
+        return self.stated.get(QUATERNION, 1.0)
 
     @cached_property
     def span(self) -> float:
-        """How far the hand's links reach from its palm, metres."""
+        """How far the hand's links reach from its palm, metres.
+
+        The URDF says how far their frames do; spheres beyond the last of them count for a multiple of that at most.
+        """
         spheres = self.data.get("link_spheres") or {}
         beyond = [np.linalg.norm(np.asarray(s)[:, :3], axis=1).max(initial=0.0) for s in spheres.values()]
-        return reach(self.links) + float(max(beyond, default=0.0))
+        frames = reach(self.links)
+        return frames + min(float(max(beyond, default=0.0)), FARTHEST * frames)
 
     @property
     def error(self) -> float:
@@ -90,7 +101,7 @@ class URDFNumbers:
         pose = self.posture["palm_pose"]
         frame = np.eye(4)
         frame[:3, 3] = array("hand.palm_pose.position", pose["position"], (3,))
-        quaternion = array("hand.palm_pose.quaternion_wxyz", pose["quaternion_wxyz"], (4,))
+        quaternion = unit("hand.palm_pose.quaternion_wxyz", pose["quaternion_wxyz"], 4)
         frame[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
         return frame
 
@@ -111,7 +122,7 @@ class URDFNumbers:
     def palm(self) -> Palm:
         """Return where the palm is."""
         approach = self.data.get("approach")
-        facing = None if approach is None else self.base[:3, :3] @ array("approach", approach, (3,))
+        facing = None if approach is None else self.base[:3, :3] @ unit("approach", approach, 3)
         return Palm(self.base[:3, 3], facing, self.turn)
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
@@ -142,8 +153,7 @@ class URDFNumbers:
 
     def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
         """Yield the quaternion's length, then each contact on its fingertip."""
-        length = float(np.sum(array("quaternion", self.posture["palm_pose"]["quaternion_wxyz"], (4,)) ** 2))
-        yield RowValue(QUATERNION, length, 1.0, 1.0, error=0.5 * self.turn)
+        yield RowValue(QUATERNION, self._stated_length, 1.0, 1.0)  # the program's own; the file's is of unit length
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             name = f"on fingertip {tip['link']}, finger {i}"
             yield from touching_rows(tip, self._touching(name, tip, p, n, placement.size))

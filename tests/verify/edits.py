@@ -1,0 +1,76 @@
+"""Edits that turn honest files into lies."""
+
+import numpy as np
+
+from tests.verify.stated import recomputed_file
+
+
+def put(path, value):
+    """Return an edit of one entry; a function of the old value where that is given."""
+
+    def change(data):
+        *way, last = path
+        for key in way:
+            data = data[key]
+        data[last] = value(data[last]) if callable(value) else value
+
+    return change
+
+
+def row(name, key, value):
+    """Return an edit of a stated row."""
+
+    def change(data):
+        found = next(r for r in data["constraints"] if r["name"] == name)
+        found[key] = value(found[key]) if callable(value) else value
+
+    return change
+
+
+def drop(name):
+    """Return an edit that leaves a stated row out."""
+
+    def change(data):
+        kept = [r for r in data["constraints"] if r["name"] != name]
+        assert len(kept) == len(data["constraints"]) - 1
+        data["constraints"] = kept
+
+    return change
+
+
+def turned(i, normal):
+    """Return an edit of a normal, with tangents across it."""
+
+    def change(data):
+        frame = np.linalg.qr(np.column_stack([normal, np.eye(3)[np.argsort(np.abs(normal))[:2]].T]))[0].T
+        entry = data["grasp"]["contacts"][i]
+        entry["normal"] = list(normal)
+        entry["tangents"] = [frame[1].tolist(), np.cross(normal, frame[1]).tolist()]
+
+    return change
+
+
+def asked(i, *path):
+    return ("problem", "constraints", i, *path)
+
+
+def contact(i, key):
+    return ("grasp", "contacts", i, key)
+
+
+def a_little(v):
+    return v + 1e-4
+
+
+def together(*changes):
+    """Return several edits as one."""
+
+    def change(data):
+        for one in changes:
+            one(data)
+
+    return change
+
+
+def failures(data, *folders):
+    return [name for name, check in recomputed_file(data, *folders).items() if check.failed]

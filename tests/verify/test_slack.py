@@ -1,0 +1,74 @@
+"""No edit of a file buys slack: tolerances are relative to what the quality depends on."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from tests.hands.urdf import FOLDER
+from tests.verify import honest
+from tests.verify.edits import a_little, contact, failures, put, row, together
+from tests.verify.stated import edited, problem_of, stated_file
+
+LARGER = {
+    "surface": put(contact(0, "position"), [0.0401, 0.004, 0.01]),
+    "constraint 0, table": row("table, finger 1", "value", a_little),
+    "constraint 1, spread": row("spread, fingers 0 and 2", "value", a_little),
+    "constraint 6, obstacle": row("post, finger 0", "value", a_little),
+    "hand": row("reach, finger 0", "value", a_little),
+}
+
+
+@pytest.mark.parametrize("where", LARGER)
+def test_a_body_that_is_larger_where_nothing_touches_it(where):
+    taller = put(("problem", "body", "extents", 2), 1e6)
+    assert where in failures(edited(honest.box(), together(taller, LARGER[where])))
+
+
+def test_a_box_around_a_function_that_is_larger():
+    body = ng.Implicit(lambda p: p[0] ** 2 + p[1] ** 2 + p[2] ** 2 - 0.04**2, [[-0.05] * 3, [0.05] * 3])
+    problem = problem_of(body, 2, constraints=[ng.Table(-0.05)])
+    points, normals = [[0.04, 0.0, 0.0], [-0.04, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    data = stated_file(problem, ["surface"] * 2, points, normals)
+    larger = put(("problem", "body", "bounds"), [[-1e6] * 3, [1e6] * 3])
+    assert failures(edited(data, larger)) == []
+    lie = together(larger, row("table, finger 1", "value", a_little))
+    assert failures(edited(data, lie)) == ["constraint 0, table"]
+
+
+def test_a_drawing_that_is_larger_lends_no_slack_to_a_mesh_that_is_not_there(tmp_path):
+    data = honest.block(tmp_path)
+    data["drawing"] = {"body": {"vertices": [[-1e6] * 3, [1e6] * 3, [0.0] * 3], "faces": [[0, 1, 2]]}, "links": []}
+    assert failures(edited(data, row("table, finger 0", "value", a_little))) == ["constraint 0, table"]
+    assert failures(data, tmp_path) == ["drawing"]
+
+
+SLACK_OF_A_HAND = {
+    "a sphere far off its link": put(("problem", "hand", "link_spheres", "palm", 0, 0), 1e6),
+    "a quaternion within its tolerance": row("palm quaternion of unit length", "value", 1.0 + 9e-6),
+}
+
+
+def test_spheres_far_off_lend_no_slack_to_a_hand():
+    lie = together(
+        *SLACK_OF_A_HAND.values(), row("on fingertip finger_1_tip, finger 0, x", "value", lambda v: v + 1e-4)
+    )
+    assert "hand" in failures(edited(honest.fingers(), lie), FOLDER)
+    pair = next(r["name"] for r in honest.fingers()["constraints"] if r["name"].startswith("self-collision"))
+    lie = together(*SLACK_OF_A_HAND.values(), row(pair, "value", lambda v: v + 1e-5))
+    assert "links" in failures(edited(honest.fingers(), lie), FOLDER)
+
+
+def test_a_limit_that_is_large_lends_no_slack():
+    """A stated value past its limit is a lie, however large the limit."""
+    body = ng.Box([0.08, 0.04, 0.06])
+    points, normals = [[0.04, 0.0, 0.0], [-0.04, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    data = stated_file(problem_of(body, 2, constraints=[ng.Table(-1000.0)]), ["+x", "-x"], points, normals)
+    assert failures(edited(data, row("table, finger 0", "value", -1000.05))) == ["constraint 0, table", "constraints"]
+
+
+def test_the_drawing_is_one_of_the_body():
+    data = honest.jaws()
+    corner = np.array([0.03, 0.03, 0.05])
+    for share, found in ((1.0, []), (0.99, []), (1.2, ["drawing"]), (0.5, ["drawing"]), (1e6, ["drawing"])):
+        drawn = {"vertices": (share * np.stack([-corner, corner, 0.0 * corner])).tolist(), "faces": [[0, 1, 2]]}
+        assert failures({**data, "drawing": {"body": drawn, "links": []}}) == found
