@@ -9,44 +9,10 @@ from scipy import sparse
 import nlpgrasp as ng
 from nlpgrasp.contacts import Work, contact_from_dict
 from nlpgrasp.quality import WrenchSet
+from tests.memberships import inside, ranges
 from tests.samples import CONTACTS
 
 models = pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS.keys())
-
-
-def ranges(contact, n):
-    """Return the blocks of components and how far normal force lets them go, from the models' definitions."""
-    mu, mu_t = getattr(contact, "friction", None), getattr(contact, "torsional_friction", None)
-    rough = [((1, 2), mu), ((3,), mu_t)]
-    return {
-        "point": lambda: [],
-        "friction": lambda: [(tuple(range(1, n)), mu)],
-        "soft": lambda: rough,
-        "line": lambda: [*(rough if mu else []), ((n - 1,), contact.length / 2)],
-        "plane": lambda: [
-            *(rough if mu else []),
-            *(
-                [((n - 2, n - 1), contact.radius)]
-                if contact.radius
-                else [((n - 2,), contact.extents[1] / 2), ((n - 1,), contact.extents[0] / 2)]
-            ),
-        ],
-    }[contact.kind]()
-
-
-def inside(contact, x, tolerance=0.0):
-    """Return whether force components are in the force domain, by its definition in (2.4-1)."""
-    if contact.kind == "bilateral":
-        return np.ones(x.shape[:-1], dtype=bool)
-    normal = x[..., 0]
-    good = normal >= -tolerance
-    if getattr(contact, "model", None) == "elliptic":
-        sliding, torsion = np.linalg.norm(x[..., 1:3], axis=-1), np.abs(x[..., 3])
-        size = np.hypot(sliding / contact.friction, torsion / contact.torsional_friction)
-        return good & (size <= normal + tolerance / contact.torsional_friction)
-    for block, most in ranges(contact, x.shape[-1]):
-        good &= np.linalg.norm(x[..., list(block)], axis=-1) <= most * normal + tolerance
-    return good
 
 
 def samples(contact, rng, count=4000):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 
@@ -28,8 +29,7 @@ def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
     On the boundary ``x = (I + t D)^-1 z`` with ``D = diag(-1, 1/mu^2, 1/mu^2, 1/mu_t^2)`` and ``<x, D x> = 0``;
     differentiating both gives ``M - M D x (M D x)^T / <D x, M D x>`` with ``M = (I + t D)^-1``.
     """
-    r, s = _sizes(z)
-    inside = (r / mu) ** 2 + (s / mu_t) ** 2 <= np.maximum(z[..., 0], 0.0) ** 2
+    inside = _inside(z[..., 0], *_sizes(z), mu, mu_t)
     x = project(z, mu, mu_t)
     D = np.array([-1.0, 1.0 / mu**2, 1.0 / mu**2, 1.0 / mu_t**2])
     safe = np.where(x[..., 0] > 0.0, x[..., 0], 1.0)
@@ -61,7 +61,12 @@ def extreme(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray, FloatArr
 
 
 def _sizes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return np.sqrt(z[..., 1] ** 2 + z[..., 2] ** 2), np.abs(z[..., 3])
+    return np.hypot(z[..., 1], z[..., 2]), np.abs(z[..., 3])
+
+
+def _inside(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> NDArray[np.bool_]:
+    """Return where a force is in the cone: a length is at least 0, so that nothing that pulls is."""
+    return np.asarray(np.hypot(r / mu, s / mu_t) <= z)
 
 
 def _pressing(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> FloatArray:
@@ -72,8 +77,8 @@ def _pressing(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: floa
     cone constraint, n solves ``n^2 = (r mu / (mu^2 + t))^2 + (s mu_t / (mu_t^2 + t))^2``, ``n (1 - t) = z``;
     the difference of both sides is monotone in t on each side of 1 and is found by bisection.
     """
-    inside = (r / mu) ** 2 + (s / mu_t) ** 2 <= np.maximum(z, 0.0) ** 2
-    polar = np.sqrt((mu * r) ** 2 + (mu_t * s) ** 2) <= -z
+    inside = _inside(z, r, s, mu, mu_t)
+    polar = np.hypot(mu * r, mu_t * s) <= -z
     positive = z > 0.0
     # t in [0, 1) for z > 0 and in (1, inf) for z < 0; u = t or u = 1/t keeps both in [0, 1]
     low, high = np.zeros_like(z), np.ones_like(z)

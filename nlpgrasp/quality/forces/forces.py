@@ -19,7 +19,7 @@ from nlpgrasp.quality.certificate.closure import positive_share, unreachable
 from nlpgrasp.quality.certificate.rank import numerical_rank
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.quality.forces import conic
-from nlpgrasp.quality.forces.dual_newton import dual_newton
+from nlpgrasp.quality.forces.dual_newton import TOLERANCE, dual_newton
 
 PRODUCED = 1e-8  # relative residual up to which a wrench counts as produced
 PROVEN = 1e-9  # |P_K(z)| over |z| of a separating direction
@@ -142,6 +142,7 @@ def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray
     open_ = open_[~proven]
     if open_.size:  # narrow cones are hard for Newton's method: ask a conic solver
         again = conic.least_forces(replace(inside, force_set=L2Set(inside.contacts, inside.space)), local[open_])[0]
+        again = _into_the_cones(inside, again, local[open_])
         left = np.linalg.norm(again @ inside.G.T - local[open_], axis=1)
         good = left <= PRODUCED  # false for NaN
         x[open_[good]], residual[open_[good]] = again[good], left[good]
@@ -154,9 +155,26 @@ def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray
         failed = able[~np.all(np.isfinite(least), axis=1) & np.any(local[able] != 0.0, axis=1)]
         if failed.size:
             raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
-        x[able] = np.where(np.isfinite(least), least, 0.0)
+        x[able] = _into_the_cones(inside, np.where(np.isfinite(least), least, 0.0), local[able])
         residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
     return x, residual, why
+
+
+def _into_the_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
+    """Return a conic solver's forces for wrenches w, put into the cones that the solver keeps to its tolerance only.
+
+    What that changes of a wrench is produced by forces of its own: two forces in a convex cone have their sum in it.
+    """
+    inside = np.full_like(x, np.nan)
+    solved = np.all(np.isfinite(x), axis=1)
+    inside[solved] = wrench_set.project(x[solved])
+    left = w - inside @ wrench_set.G.T
+    size = np.linalg.norm(left, axis=1)
+    off = np.flatnonzero(size > TOLERANCE)  # false for NaN
+    mended = inside[off] + size[off, None] * dual_newton(wrench_set, left[off] / size[off, None])[1]
+    better = np.linalg.norm(w[off] - mended @ wrench_set.G.T, axis=1) < size[off]
+    inside[off[better]] = mended[better]
+    return inside
 
 
 def _separates(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
