@@ -15,6 +15,7 @@ from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, guarded, no_sense
 from nlpgrasp.verify.claims.drawing import drawing_check
+from nlpgrasp.verify.claims.torques import torque_checks
 from nlpgrasp.verify.hands.unknown import UnknownHand
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
@@ -52,6 +53,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     rows = [_guarded(name, given, partial(compare, stated=stated, promise=promise)) for name, given in parts.items()]
     if hand is not None and hand.linked:
         rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
+    checks += guarded("joint torques", lambda: torque_checks(solution, grasp, hand))
     checks += guarded("drawing", lambda: _drawing_checks(solution, surface))
     return [*checks, face_check(solution), *rows, *_stated_check(solution, stated)]
 

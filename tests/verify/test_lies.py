@@ -76,6 +76,12 @@ JAWS = {
     ),
 }
 BLOCK = {
+    "another unit": (put(("problem", "body", "unit"), "ft"), "surface"),
+    "a unit there is not": (put(("problem", "body", "unit"), "parsec"), "surface"),
+    "another digest and another unit": (
+        put(("problem", "body"), lambda b: {**b, "sha256": "0" * 64, "unit": "ft"}),
+        "mesh file",
+    ),
     "another digest": (put(("problem", "body", "sha256"), "0" * 64), "mesh file"),
     "a contact off the mesh": (put(contact(0, "position"), [0.0255, 0.00254, 0.00508]), "surface"),
     "a contact past the mesh": (put(contact(0, "position"), [0.0254, 0.00254, 0.0508]), "surface"),

@@ -99,21 +99,26 @@ class OtherMeshError(NotMadeError):
 def mesh(data: Json, sources: Sources) -> MeshSurface:
     """Return the mesh of the recorded source.
 
-    Files that do not record the unit are read in each that there is, until the fingerprint agrees.
+    It is read in the unit recorded, then in the others that there are, until the fingerprint agrees: files of earlier
+    versions record no unit.
 
     Raises
     ------
+    InputError
+        Where the fingerprint is that of another unit than the one recorded.
     NotMadeError
         Where the source is not there, is not a mesh, or (``OtherMeshError``) has another fingerprint.
     """
     place = sources.find(data.get("source"))
     known = data.get("unit")
     readings = []
-    for unit in UNITS if known is None else (str(known),):
+    for unit in UNITS if known is None else (str(known), *(u for u in UNITS if u != known)):
         reading = _read(place, unit)
         if reading is not None:
             surface, digest = reading
             if digest == data.get("sha256"):
+                if known not in (None, unit):
+                    raise InputError("problem.body.unit", known, f"{unit}, in which {place.name} has the sha256 stated")
                 return surface
             readings.append(surface)
     if not readings:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,8 @@ class Link:
     lower, upper : float
         Limits of the joint, radians or metres.
     follow : Follow or None
+    effort : float or None
+        Greatest torque (force of a sliding joint), newton-metres or newtons.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Link:
     lower: float
     upper: float
     follow: Follow | None
+    effort: float | None = None
 
     @property
     def moves(self) -> bool:
@@ -104,6 +107,55 @@ def reach(links: tuple[Link, ...]) -> float:
     return max(far.values(), default=0.0)
 
 
+def loaded(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
+    """Return the joints that follow no other and move some of the links ``ends``, in the order of their links."""
+    drivers = {_driver(links, link)[0] for end in ends for link in _chain(links, end) if link.moves}
+    return tuple(link.joint for link in links if link.joint in drivers)
+
+
+def jacobian(
+    links: tuple[Link, ...], at: Mapping[str, FloatArray], end: str, point: FloatArray
+) -> dict[str, FloatArray]:
+    """Return velocity and angular velocity of a point fixed to a link, (6,), per rate of each joint that moves it.
+
+    Parameters
+    ----------
+    links : tuple of Link
+    at : mapping
+        The links' frames, (4, 4).
+    end : str
+        The link.
+    point : (3,) array
+        In the same frame as theirs, metres.
+    """
+    found: dict[str, FloatArray] = {}
+    for link in _chain(links, end):
+        if link.moves:
+            joint, rate = _driver(links, link)
+            frame = at[link.name]
+            axis = frame[:3, :3] @ link.axis
+            turning = np.concatenate([np.cross(axis, point - frame[:3, 3]), axis])
+            step = np.concatenate([axis, np.zeros(3)]) if link.kind == "prismatic" else turning
+            found[joint] = found.get(joint, np.zeros(6)) + rate * step
+    return found
+
+
+def _chain(links: tuple[Link, ...], end: str) -> Iterator[Link]:
+    """Yield the links from one up to the palm, without it."""
+    above = {link.name: link for link in links}
+    while end in above:
+        yield above[end]
+        end = above[end].parent
+
+
+def _driver(links: tuple[Link, ...], link: Link) -> tuple[str, float]:
+    """Return the joint that a link's joint follows, itself where it follows none, and by how much."""
+    by_joint, rate = {other.joint: other for other in links}, 1.0
+    while link.follow is not None:
+        rate, link = rate * link.follow.multiplier, by_joint[link.follow.joint]
+    return link.joint, rate
+
+
 def _link(element: ET.Element) -> Link:
     kind = element.get("type", "")
     origin = np.eye(4)
@@ -126,6 +178,7 @@ def _link(element: ET.Element) -> Link:
         lower,
         upper,
         follow,
+        None if (effort := _attribute(element, "limit", "effort", "")) == "" else float(effort),
     )
 
 

@@ -21,7 +21,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.constraints.regions import unit
-from nlpgrasp.verify.hands.kinematics import Link, links_below, poses, reach
+from nlpgrasp.verify.hands.kinematics import Link, jacobian, links_below, loaded, poses, reach
 from nlpgrasp.verify.hands.tips import Touching, centre_of, radius_of, touching_rows
 from nlpgrasp.verify.placement import Ball, Palm, StatedPlacement
 from nlpgrasp.verify.rows import PROMISE, RowValue
@@ -174,6 +174,18 @@ class URDFNumbers:
         wanted = int(self.data["watched_pairs"])
         if count < wanted:
             yield RowValue(f"self-collision: {wanted} pairs of spheres, {count} in the file", np.nan)
+
+    def loads(self, points: FloatArray) -> dict[str, FloatArray]:
+        """Return velocity and angular velocity of the contacts, (k, 6), per rate of each joint that moves one.
+
+        Parameters
+        ----------
+        points : (k, 3) array
+            Contacts, fixed to their fingertips' links, body frame.
+        """
+        ends = [str(tip["link"]) for tip in self.tips]
+        moved = [jacobian(self.links, self.poses, end, p) for end, p in zip(ends, points, strict=True)]
+        return {joint: np.array([m.get(joint, np.zeros(6)) for m in moved]) for joint in loaded(self.links, ends)}
 
     def limits(self) -> Iterator[RowValue]:
         """Yield that joints keep the URDF's limits, and that those that follow others do."""
