@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from nlpgrasp.budgets.sets.base import ForceSet
-from nlpgrasp.common.jointed import JointedHand
+from nlpgrasp.common.jointed import JointedHand, MovingHand
 from nlpgrasp.common.rows import Row
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray
@@ -56,7 +56,7 @@ class ForceBudget(ABC):
         """Raise ``InputError`` on hands of which this budget cannot say what they can exert."""
         del hand
 
-    def posed(self, hand: JointedHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
+    def posed(self, hand: MovingHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
         """Return the budget for contacts at points (k, space) of a hand with these values of its variables."""
         return self
 

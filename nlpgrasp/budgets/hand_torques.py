@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
-from nlpgrasp.common.jointed import JointedHand, PosedHand
+from nlpgrasp.common.jointed import JointedHand, MovingHand
 from nlpgrasp.common.rows import Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
@@ -52,7 +52,7 @@ class HandTorques(ForceBudget):
                 "URDFHand.torque_limits", f"none for {', '.join(missing)}", "one for each joint that moves a contact"
             )
 
-    def posed(self, hand: JointedHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
+    def posed(self, hand: MovingHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
         """Return the budget in a posture: ``SharedJointTorqueLimits``."""
         self.check_hand(hand)
         return self if hand is None else SharedJointTorqueLimits(*_loads(hand, values, points), self.force_limit)
@@ -83,7 +83,7 @@ class HandTorques(ForceBudget):
 
 
 def hand_torque_limits(
-    hand: PosedHand, posture: Json, points: ArrayLike, force_limit: float = MOST_FORCE
+    hand: MovingHand, posture: Json, points: ArrayLike, force_limit: float = MOST_FORCE
 ) -> SharedJointTorqueLimits:
     """Return the force budget that a hand's joint-torque limits are in a grasp: ``HandTorques``, posed.
 
@@ -110,7 +110,7 @@ def hand_torque_limits(
 
 
 def _loads(
-    hand: JointedHand, values: Mapping[str, FloatArray], points: FloatArray
+    hand: MovingHand, values: Mapping[str, FloatArray], points: FloatArray
 ) -> tuple[list[FloatArray], FloatArray]:
     """Return each contact's Jacobian and the limits of the joints."""
     limits = np.array([hand.torque_limits[name] for name in hand.loaded_joints])

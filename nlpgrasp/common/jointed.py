@@ -10,7 +10,7 @@ from nlpgrasp.common.validation import FloatArray
 
 
 class JointedHand(Protocol):
-    """A hand whose joints may move its contacts; every hand of ``nlpgrasp.hands`` is one."""
+    """A hand that says which of its joints move its contacts; every hand of ``nlpgrasp.hands`` does."""
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
@@ -20,16 +20,16 @@ class JointedHand(Protocol):
     def torque_limits(self) -> Mapping[str, float]:
         """By joint, newton-metres (newtons for sliding joints)."""
 
-    def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
 
-
-class PosedHand(JointedHand, Protocol):
-    """A jointed hand that reads its variables from a posture; ``URDFHand`` is one."""
+class MovingHand(JointedHand, Protocol):
+    """A jointed hand that says how its contacts move in a posture; every ``nlpgrasp.hands.PosedHand`` does."""
 
     @property
     def count(self) -> int:
         """Number of fingertips."""
+
+    def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
+        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
 
     def values_of(self, posture: Json) -> dict[str, FloatArray]:
         """Return values of the hand's variables, by name, in a posture as ``GraspSolution.hand`` holds it."""

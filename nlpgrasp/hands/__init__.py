@@ -3,6 +3,7 @@
 from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.fingertips import Fingertips
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
+from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.registry import hand_from_dict, register
 from nlpgrasp.hands.tips import CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
@@ -15,6 +16,7 @@ __all__ = [
     "Hand",
     "HandVariable",
     "ParallelJaw",
+    "PosedHand",
     "SphereTip",
     "Tip",
     "URDFHand",

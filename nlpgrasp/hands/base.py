@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, Self
@@ -41,8 +41,8 @@ class HandVariable:
 class Hand(ABC):
     """A hand: what it can reach, with one fingertip a contact, in the order of the contacts.
 
-    A hand either follows its contacts (``start``), or has a pose of its own from which a search begins
-    (``draw``).
+    A hand either follows its contacts (``start``), or has a pose of its own from which a search begins: then it is
+    a ``PosedHand``.
 
     Attributes
     ----------
@@ -88,18 +88,6 @@ class Hand(ABC):
         """Return starting values of the variables for fingertip centres (k, space)."""
         return {}
 
-    def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return random values of the variables, (count, m) each, and the fingertips' centres, (count, k, space).
-
-        Parameters
-        ----------
-        count : int
-        around : (count, space) array
-            Where the middle of the fingertips is to be.
-        rng : numpy.random.Generator
-        """
-        raise NotImplementedError
-
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
         """Return spheres that stand for the links, without the fingertips."""
         return []
@@ -108,33 +96,10 @@ class Hand(ABC):
         """Return the centres of round fingertips, body frame; None for the others and where the contacts decide."""
         return [None] * self.count
 
-    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
-        """Return a point of each fingertip, body frame, of a hand that has a pose."""
-        raise NotImplementedError
-
     @property
     def loaded_joints(self) -> tuple[str, ...]:
         """The joints that move some contact, of a hand that has joints."""
         return ()
-
-    def contact_motion(
-        self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
-    ) -> list[tuple[Expression, Expression]]:
-        """Return velocity and angular velocity, body frame, of contact points fixed to their links (symbolic).
-
-        Parameters
-        ----------
-        variables : dict
-        rates : (m,) expression
-            Of the ``loaded_joints``.
-        points : sequence of k (3,) expressions
-            Metres, body frame.
-        """
-        raise NotImplementedError
-
-    def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
-        raise NotImplementedError
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose | None:
         """Return the palm's pose, where the hand has one."""

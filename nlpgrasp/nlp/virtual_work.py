@@ -16,6 +16,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands import PosedHand
 from nlpgrasp.nlp.placement import Scaling
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem.problem import GraspProblem
@@ -34,8 +35,8 @@ class VirtualWork:
 
     def __init__(self, program: Program, problem: GraspProblem) -> None:
         scaling = Scaling.of(problem)
-        if problem.hand is None:
-            raise InputError("GraspProblem.hand", None, "a hand with joints")
+        if not isinstance(problem.hand, PosedHand):
+            raise InputError("GraspProblem.hand", problem.hand, "a hand with joints")
         k, z = len(problem.models), program.z
         y, rates = ca.SX.sym("y", 6), ca.SX.sym("rates", len(problem.hand.loaded_joints))
         forces, moments, before = (ca.SX.sym(name, 3, k) for name in ("f", "m", "n"))

@@ -28,6 +28,7 @@ from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.tasks import Task
 from nlpgrasp.version import __version__
 
@@ -113,7 +114,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     """Return the best start's grasp; where time is short, with mu alone."""
     problem, found, grasp = search.problem, best.found, best.found.grasp
     limit = search.certificate_deadline()
-    budget = problem.budget.posed(problem.hand, found.placed.hand, found.placed.points)
+    budget = budget_at(problem, found.placed)
     bounds = mu(grasp, problem.task, search.options.final_rtol, force_budget=budget, seed=search.seed, deadline=limit)
     lower, upper = max(bounds.lower, best.record.mu.lower), min(bounds.upper, best.record.mu.upper)
     forces, moments = _forces(problem.task, grasp, budget, lower)

@@ -10,11 +10,12 @@ from nlpgrasp.common.rows import PalmPose
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.base import Hand, Values
+from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
 
-class LinkedHand(Hand):
+class LinkedHand(PosedHand):
     """A hand whose variables are the palm's pose and the joints.
 
     Attributes
@@ -23,11 +24,6 @@ class LinkedHand(Hand):
     """
 
     tree: LinkTree
-
-    @property
-    def follows_contacts(self) -> bool:
-        """False: the palm has a pose of its own."""
-        return False
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
         """Return the palm's pose in the body's frame."""

@@ -82,6 +82,10 @@ class Robot:
         Link to its collision shapes, in the link's frame.
     missing : tuple of str
         Mesh files that were not found, with the link they belong to.
+    source : str
+        Name of the file it was read from.
+    sha256 : str
+        Of that file's bytes, hexadecimal.
     """
 
     name: str
@@ -90,6 +94,8 @@ class Robot:
     joints: tuple[Joint, ...]
     shapes: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
+    source: str = ""
+    sha256: str = ""
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:

@@ -1,10 +1,13 @@
-"""What a user says of a URDF hand: fingertips and torque limits."""
+"""What a user says of a URDF hand: fingertips, approach and torque limits."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from nlpgrasp.common.validation import number
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips import SphereTip, Tip
 from nlpgrasp.hands.urdf.robot import Robot
@@ -30,6 +33,14 @@ def tips_of(robot: Robot, fingertips: Mapping[str, float | Tip | Sequence[Tip]])
     if not result:
         raise InputError("URDFHand.fingertips", fingertips, "at least one tip")
     return result
+
+
+def approach_of(given: ArrayLike) -> FloatArray:
+    """Return the direction in which the palm faces, as a unit vector (3,)."""
+    direction = array("URDFHand.approach", given, (3,))
+    if np.linalg.norm(direction) == 0.0:
+        raise InputError("URDFHand.approach", given, "a direction in the palm's frame")
+    return direction / np.linalg.norm(direction)
 
 
 def torque_limits_of(robot: Robot, given: Mapping[str, float] | float | None) -> dict[str, float]:

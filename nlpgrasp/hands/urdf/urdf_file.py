@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -48,7 +49,8 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     order, used = _below(start, joints)
     _check_mimics(source, used)
     shapes, missing = read_shapes(source, {e.get("name", ""): e for e in root.findall("link")}, order)
-    robot = Robot(root.get("name", source.stem), start, order, used, shapes, missing)
+    digest = hashlib.sha256(source.read_bytes()).hexdigest()
+    robot = Robot(root.get("name", source.stem), start, order, used, shapes, missing, source.name, digest)
     _check_ranges(source, robot)
     return robot
 

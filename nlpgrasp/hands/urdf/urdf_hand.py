@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import warnings
 from collections.abc import Mapping, Sequence
 from copy import copy
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.rows import UNIT_QUATERNION, LinkSphere, Placement, Row
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, array, integer, number
+from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import HandVariable
 from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
@@ -26,8 +25,7 @@ from nlpgrasp.hands.spheres.self_collision import apart, colliding_pairs
 from nlpgrasp.hands.tips import Tip, Touch
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
-from nlpgrasp.hands.urdf.robot import Robot
-from nlpgrasp.hands.urdf.urdf_arguments import tips_of, torque_limits_of
+from nlpgrasp.hands.urdf.urdf_arguments import approach_of, tips_of, torque_limits_of
 from nlpgrasp.hands.urdf.urdf_file import read_urdf
 
 TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact
@@ -42,6 +40,8 @@ class URDFHand(LinkedHand):
         The palm and all links below it.
     tips : tuple of (str, Tip)
         Link and patch of each contact, in the order of the contacts.
+    tree : LinkTree
+        Where the links are.
     fits : mapping of str to SphereFit
         Spheres that stand for each link, with their error.
     """
@@ -50,32 +50,22 @@ class URDFHand(LinkedHand):
 
     def __init__(
         self,
-        robot: Robot,
-        tips: Sequence[tuple[str, Tip]],
+        tree: LinkTree,
+        torque_limits: Mapping[str, float] | None = None,
         *,
-        approach: ArrayLike = (0.0, 0.0, 1.0),
         clearance: float = 0.0,
         spheres_per_link: int = 6,
         self_collision: bool = True,
-        torque_limits: Mapping[str, float] | None = None,
-        source: str = "",
-        sha256: str = "",
     ) -> None:
-        self.robot = robot
-        self.tips = tuple(tips)
+        self.tree, self.robot, self.tips = tree, tree.robot, tree.tips
         self.count = len(self.tips)
-        direction = array("URDFHand.approach", approach, (3,))
-        if np.linalg.norm(direction) == 0.0:
-            raise InputError("URDFHand.approach", approach, "a direction in the palm's frame")
-        self.tree = LinkTree(robot, self.tips, direction / np.linalg.norm(direction))
         self.clearance = number("URDFHand.clearance", clearance, at_least=0.0)
         self.spheres_per_link = integer("URDFHand.spheres_per_link", spheres_per_link, at_least=1, at_most=40)
         if not isinstance(self_collision, bool):
             raise InputError("URDFHand.self_collision", self_collision, "True or False")
         self.self_collision, self.torque_limits = self_collision, dict(torque_limits or {})
-        self.source, self.sha256 = source, sha256
-        if not robot.free_joints:
-            raise InputError(f"URDFHand.path: {source}", "no movable joints", "a hand with joints that move")
+        if not self.robot.free_joints:
+            raise InputError(f"URDFHand.path: {self.robot.source}", "no movable joints", "a hand with joints that move")
 
     @classmethod
     def load(
@@ -128,15 +118,11 @@ class URDFHand(LinkedHand):
         if robot.missing:
             warnings.warn(f"{Path(path).name}: left out {'; '.join(robot.missing)}", UserWarning, stacklevel=2)
         return cls(
-            robot,
-            tips,
-            approach=approach,
+            LinkTree(robot, tips, approach_of(approach)),
+            torque_limits_of(robot, torque_limits),
             clearance=clearance,
             spheres_per_link=spheres_per_link,
             self_collision=self_collision,
-            torque_limits=torque_limits_of(robot, torque_limits),
-            source=Path(path).name,
-            sha256=hashlib.sha256(Path(path).read_bytes()).hexdigest(),
         )
 
     @property
@@ -208,8 +194,8 @@ class URDFHand(LinkedHand):
         """Return source, fingerprint, fingertips, limits, the spheres and how closely they fit."""
         return {
             "type": self.kind,
-            "source": self.source,
-            "sha256": self.sha256,
+            "source": self.robot.source,
+            "sha256": self.robot.sha256,
             "palm": self.robot.root,
             "fingertips": [{"link": link, **tip.to_dict()} for link, tip in self.tips],
             "clearance": self.clearance,

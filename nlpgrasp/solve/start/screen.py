@@ -59,7 +59,7 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
     contacts resist the task, less how far the fingertips are from them; of the best, those whose links are
     least in the body's and each other's way are taken.
     """
-    problem, size, hand = bench.problem, bench.scaling.length, bench.hand_points.hand
+    problem, size, hand = bench.problem, bench.scaling.length, bench.hand_points.posed_hand
     count = POSES_A_CANDIDATE * bench.options.candidates
     everything = np.concatenate(list(bench.surface.faces.values()))
     target = everything[rng.integers(len(everything), size=count)]

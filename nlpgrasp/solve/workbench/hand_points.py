@@ -10,7 +10,7 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import Hand
+from nlpgrasp.hands import Hand, PosedHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
 
@@ -32,6 +32,13 @@ class HandPoints:
         if self._problem.hand is None:
             raise InputError("GraspProblem.hand", None, "a hand")
         return self._problem.hand
+
+    @property
+    def posed_hand(self) -> PosedHand:
+        """The hand, of a problem with one that has a pose of its own."""
+        if not isinstance(self.hand, PosedHand):
+            raise InputError("GraspProblem.hand", self.hand, "a hand with a pose of its own, such as ng.URDFHand")
+        return self.hand
 
     def start(self, points: FloatArray, normals: FloatArray) -> Values:
         """Return the hand's starting variables for placements (b, k, space), name -> (b, m); none without a hand."""
@@ -59,7 +66,7 @@ class HandPoints:
     def tip_motion(self) -> ca.Function:
         """The hand's variables to its fingertips' places (3, k) and their derivatives (3 k, variables)."""
         symbols = self.hand.symbols(self._problem.body.bounds)
-        places = ca.horzcat(*self.hand.tip_places(symbols))
+        places = ca.horzcat(*self.posed_hand.tip_places(symbols))
         slopes = ca.densify(ca.jacobian(ca.vec(places), ca.vertcat(*symbols.values())))
         return ca.Function("tips", list(symbols.values()), [places, slopes], {"cse": True})
 

@@ -11,6 +11,7 @@ from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.product import extremes
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.hands import PosedHand
 from nlpgrasp.nlp import (
     CompiledProgram,
     Program,
@@ -22,6 +23,7 @@ from nlpgrasp.nlp import (
 from nlpgrasp.nlp.compile import Option
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.workbench.placed import Placed
 
 SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes the exchange's program holds
 POSED_ITERATIONS = 150  # most of the first program with a hand's pose: another pose is worth more then
@@ -46,6 +48,12 @@ def follows_contacts(problem: GraspProblem) -> bool:
 def closure_budget(problem: GraspProblem) -> ForceBudget:
     """Return the budget to tell force closure by: the paper's where the problem's own needs a posture."""
     return L2Budget() if problem.budget.follows_hand else problem.budget
+
+
+def budget_at(problem: GraspProblem, placed: Placed) -> ForceBudget:
+    """Return the force budget where contacts and hand are."""
+    hand = problem.hand if isinstance(problem.hand, PosedHand) else None
+    return problem.budget.posed(hand, placed.hand, placed.points)
 
 
 def first_program(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:

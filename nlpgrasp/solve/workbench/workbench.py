@@ -16,7 +16,13 @@ from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.programs import ExchangeProgram, closure_budget, first_program, follows_contacts
+from nlpgrasp.solve.workbench.programs import (
+    ExchangeProgram,
+    budget_at,
+    closure_budget,
+    first_program,
+    follows_contacts,
+)
 from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.solve.workbench.surface_samples import SurfaceSamples
 from nlpgrasp.solve.workbench.task_samples import TaskSamples
@@ -114,7 +120,7 @@ class Workbench:
 
     def budget(self, placed: Placed) -> ForceBudget:
         """Return the force budget where contacts and hand are."""
-        return self.problem.budget.posed(self.problem.hand, placed.hand, placed.points)
+        return budget_at(self.problem, placed)
 
     def wrench_set(self, placed: Placed) -> WrenchSet:
         """Return the grasp wrench set."""

@@ -1,0 +1,66 @@
+"""What a hand with a pose of its own states besides."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from nlpgrasp.common.types import Expression, Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.base import Hand, Values
+
+
+class PosedHand(Hand):
+    """A hand whose pose, and posture, are variables: a search begins from random ones."""
+
+    @property
+    def follows_contacts(self) -> bool:
+        """False: the hand has a pose of its own."""
+        return False
+
+    @abstractmethod
+    def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
+        """Return random values of the variables, (count, m) each, and the fingertips' centres, (count, k, space).
+
+        Parameters
+        ----------
+        count : int
+        around : (count, space) array
+            Where the middle of the fingertips is to be, metres, body frame.
+        rng : numpy.random.Generator
+        """
+
+    @abstractmethod
+    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
+        """Return a point of each fingertip, (space,) each, metres, body frame."""
+
+    @abstractmethod
+    def contact_motion(
+        self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
+    ) -> list[tuple[Expression, Expression]]:
+        """Return velocity and angular velocity, (3,) each, body frame, of contact points fixed to their links.
+
+        Parameters
+        ----------
+        variables : dict
+        rates : (m,) expression
+            Of the ``loaded_joints``.
+        points : sequence of k (3,) expressions
+            Metres, body frame.
+        """
+
+    @abstractmethod
+    def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
+        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
+
+    @abstractmethod
+    def values_of(self, posture: Json) -> Values:
+        """Return values of the variables in a posture as ``describe`` states it.
+
+        Raises
+        ------
+        InputError
+            When the posture lacks what this hand needs.
+        """
