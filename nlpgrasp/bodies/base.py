@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
 
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.registry import from_fields
-from nlpgrasp.common.types import Expression, Json
+from nlpgrasp.common.registry import StatedPart
+from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
@@ -38,7 +37,7 @@ class Face:
     extent: Callable[[Expression], Sequence[Expression]] = lambda p: ()
 
 
-class Body(ABC):
+class Body(StatedPart):
     """A rigid body: faces ``h(p) = 0`` in a bounding box, metres, in the body frame.
 
     The surface is stated once, as a CasADi expression; numbers come from the compiled function of it.
@@ -49,41 +48,24 @@ class Body(ABC):
         Name of this kind in files.
     """
 
-    kind: ClassVar[str]
-
     @property
-    @abstractmethod
     def space(self) -> int:
-        """2 for a planar body, 3 for a spatial one."""
+        """Dimension of the space that the body is in: 3, and 2 for a planar body."""
+        return 3
 
     @property
     @abstractmethod
     def bounds(self) -> FloatArray:
-        """Bounding box, (2, space): lower corner, upper corner."""
+        """Bounding box, (2, space): lower corner, upper corner, metres."""
 
     @property
     @abstractmethod
     def centroid(self) -> FloatArray:
-        """Centre of volume (of area for planar bodies), (space,)."""
+        """Centre of volume (of area for planar bodies), (space,), metres."""
 
     @abstractmethod
     def make_faces(self) -> tuple[Face, ...]:
         """Return the faces; called once."""
-
-    @abstractmethod
-    def to_dict(self) -> Json:
-        """Return the body as JSON data: ``kind`` as ``type``, and what defines it."""
-
-    @classmethod
-    def from_dict(cls, data: Json) -> Self:
-        """Return the body that ``to_dict`` wrote: of a dataclass, by its fields.
-
-        Raises
-        ------
-        InputError
-            When the data do not say all of it.
-        """
-        return from_fields(cls, data)
 
     @cached_property
     def faces(self) -> tuple[Face, ...]:
@@ -238,3 +220,22 @@ def intersection(parts: Sequence[Expression]) -> Expression:
     for d in parts[1:]:
         largest = ca.fmax(largest, d)
     return ca.sqrt(positive + TINY) + ca.fmin(largest, 0.0)
+
+
+class CentredBody(Body):
+    """A body in space whose bounding box and volume are centred on the origin."""
+
+    @property
+    @abstractmethod
+    def half_size(self) -> FloatArray:
+        """Half the lengths of the bounding box, (3,), metres."""
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Bounding box, (2, 3): lower corner, upper corner, metres."""
+        return np.stack([-self.half_size, self.half_size])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """Centre of volume, (3,), metres: the origin, also where it is not in the body."""
+        return np.zeros(3)

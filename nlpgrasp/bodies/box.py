@@ -9,13 +9,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Face, intersection
+from nlpgrasp.bodies.base import CentredBody, Face, intersection
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 
 
 @dataclass(frozen=True)
-class Box(Body):
+class Box(CentredBody):
     """A box centred at the origin; faces ``+x``, ``-x``, ``+y``, ``-y``, ``+z``, ``-z``.
 
     Parameters
@@ -32,20 +32,9 @@ class Box(Body):
         object.__setattr__(self, "extents", tuple(number("Box.extents", v, above=0.0) for v in values))
 
     @property
-    def space(self) -> int:
-        """3."""
-        return 3
-
-    @property
-    def bounds(self) -> FloatArray:
-        """The box itself."""
-        half = np.asarray(self.extents, dtype=float) / 2.0
-        return np.stack([-half, half])
-
-    @property
-    def centroid(self) -> FloatArray:
-        """The origin."""
-        return np.zeros(3)
+    def half_size(self) -> FloatArray:
+        """Half the lengths of the bounding box, (3,), metres."""
+        return np.asarray(self.extents, dtype=float) / 2.0
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return the six faces."""

@@ -8,13 +8,13 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, Body, Face, intersection
+from nlpgrasp.bodies.base import TINY, CentredBody, Face, intersection
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 
 
 @dataclass(frozen=True)
-class Cylinder(Body):
+class Cylinder(CentredBody):
     """A solid cylinder about the z axis, centred at the origin; faces ``side``, ``top`` (+z), ``bottom``.
 
     Parameters
@@ -32,20 +32,9 @@ class Cylinder(Body):
             object.__setattr__(self, name, number(f"Cylinder.{name}", getattr(self, name), above=0.0))
 
     @property
-    def space(self) -> int:
-        """3."""
-        return 3
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Box of radius and height."""
-        corner = np.array([self.radius, self.radius, self.height / 2.0])
-        return np.stack([-corner, corner])
-
-    @property
-    def centroid(self) -> FloatArray:
-        """The origin."""
-        return np.zeros(3)
+    def half_size(self) -> FloatArray:
+        """Half the lengths of the bounding box, (3,), metres."""
+        return np.array([self.radius, self.radius, self.height / 2.0])
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return side, top and bottom."""

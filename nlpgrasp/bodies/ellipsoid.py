@@ -9,13 +9,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import TINY, Body, Face
+from nlpgrasp.bodies.base import TINY, CentredBody, Face
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 
 
 @dataclass(frozen=True)
-class Ellipsoid(Body):
+class Ellipsoid(CentredBody):
     """An ellipsoid about the origin; one face, ``surface``.
 
     Parameters
@@ -32,20 +32,9 @@ class Ellipsoid(Body):
         object.__setattr__(self, "semi_axes", tuple(number("Ellipsoid.semi_axes", v, above=0.0) for v in values))
 
     @property
-    def space(self) -> int:
-        """3."""
-        return 3
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Box of the semi-axes."""
-        a = np.asarray(self.semi_axes, dtype=float)
-        return np.stack([-a, a])
-
-    @property
-    def centroid(self) -> FloatArray:
-        """The origin."""
-        return np.zeros(3)
+    def half_size(self) -> FloatArray:
+        """Half the lengths of the bounding box, (3,), metres."""
+        return np.asarray(self.semi_axes, dtype=float)
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return the one face ``sum (p_i / a_i)^2 = 1``, scaled to metres."""

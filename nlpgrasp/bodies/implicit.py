@@ -55,11 +55,6 @@ class Implicit(Body):
         self._check_closed()
 
     @property
-    def space(self) -> int:
-        """3."""
-        return 3
-
-    @property
     def bounds(self) -> FloatArray:
         """The box as given."""
         return self._box
@@ -119,7 +114,7 @@ class PlanarImplicit(Implicit):
 
     @property
     def space(self) -> int:
-        """2."""
+        """Dimension of the plane: 2."""
         return 2
 
 

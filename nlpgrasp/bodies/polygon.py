@@ -40,7 +40,7 @@ class Polygon(Body):
 
     @property
     def space(self) -> int:
-        """2."""
+        """Dimension of the plane: 2."""
         return 2
 
     @property

@@ -49,11 +49,6 @@ class Prism(Body):
         return np.asarray(self.polygon, dtype=float)
 
     @property
-    def space(self) -> int:
-        """3."""
-        return 3
-
-    @property
     def bounds(self) -> FloatArray:
         """Box of polygon and height."""
         half = self.height / 2.0

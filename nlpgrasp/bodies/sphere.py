@@ -8,13 +8,13 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, Body, Face
+from nlpgrasp.bodies.base import TINY, CentredBody, Face
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 
 
 @dataclass(frozen=True)
-class Sphere(Body):
+class Sphere(CentredBody):
     """A sphere about the origin; one face, ``surface``.
 
     Parameters
@@ -30,19 +30,9 @@ class Sphere(Body):
         object.__setattr__(self, "radius", number("Sphere.radius", self.radius, above=0.0))
 
     @property
-    def space(self) -> int:
-        """3."""
-        return 3
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Cube of the radius."""
-        return np.array([[-self.radius] * 3, [self.radius] * 3])
-
-    @property
-    def centroid(self) -> FloatArray:
-        """The origin."""
-        return np.zeros(3)
+    def half_size(self) -> FloatArray:
+        """Half the lengths of the bounding box, (3,), metres."""
+        return np.full(3, self.radius)
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return the one face."""

@@ -9,14 +9,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Face
+from nlpgrasp.bodies.base import CentredBody, Face
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 
 
 @dataclass(frozen=True)
-class Superquadric(Body):
+class Superquadric(CentredBody):
     """``(|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1`` about the origin; one face, ``surface``.
 
     Exponents of 1 give an ellipsoid, small ones a rounded box, ``e1`` small with ``e2 = 1`` a rounded can
@@ -43,20 +43,9 @@ class Superquadric(Body):
         object.__setattr__(self, "exponents", (float(e[0]), float(e[1])))
 
     @property
-    def space(self) -> int:
-        """3."""
-        return 3
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Box of the semi-axes."""
-        a = np.asarray(self.semi_axes, dtype=float)
-        return np.stack([-a, a])
-
-    @property
-    def centroid(self) -> FloatArray:
-        """The origin."""
-        return np.zeros(3)
+    def half_size(self) -> FloatArray:
+        """Half the lengths of the bounding box, (3,), metres."""
+        return np.asarray(self.semi_axes, dtype=float)
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return the one face, as a function homogeneous of degree 1 less 1, scaled to metres."""

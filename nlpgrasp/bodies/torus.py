@@ -8,14 +8,14 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, Body, Face
+from nlpgrasp.bodies.base import TINY, CentredBody, Face
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 
 
 @dataclass(frozen=True)
-class Torus(Body):
+class Torus(CentredBody):
     """A torus about the z axis, centred at the origin; one face, ``surface``.
 
     Parameters
@@ -37,21 +37,10 @@ class Torus(Body):
             raise InputError("Torus.minor_radius", self.minor_radius, f"less than the major radius {self.major_radius}")
 
     @property
-    def space(self) -> int:
-        """3."""
-        return 3
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Box of both radii."""
+    def half_size(self) -> FloatArray:
+        """Half the lengths of the bounding box, (3,), metres."""
         outer = self.major_radius + self.minor_radius
-        corner = np.array([outer, outer, self.minor_radius])
-        return np.stack([-corner, corner])
-
-    @property
-    def centroid(self) -> FloatArray:
-        """The origin, which is in the hole."""
-        return np.zeros(3)
+        return np.array([outer, outer, self.minor_radius])
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return the one face, the distance to the tube's centre line less the minor radius, squared."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Generic, Protocol, Self, TypeVar
+from typing import ClassVar, Generic, Protocol, Self, TypeVar
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
@@ -18,6 +19,33 @@ class Stated(Protocol):
     @classmethod
     def from_dict(cls, data: Json) -> Self:
         """Return what ``to_dict`` wrote."""
+
+
+class StatedPart(ABC):
+    """A part of a problem that says in a file what it is: by its kind, and by the numbers that define it.
+
+    Attributes
+    ----------
+    kind : str
+        Name of this kind in files.
+    """
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def to_dict(self) -> Json:
+        """Return the part as JSON data: ``kind`` as ``type``, and what defines it."""
+
+    @classmethod
+    def from_dict(cls, data: Json) -> Self:
+        """Return the part that ``to_dict`` wrote: of a dataclass, by its fields.
+
+        Raises
+        ------
+        InputError
+            When the data do not say all of it.
+        """
+        return from_fields(cls, data)
 
 
 StatedKind = TypeVar("StatedKind", bound=Stated)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, Self
 
 import numpy as np
 
-from nlpgrasp.common.registry import from_fields
+from nlpgrasp.common.registry import StatedPart
 from nlpgrasp.common.rows import Clearance, Placement, Row
-from nlpgrasp.common.types import Json
 
 ROUNDING = 4.0 * float(np.finfo(float).eps)
 
 
-class PlacementConstraint(ABC):
+class PlacementConstraint(StatedPart):
     """A condition on where the contacts may be ((3.5-15), (3.5-16)).
 
     Attributes
@@ -23,8 +21,6 @@ class PlacementConstraint(ABC):
     kind : str
         Name of this kind in files.
     """
-
-    kind: ClassVar[str]
 
     @abstractmethod
     def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
@@ -41,21 +37,6 @@ class PlacementConstraint(ABC):
     def least_distance(self) -> float:
         """Return how far apart this constraint keeps any two contacts, metres."""
         return 0.0
-
-    @abstractmethod
-    def to_dict(self) -> Json:
-        """Return the constraint as JSON data: ``kind`` as ``type``, and what defines it."""
-
-    @classmethod
-    def from_dict(cls, data: Json) -> Self:
-        """Return the constraint that ``to_dict`` wrote: of a dataclass, by its fields.
-
-        Raises
-        ------
-        InputError
-            When the data do not say all of it.
-        """
-        return from_fields(cls, data)
 
 
 def is_unit(vector: Sequence[float]) -> bool:

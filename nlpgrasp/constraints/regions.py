@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, NoReturn, Self
@@ -12,37 +12,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.frozen import unchecked
-from nlpgrasp.common.registry import Registry, from_fields, incomplete, read
+from nlpgrasp.common.registry import Registry, StatedPart, incomplete, read
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import array, number
 from nlpgrasp.constraints.base import is_unit
 from nlpgrasp.errors import InputError
 
 
-class Region(ABC):
+class Region(StatedPart):
     """A part of space, closed, given by an expression that is positive inside."""
 
-    kind: ClassVar[str]
     unit: ClassVar[str] = "m"  # of ``inside``
 
     @abstractmethod
     def inside(self, p: Expression) -> Expression:
         """Return an expression of a point that is positive inside the region and negative outside."""
-
-    @abstractmethod
-    def to_dict(self) -> Json:
-        """Return the region as JSON data: ``kind`` as ``type``, and what defines it."""
-
-    @classmethod
-    def from_dict(cls, data: Json) -> Self:
-        """Return the region that ``to_dict`` wrote: of a dataclass, by its fields.
-
-        Raises
-        ------
-        InputError
-            When the data do not say all of it.
-        """
-        return from_fields(cls, data)
 
     def dimension(self) -> int | None:
         """Return the dimension of the region's points, or None when any will do."""

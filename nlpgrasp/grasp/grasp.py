@@ -8,16 +8,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import coordinate_size, wrench_dimension, wrench_transform
+from nlpgrasp.common.spatial import coordinate_size, wrench_transform
 from nlpgrasp.common.validation import FloatArray, array, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-
-UNIT_TOLERANCE = 1e-6
-ROUNDING = 1e-15
+from nlpgrasp.grasp.places import UNIT_TOLERANCE, ContactPlaces
 
 
-class Grasp:
+class Grasp(ContactPlaces):
     """k contacts on a body (Definition 2-4).
 
     Parameters
@@ -41,6 +39,10 @@ class Grasp:
         contact without a direction.
     """
 
+    _name = "Grasp"
+    _axes = 2
+    _allowed = "shape (k, 2) or (k, 3) with at least one contact"
+
     def __init__(
         self,
         points: ArrayLike,
@@ -49,37 +51,17 @@ class Grasp:
         torque_origin: ArrayLike | None = None,
         tangents: ArrayLike | None = None,
     ) -> None:
-        p = array("Grasp.points", points, (None, None))
-        k, space = p.shape
-        if space not in (2, 3) or k < 1:
-            raise InputError("Grasp.points", f"shape {p.shape}", "shape (k, 2) or (k, 3) with at least one contact")
-        n = array("Grasp.normals", normals, (k, space))
-        n = unit_normals("Grasp.normals", n)
-        models = contact_models("Grasp.contacts", contacts, k, space)
-        origin = np.zeros(space) if torque_origin is None else array("Grasp.torque_origin", torque_origin, (space,))
+        super().__init__(points, normals, contacts, torque_origin)
+        n, k, space = self.normals, len(self.contacts), self.space
         if tangents is None:
-            t = np.concatenate([m.tangents(n[i : i + 1]) for i, m in enumerate(models)])
+            t = np.concatenate([m.tangents(n[i : i + 1]) for i, m in enumerate(self.contacts)])
         else:
             t = array("Grasp.tangents", tangents, (k, space - 1, space))
         frames = np.concatenate([n[:, None, :], t], axis=1)
         error = float(np.max(np.abs(frames @ frames.transpose(0, 2, 1) - np.eye(space))))
         if error > UNIT_TOLERANCE:
             raise InputError("Grasp.tangents", f"frames off orthonormal by {error:.3g}", "orthonormal contact frames")
-        self.points = read_only(p)
-        self.normals = read_only(n)
         self.tangents = read_only(t)
-        self.contacts: tuple[ContactModel, ...] = models
-        self.torque_origin = read_only(origin)
-
-    @property
-    def space(self) -> int:
-        """2 for a planar grasp, 3 for a spatial one."""
-        return int(self.points.shape[1])
-
-    @property
-    def dimension(self) -> int:
-        """Dimension d of wrench space: 3 or 6."""
-        return wrench_dimension(self.space)
 
     @property
     def frames(self) -> FloatArray:
@@ -135,34 +117,3 @@ class Grasp:
 
     def __len__(self) -> int:
         return int(self.points.shape[0])
-
-
-def contact_models(
-    field: str, contacts: ContactModel | Sequence[ContactModel], k: int, space: int
-) -> tuple[ContactModel, ...]:
-    """Return k contact models that exist in this space, from one or k of them."""
-    try:
-        models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
-    except TypeError:
-        raise InputError(field, contacts, f"one contact model, or {k} of them") from None
-    if len(models) != k or not all(isinstance(m, ContactModel) for m in models):
-        raise InputError(field, f"{len(models)} entries", f"one contact model, or {k} of them")
-    for model in models:
-        model.components(space)
-    return models
-
-
-def unit_normals(field: str, normals: FloatArray) -> FloatArray:
-    """Return normals (..., space) normalised exactly; those that are not unit to 1e-6 are refused."""
-    length = np.linalg.norm(normals, axis=-1)
-    off = np.abs(length - 1.0)
-    if off.size and np.max(off) > UNIT_TOLERANCE:
-        where = np.unravel_index(int(np.argmax(off)), off.shape)
-        place = f"contact {where[-1]}" + (f" of grasp {where[0]}" if len(where) > 1 else "")
-        raise InputError(
-            field,
-            f"length {length[where]:.9g} at {place} (off by {length[where] - 1.0:+.3g})",
-            "unit vectors (to 1e-6)",
-        )
-    # normalising twice could change a last digit, and files must round-trip: leave what is unit to rounding
-    return np.asarray(normals / np.where(off <= ROUNDING, 1.0, length)[..., None])

@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import coordinate_size, wrench_dimension, wrench_transform
-from nlpgrasp.common.validation import FloatArray, array, read_only
+from nlpgrasp.common.spatial import coordinate_size, wrench_transform
+from nlpgrasp.common.validation import FloatArray, read_only
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.grasp import Grasp, contact_models, unit_normals
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.places import ContactPlaces
 
 
-class GraspStack:
+class GraspStack(ContactPlaces):
     """b grasps with the same k contact models; a sequence of ``Grasp``.
 
     Parameters
@@ -35,6 +35,10 @@ class GraspStack:
         On shapes that do not match, NaN, or normals that are not unit (says by how much).
     """
 
+    _name = "GraspStack"
+    _axes = 3
+    _allowed = "shape (b, k, 2) or (b, k, 3), k at least 1"
+
     def __init__(
         self,
         points: ArrayLike,
@@ -42,31 +46,9 @@ class GraspStack:
         contacts: ContactModel | Sequence[ContactModel],
         torque_origin: ArrayLike | None = None,
     ) -> None:
-        p = array("GraspStack.points", points, (None, None, None))
-        b, k, space = p.shape
-        if space not in (2, 3) or k < 1:
-            raise InputError("GraspStack.points", f"shape {p.shape}", "shape (b, k, 2) or (b, k, 3), k at least 1")
-        n = array("GraspStack.normals", normals, (b, k, space))
-        models = contact_models("GraspStack.contacts", contacts, k, space)
-        origin = (
-            np.zeros(space) if torque_origin is None else array("GraspStack.torque_origin", torque_origin, (space,))
-        )
-        self.points = read_only(p)
-        self.normals = read_only(unit_normals("GraspStack.normals", n))
-        self.contacts: tuple[ContactModel, ...] = models
-        self.torque_origin = read_only(origin)
-        tangents = [m.tangents(self.normals[:, i]) for i, m in enumerate(models)]
+        super().__init__(points, normals, contacts, torque_origin)
+        tangents = [m.tangents(self.normals[:, i]) for i, m in enumerate(self.contacts)]
         self.tangents = read_only(np.stack(tangents, axis=1))  # (b, k, space - 1, space), unit rows
-
-    @property
-    def space(self) -> int:
-        """2 for planar grasps, 3 for spatial ones."""
-        return int(self.points.shape[2])
-
-    @property
-    def dimension(self) -> int:
-        """Dimension d of wrench space: 3 or 6."""
-        return wrench_dimension(self.space)
 
     @cached_property
     def G(self) -> FloatArray:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar, Self
 
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.registry import from_fields
+from nlpgrasp.common.registry import StatedPart
 from nlpgrasp.common.rows import LinkSphere, PalmPose, Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
@@ -38,7 +37,7 @@ class HandVariable:
     scale: float = 1.0
 
 
-class Hand(ABC):
+class Hand(StatedPart):
     """A hand: what it can reach, with one fingertip a contact, in the order of the contacts.
 
     A hand either follows its contacts (``start``), or has a pose of its own from which a search begins: then it is
@@ -54,7 +53,6 @@ class Hand(ABC):
         By joint, newton-metres (newtons for sliding joints).
     """
 
-    kind: ClassVar[str]
     count: int
     torque_limits: Mapping[str, float] = MappingProxyType({})
 
@@ -108,18 +106,3 @@ class Hand(ABC):
     def describe(self, values: Values) -> Json:
         """Return values of the variables as the JSON data of a solution."""
         return {name: np.asarray(v).tolist() for name, v in values.items()}
-
-    @abstractmethod
-    def to_dict(self) -> Json:
-        """Return the hand as JSON data: ``kind`` as ``type``, and what defines it."""
-
-    @classmethod
-    def from_dict(cls, data: Json) -> Self:
-        """Return the hand that ``to_dict`` wrote: of a dataclass, by its fields.
-
-        Raises
-        ------
-        InputError
-            When the data do not say all of it.
-        """
-        return from_fields(cls, data)

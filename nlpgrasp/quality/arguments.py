@@ -2,10 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import update_wrapper
+from typing import Concatenate, ParamSpec, Protocol, overload
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.tasks import Task
+
+P = ParamSpec("P")
+
+
+class OverStacks(Protocol[P]):
+    """A measure of one grasp, a number, or of each grasp of a stack, an array."""
+
+    @overload
+    def __call__(self, grasp: Grasp, *args: P.args, **kwargs: P.kwargs) -> float: ...
+    @overload
+    def __call__(self, grasp: GraspStack, *args: P.args, **kwargs: P.kwargs) -> FloatArray: ...
+
+
+def over_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> OverStacks[P]:
+    """Return a measure of one grasp that takes stacks too, one grasp after another."""
+
+    @overload
+    def measured(grasp: Grasp, *args: P.args, **kwargs: P.kwargs) -> float: ...
+    @overload
+    def measured(grasp: GraspStack, *args: P.args, **kwargs: P.kwargs) -> FloatArray: ...
+    def measured(grasp: Grasp | GraspStack, *args: P.args, **kwargs: P.kwargs) -> float | FloatArray:
+        if isinstance(grasp, GraspStack):
+            return np.array([measure(one, *args, **kwargs) for one in grasp])
+        return measure(grasp, *args, **kwargs)
+
+    update_wrapper(measured, measure)
+    return measured
 
 
 def require_grasp(value: object, *, stack: bool = False) -> None:

@@ -94,11 +94,6 @@ class Mesh(Body):
         return body
 
     @property
-    def space(self) -> int:
-        """3."""
-        return 3
-
-    @property
     def bounds(self) -> FloatArray:
         """Bounding box of the mesh."""
         return np.asarray(self.mesh.bounds, dtype=float)

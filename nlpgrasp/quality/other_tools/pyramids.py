@@ -7,7 +7,6 @@ pyramids' wrenches do not span wrench space, which is what several tools miss.
 from __future__ import annotations
 
 from itertools import product
-from typing import overload
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -16,8 +15,7 @@ from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.contacts.product import ranges
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.quality.arguments import require_grasp
+from nlpgrasp.quality.arguments import over_stacks, require_grasp
 from nlpgrasp.quality.certificate.rank import wrench_rank
 from nlpgrasp.quality.certificate.units import over_length
 
@@ -63,7 +61,7 @@ def pyramid_wrenches(
     return result
 
 
-@overload
+@over_stacks
 def ferrari_canny(
     grasp: Grasp,
     edges: int = 8,
@@ -72,48 +70,37 @@ def ferrari_canny(
     force_budget: str = "shared",
     unit_edges: bool = False,
     first_edge: float = 0.0,
-) -> float: ...
-@overload
-def ferrari_canny(
-    grasp: GraspStack,
-    edges: int = 8,
-    torque_scale: float = 1.0,
-    *,
-    force_budget: str = "shared",
-    unit_edges: bool = False,
-    first_edge: float = 0.0,
-) -> FloatArray: ...
-def ferrari_canny(
-    grasp: Grasp | GraspStack,
-    edges: int = 8,
-    torque_scale: float = 1.0,
-    *,
-    force_budget: str = "shared",
-    unit_edges: bool = False,
-    first_edge: float = 0.0,
-) -> float | FloatArray:
+) -> float:
     """Return Ferrari and Canny's epsilon from friction pyramids (1992, doi:10.1109/ROBOT.1992.219918).
 
     The radius of the largest ball about the origin inside the hull of the edges' wrenches (``"shared"``, L1) or of all
     their sums over contacts (``"per_finger"``, L-infinity). An inner approximation: the value of the cones
     themselves is ``delta(grasp, torque_scale, force_budget=...)``, certified and faster.
 
+    Parameters
+    ----------
+    grasp : Grasp or GraspStack
+    edges, torque_scale, unit_edges, first_edge
+        As for ``pyramid_wrenches``.
+    force_budget : {"shared", "per_finger"}
+        What the finger forces have in common.
+
     Returns
     -------
-    float
-        0 when the origin is not inside, or the wrenches do not span wrench space.
+    float, or (b,) array for a stack
+        In newtons of wrench per unit of finger force; 0 when the origin is not inside, or the wrenches do not span
+        wrench space.
 
     Raises
     ------
     NlpgraspError
         When the hull cannot be built: a failure is never a score.
     """
-    hulls = _pyramid_hulls(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
-    values = [0.0 if hull is None else max(0.0, float(np.min(-hull.equations[:, -1]))) for hull in hulls]
-    return np.array(values) if isinstance(grasp, GraspStack) else values[0]
+    hull = _pyramid_hull(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
+    return 0.0 if hull is None else max(0.0, float(np.min(-hull.equations[:, -1])))
 
 
-@overload
+@over_stacks
 def pyramid_volume(
     grasp: Grasp,
     edges: int = 8,
@@ -122,46 +109,18 @@ def pyramid_volume(
     force_budget: str = "shared",
     unit_edges: bool = False,
     first_edge: float = 0.0,
-) -> float: ...
-@overload
-def pyramid_volume(
-    grasp: GraspStack,
-    edges: int = 8,
-    torque_scale: float = 1.0,
-    *,
-    force_budget: str = "shared",
-    unit_edges: bool = False,
-    first_edge: float = 0.0,
-) -> FloatArray: ...
-def pyramid_volume(
-    grasp: Grasp | GraspStack,
-    edges: int = 8,
-    torque_scale: float = 1.0,
-    *,
-    force_budget: str = "shared",
-    unit_edges: bool = False,
-    first_edge: float = 0.0,
-) -> float | FloatArray:
+) -> float:
     """Return the volume of the hull of ``ferrari_canny`` (Miller and Allen 1999, doi:10.1109/ROBOT.1999.772531).
 
-    A grasp that is not force-closed has a volume too; 0 only where the wrenches do not span wrench space.
+    Parameters are those of ``ferrari_canny``.
+
+    Returns
+    -------
+    float, or (b,) array for a stack
+        A grasp that is not force-closed has a volume too; 0 only where the wrenches do not span wrench space.
     """
-    hulls = _pyramid_hulls(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
-    values = [0.0 if hull is None else float(hull.volume) for hull in hulls]
-    return np.array(values) if isinstance(grasp, GraspStack) else values[0]
-
-
-def _pyramid_hulls(
-    grasp: Grasp | GraspStack,
-    edges: int,
-    torque_scale: float,
-    force_budget: str,
-    unit_edges: bool,
-    first_edge: float,
-) -> list[ConvexHull | None]:
-    """Return the hull of ``_pyramid_hull`` for a grasp, or for each of a stack."""
-    grasps = grasp if isinstance(grasp, GraspStack) else [grasp]
-    return [_pyramid_hull(g, edges, torque_scale, force_budget, unit_edges, first_edge) for g in grasps]
+    hull = _pyramid_hull(grasp, edges, torque_scale, force_budget, unit_edges, first_edge)
+    return 0.0 if hull is None else float(hull.volume)
 
 
 def _pyramid_hull(
