@@ -108,8 +108,8 @@ def fine_manipulation(
     goal : GraspProblem
         The same body and contacts, without them.
     hold : TaskEllipsoid, optional
-        What the other fingers resist while one moves. When left out: a unit weight, down along the last axis, with a
-        tenth of it in any direction; the quality is then the force it takes, as mu-tilde.
+        What the other fingers exert on the body while one moves, body frame, N and N m. When left out they carry a
+        unit weight: 1 N up along the body frame's last axis, with a tenth of it in any direction.
     starts, seed, options
         As in ``solve``.
 
@@ -133,8 +133,8 @@ def fine_manipulation(
         )
     space, d = pick.body.space, pick.dimension
     if hold is None:
-        weight = np.where(np.arange(d) == space - 1, -1.0, 0.0)
-        hold = TaskEllipsoid(np.where(np.arange(d) < space, UNEVEN, 0.0), center=weight)
+        carried = np.where(np.arange(d) == space - 1, 1.0, 0.0)  # up: what the fingers exert against a weight
+        hold = TaskEllipsoid(np.where(np.arange(d) < space, UNEVEN, 0.0), center=carried)
     if not isinstance(hold, TaskEllipsoid) or hold.dimension != d:
         raise InputError("hold", hold, f"a TaskEllipsoid of dimension {d}")
     first, second = (solve(problem, starts, seed, options) for problem in (pick, goal))

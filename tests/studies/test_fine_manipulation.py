@@ -46,7 +46,7 @@ def test_every_finger_moves_once_along_the_body(found, names):
 def test_what_holds_meanwhile_is_certified(found, names):
     """The first move again, from the pick-up grasp alone."""
     move = found.moves[0]
-    hold = ng.TaskEllipsoid([0.1, 0.1, 0.1, 0.0, 0.0, 0.0], center=[0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+    hold = ng.TaskEllipsoid([0.1, 0.1, 0.1, 0.0, 0.0, 0.0], center=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     grasp = found.pick.grasp
     keep = [i for i in range(5) if i != move.finger]
     others = ng.Grasp(grasp.points[keep], grasp.normals[keep], ng.FrictionContact(0.5), grasp.torque_origin)
@@ -56,6 +56,32 @@ def test_what_holds_meanwhile_is_certified(found, names):
     else:
         assert move.held.lower <= bounds.upper
         assert bounds.lower <= move.held.upper
+
+
+def carried_from_below(space, half_width):
+    """Return a body with four fingers on its underside, which may not leave the middle of it."""
+    if space == 2:
+        body, below = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]]), "edge0"
+    else:
+        body, below = ng.Box([2.0, 2.0, 2.0]), "-z"
+    d, corner = (3, [half_width, 1.1]) if space == 2 else (6, [half_width, half_width, 1.1])
+    task = ng.TaskEllipsoid([0.1] * d, center=np.eye(d)[space - 1])
+    middle = ng.Workspace(ng.BoxRegion(-np.array(corner), corner))
+    return ng.GraspProblem(body, [ng.FrictionContact(0.5, faces=below)] * 4, task, constraints=[middle])
+
+
+@pytest.mark.parametrize("space", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_fingers_below_a_body_carry_it(space):
+    """Four normal forces of 1 / 2 carry 2 N; a tenth of the weight in any direction leaves at most 2 / 1.1 of it."""
+    nothing_else = {"shadow_prices": False, "robust_offset": 0.0, "robust_friction": 0.0}
+    options = ng.SolveOptions(rtol=0.05, final_rtol=0.05, exchange_rounds=5, candidates=8, **nothing_else)
+    pick, goal = (carried_from_below(space, half_width) for half_width in (0.5, 0.8))
+    found = ng.fine_manipulation(pick, goal, starts=1, options=options)
+    assert found.success
+    assert len(found.moves) == 4
+    for move in found.moves:
+        assert move.held.lower > 1.6
+        assert move.held.upper < 2.0 / 1.1 + 1e-6
 
 
 def test_other_bodies_and_contacts_are_refused(names):
