@@ -11,7 +11,7 @@ from nlpgrasp.quality.bounds import Bounds
 
 BROKEN = (
     *(KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError),
-    *(MemoryError, InputError, OSError, ParseError),
+    *(MemoryError, RuntimeError, InputError, OSError, ParseError),
 )
 """What comes of parts of a file that make no sense."""
 

@@ -7,14 +7,19 @@ contacts, constraints and hand are recomputed from the problem by formulas of th
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import numpy as np
+
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, Verification, guarded
+from nlpgrasp.verify.check import BROKEN, Check, Verification, guarded, no_sense
 from nlpgrasp.verify.claims.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
-from nlpgrasp.verify.claims.quality import OTHER_SEED, interval, other_measures, overlap, robustness
+from nlpgrasp.verify.claims.outcome import outcome_checks
+from nlpgrasp.verify.claims.quality import OTHER_SEED, interval, other_measures, overlap, robustness, widths
 from nlpgrasp.verify.recomputed import recomputed
 from nlpgrasp.verify.sources import Sources
 
@@ -35,8 +40,9 @@ def verify(
     Returns
     -------
     Verification
-        Fails when there is no grasp, when stated and recomputed intervals do not overlap, when the stated
-        interval is empty, when a stated direction contradicts the stated lower bound, or when stated forces
+        Fails when there is no grasp, or one that status and starts speak against; when stated and recomputed intervals
+        do not overlap, when the stated interval is empty or wider than its own certificate leaves it, when a stated
+        direction contradicts the stated bounds, or when stated forces
         do not produce their wrench from inside the cones and the force budget, or are for wrenches that the task does
         not ask for, or, in the file of a solve, for none at all; when contacts are off their faces or
         have other normals; when a row of the constraints or the hand is missing, has another limit than the problem
@@ -51,22 +57,34 @@ def verify(
     file = None if isinstance(solution, GraspSolution) else Path(solution)
     if not isinstance(solution, GraspSolution):
         solution = GraspSolution.load(solution)
+    told = guarded("outcome", lambda: outcome_checks(solution))
     grasp = solution.grasp
     if grasp is None:
-        return Verification((Check("grasp", False, f"the file holds no grasp ({solution.status.name.lower()})"),), None)
+        status = solution.status.name.lower()
+        return Verification((Check("grasp", False, f"the file holds no grasp ({status})"), *told), None)
+    with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
+        found, checks = _quality(solution, grasp, rtol)
+        checks += recomputed(solution, grasp, Sources.beside(file, folders))
+    return Verification((*checks, *told), found)
+
+
+def _quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds | None, list[Check]]:
+    """Return the quality computed anew and the checks of what is claimed of it, each by itself."""
     task, budget = solution.task, solution.budget
-    found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
-    force_set = budget.at(grasp.frames, grasp.contacts)
-    checks = [
-        grasp_map_check(grasp),
-        interval(solution.mu),
-        overlap("certified quality", solution.mu, found),
-        *direction_checks(solution, grasp, task, force_set),
-        *force_checks(solution, grasp, force_set),
-        *guarded("wrenches", lambda: wrench_checks(solution, grasp, task)),
-        *other_measures(solution, grasp, budget, rtol),
-        *guarded("robustness", lambda: robustness(solution, grasp, task, budget, rtol)),
-        *guarded("contact models", lambda: model_checks(solution, grasp, task)),
-        *recomputed(solution, grasp, Sources.beside(file, folders)),
-    ]
-    return Verification(tuple(checks), found)
+    try:
+        found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
+        force_set = budget.at(grasp.frames, grasp.contacts)
+    except BROKEN as error:
+        return None, [Check("certified quality", False, no_sense(error))]
+    parts: dict[str, Callable[[], list[Check]]] = {
+        "grasp map": lambda: [grasp_map_check(grasp)],
+        "certified quality": lambda: [interval(solution.mu), overlap("certified quality", solution.mu, found)],
+        "width": lambda: widths(solution, found),
+        "worst direction": lambda: direction_checks(solution, grasp, task, force_set),
+        "forces": lambda: force_checks(solution, grasp, force_set),
+        "wrenches": lambda: wrench_checks(solution, grasp, task),
+        "delta and nu": lambda: other_measures(solution, grasp, budget, rtol),
+        "robustness": lambda: robustness(solution, grasp, task, budget, rtol),
+        "contact models": lambda: model_checks(solution, grasp, task),
+    }
+    return found, [check for name, checks in parts.items() for check in guarded(name, checks)]

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tests.verify.stated import recomputed_file
+import nlpgrasp as ng
+from tests.verify.stated import edited, recomputed_file
 
 
 def put(path, value):
@@ -70,6 +71,15 @@ def together(*changes):
             one(data)
 
     return change
+
+
+def verified(data, change):
+    """Return what is said of a whole file after a change."""
+    return ng.verify(ng.GraspSolution.from_dict(edited(data, change), "f.json"), rtol=0.05)
+
+
+def failed(verification):
+    return [check.name for check in verification.checks if not check.passed]
 
 
 def failures(data, *folders):

@@ -67,3 +67,23 @@ def fingers():
     constraints = [ng.Table(-0.5), ng.Approach([0.0, 0.0, 1.0], np.pi)]
     problem = problem_of(ng.Sphere(radius), 3, hand=hand, constraints=constraints)
     return stated_file(problem, ["surface"] * 3, radius * outward, -outward, values)
+
+
+QUICK = ng.SolveOptions(workers=1, exchange=False, rtol=0.05, final_rtol=0.02)
+
+
+@cache
+def solved():
+    """What a solve in space found; the only one that takes a solve is this and ``planar``."""
+    problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))
+    return ng.solve(problem, starts=1, options=QUICK).to_dict()
+
+
+@cache
+def planar():
+    """What a solve in the plane found."""
+    body = ng.Polygon([[-0.04, -0.02], [0.04, -0.02], [0.04, 0.02], [-0.04, 0.02]])
+    constraints, hand = [ng.Table(-0.03)], ng.Fingertips(3, 0.004, spread=0.2)
+    task = ng.TaskEllipsoid([1.0, 1.0, 0.02])
+    problem = ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 3, task, constraints=constraints, hand=hand)
+    return ng.solve(problem, starts=2, options=QUICK).to_dict()

@@ -1,4 +1,3 @@
-import copy
 import json
 from dataclasses import replace
 
@@ -7,23 +6,13 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.verify.claims.evidence import wrench_checks
+from tests.verify import honest
+from tests.verify.edits import failed, verified
 
 
 @pytest.fixture(scope="module")
 def data():
-    problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))
-    options = ng.SolveOptions(workers=1, exchange=False, rtol=0.05, final_rtol=0.02)
-    return ng.solve(problem, starts=1, options=options).to_dict()
-
-
-def verified(data, change):
-    changed = copy.deepcopy(data)
-    change(changed)
-    return ng.verify(ng.GraspSolution.from_dict(json.loads(json.dumps(changed)), "f.json"), rtol=0.05)
-
-
-def failed(verification):
-    return [check.name for check in verification.checks if not check.passed]
+    return honest.solved()
 
 
 def test_an_honest_file_is_verified(data):

@@ -13,6 +13,7 @@ from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 from nlpgrasp.verify.check import Check
 
 FORCE_TOLERANCE = 1e-6
+PROVEN = 1e-5  # relative: what rounding and guards add to the ratio that is the upper bound
 DIRECTIONS = 500  # in which a wrench is compared with what a task asks for
 
 
@@ -45,7 +46,10 @@ def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Chec
 
 
 def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
-    """Evaluate the stated worst direction by hand: its ratio is an upper bound on mu, so never below lower."""
+    """Evaluate the stated worst direction by hand: its ratio is an upper bound on mu, and the one that is stated.
+
+    The stated bound may be less, as another direction of the same solve may have given it, and never more.
+    """
     y = solution.mu.worst_direction
     if y is None:
         return []
@@ -57,14 +61,9 @@ def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_se
     z = (grasp.G.T @ y)[None, :]
     work, force = force_set.support(z)
     ratio = float(max(work[0], force[0] @ z[0])) / reach
-    good = solution.mu.lower <= ratio * (1.0 + 1e-6) + 1e-12
-    return [
-        Check(
-            "worst direction",
-            good,
-            f"support ratio {ratio:.6g} against the stated lower {solution.mu.lower:.6g}",
-        )
-    ]
+    least, most = solution.mu.lower, solution.mu.upper
+    good = least <= ratio * (1.0 + 1e-6) + 1e-12 and most <= max(ratio, 0.0) * (1.0 + PROVEN) + 1e-12
+    return [Check("worst direction", good, f"support ratio {ratio:.6g}, stated from {least:.6g} to {most:.6g}")]
 
 
 def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> list[Check]:

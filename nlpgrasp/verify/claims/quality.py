@@ -5,15 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.validation import number
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import delta, mu
 from nlpgrasp.quality.volume import nu
+from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check
 
 OTHER_SEED = 7919
+WIDER = 2.0  # times what is recomputed: a certificate stops early where the arithmetic allows no better
+MUCH_WIDER = 100.0
+SMALL = 1e-9  # of unit force: upper bounds below are as good as zero
+ANY_GAP = 1.0  # relative, where the file does not say how narrow its certificate was to be
+ERROR_BAR = 0.1  # of nu: solves state less
 OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not along its tangent
 
 
@@ -29,17 +36,39 @@ def overlap(name: str, stated: Bounds, found: Bounds) -> Check:
     return Check(name, good, f"stated {stated}, recomputed {found}")
 
 
+def width(name: str, stated: Bounds, found: Bounds, rtol: float) -> Check:
+    """Check that a stated interval is no wider than a certificate of this relative gap leaves it.
+
+    Both are certified: the true value is at least ``found.lower``, and a certificate's upper bound is close to it,
+    where the lower bound came off zero.
+    """
+    least = found.lower / (WIDER * (1.0 + rtol))
+    most = (WIDER if found.lower > 0.0 else MUCH_WIDER) * found.upper + SMALL
+    good = bool(stated.lower >= least and stated.upper <= most)
+    return Check(name, good, f"stated {stated}, a gap of {rtol:g} allows from {least:.5g} to {most:.5g}")
+
+
+def widths(solution: GraspSolution, found: Bounds) -> list[Check]:
+    """Check the width of the stated interval; that of a solve that was cut short may have any lower bound."""
+    gap = solution.solver.get("options", {}).get("final_rtol", ANY_GAP)
+    asked = number("final_rtol", gap, above=0.0) if solution.status is Status.SOLVED else np.inf
+    return [width("width", solution.mu, found, asked)]
+
+
 def other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
     """Compute delta and nu anew, at the stated torque scale."""
     checks = []
     if solution.delta is not None:
         found = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
-        checks.append(overlap("delta", solution.delta, found))
+        near = width("", solution.delta, found, ANY_GAP).passed
+        both = overlap("delta", solution.delta, found)
+        checks.append(Check("delta", both.passed and near, both.detail))
     if solution.nu is not None:
         volume = nu(grasp, solution.nu.torque_scale or 1.0, 0.05, force_budget=budget, seed=OTHER_SEED)
-        near = abs(volume.value - solution.nu.value) <= 2.0 * (volume.error + solution.nu.error)
-        both = overlap("nu", solution.nu, volume)
-        checks.append(Check("nu", both.passed and near, f"stated {solution.nu}, recomputed {volume}"))
+        error = min(solution.nu.error, ERROR_BAR * abs(volume.value))
+        near = abs(volume.value - solution.nu.value) <= 2.0 * (volume.error + error)
+        good = near and solution.nu.value in solution.nu and overlap("nu", solution.nu, volume).passed
+        checks.append(Check("nu", good, f"stated {solution.nu}, recomputed {volume}"))
     return checks
 
 
@@ -52,6 +81,7 @@ def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceB
     there = Grasp(stated.points, stated.normals, models, grasp.torque_origin)
     found = mu(there, task, rtol, force_budget=budget, seed=OTHER_SEED)
     off = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
-    good = overlap("", stated.mu, found).passed and off <= OFF_BY * stated.offset + 1e-9
+    good = overlap("", stated.mu, found).passed and width("", stated.mu, found, ANY_GAP).passed
+    good = good and off <= OFF_BY * stated.offset + 1e-9 and stated.mu.lower <= solution.mu.upper
     text = f"stated {stated.mu}, recomputed {found}; contacts at most {1e3 * off:.3g} mm off"
     return [Check("robustness", good, text)]

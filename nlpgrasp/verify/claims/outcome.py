@@ -1,0 +1,61 @@
+"""Whether how a solve ended, as a file tells it, goes with the grasp in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.check import Check
+
+WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
+SAME = 1e-9  # relative
+
+
+def outcome_checks(solution: GraspSolution) -> list[Check]:
+    """Return whether status, starts and the start that won say the same as grasp and quality."""
+    wrong = [*_status(solution), *_winner(solution)]
+    told = f"{solution.status.name.lower()}, {len(solution.starts)} starts"
+    return [Check("outcome", not wrong, "; ".join(wrong) if wrong else told)]
+
+
+def _status(solution: GraspSolution) -> Iterator[str]:
+    status = solution.status.name.lower()
+    if solution.grasp is None:
+        if solution.status is Status.SOLVED:
+            yield "solved, and no grasp"
+        if solution.best_start is not None:
+            yield f"no grasp, and start {solution.best_start} found it"
+        return
+    if solution.status in WITHOUT_GRASP or (solution.status is Status.NO_GRASP and solution.mu.lower > 0.0):
+        yield f"{status}, and a grasp with mu in {solution.mu}"
+    elif solution.status is Status.SOLVED and not solution.mu.lower > 0.0:
+        yield f"{status}, and no certified quality above zero"
+    if solution.why_not is not None:
+        yield "a grasp, and why there is none"
+
+
+def _winner(solution: GraspSolution) -> Iterator[str]:
+    """Yield what the winning start says that is not so.
+
+    The answer's certificate is made anew and keeps the better ends of both; without a search for robustness no other
+    start is better for certain.
+    """
+    indices = [start.index for start in solution.starts]
+    if len(set(indices)) < len(indices):
+        yield "two starts of one index"
+    best = None if solution.grasp is None or solution.best_start is None else solution.winner
+    if best is None:
+        return
+    name = f"start {best.index}"
+    if best.status is not Status.SOLVED:
+        yield f"{name} won and ended {best.status.name.lower()}"
+    if best.faces != solution.faces:
+        yield f"{name} won on other faces"
+    low, high = solution.mu.lower * (1.0 + SAME), solution.mu.upper * (1.0 - SAME)
+    if best.mu.lower > low or best.mu.upper < high:
+        yield f"{name} won with mu in {best.mu}, stated {solution.mu}"
+    if not solution.solver.get("options", {}).get("maximise_robust", False):
+        better = [s.index for s in solution.starts if s.status is Status.SOLVED and s.mu.lower > best.mu.upper]
+        if better:
+            yield f"start {better[0]} is better than start {best.index}, which won"
