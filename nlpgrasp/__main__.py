@@ -1,4 +1,4 @@
-"""``python -m nlpgrasp``."""
+"""The command line as ``python -m nlpgrasp``."""
 
 from nlpgrasp.cli.main import main
 

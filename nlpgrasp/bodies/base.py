@@ -65,16 +65,16 @@ class Body(StatedPart):
 
     @abstractmethod
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the faces; called once."""
+        """Return the faces that bound the body; called once."""
 
     @cached_property
     def faces(self) -> tuple[Face, ...]:
-        """The body's faces."""
+        """The faces that bound the body."""
         return self.make_faces()
 
     @property
     def face_names(self) -> tuple[str, ...]:
-        """Names of the faces, in order."""
+        """Names of the body's faces, in order."""
         return tuple(face.name for face in self.faces)
 
     @property
@@ -84,7 +84,7 @@ class Body(StatedPart):
 
     @property
     def symbol(self) -> type[ca.SX] | type[ca.MX]:
-        """The CasADi type the surface is stated in: ``casadi.SX``, or ``casadi.MX`` for splines."""
+        """CasADi type that the surface is stated in: ``casadi.SX``, or ``casadi.MX`` for splines."""
         return ca.SX
 
     def point(self) -> Expression:
@@ -104,12 +104,12 @@ class Body(StatedPart):
 
     @cached_property
     def distance_function(self) -> ca.Function:
-        """The compiled ``distance``."""
+        """``distance`` compiled: a ``casadi.Function`` from a point (space,) to metres."""
         p = self.point()
         return ca.Function("distance", [p], [self.distance(p)], ["p"], ["d"])
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, space) to the body, metres, negative inside, as ``distance``."""
+        """Return the signed distance of points (m, space) to the body, (m,), metres, negative inside."""
         return np.asarray(self.distance_function.map(len(points))(points.T).full()).ravel()
 
     def select(self, names: Iterable[str] | None, field: str) -> tuple[str, ...]:
@@ -151,7 +151,7 @@ class Body(StatedPart):
         return h[0], slope[0], normal.T, largest
 
     def snap(self, name: str, points: FloatArray, iterations: int = 12) -> FloatArray:
-        """Return points moved along the normals onto ``h = 0`` by Newton steps, kept near the box."""
+        """Return points (m, space) moved along the normals onto ``h = 0`` by Newton steps, near the box, (m, space)."""
         lower, upper = self.bounds
         margin = 0.05 * self.size
         p = np.array(points, dtype=float)

@@ -1,4 +1,4 @@
-"""Box body."""
+"""A box: six flat faces."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class Box(CentredBody):
         return tuple(_side(axis, sign, half) for axis in range(3) for sign in (1.0, -1.0))
 
     def distance(self, p: Expression) -> Expression:
-        """Return the exact signed distance."""
+        """Return the exact signed distance of a CasADi point, metres, negative inside."""
         half = np.asarray(self.extents, dtype=float) / 2.0
         return intersection([ca.fabs(p[i]) - half[i] for i in range(3)])
 
     def to_dict(self) -> Json:
-        """Return the extents."""
+        """Return the extents as JSON data."""
         return {"type": self.kind, "extents": list(np.asarray(self.extents, dtype=float))}
 
 

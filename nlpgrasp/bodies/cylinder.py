@@ -1,4 +1,4 @@
-"""Cylinder body."""
+"""A cylinder: a round side and two flat ends."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Cylinder(CentredBody):
         return np.array([self.radius, self.radius, self.height / 2.0])
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return side, top and bottom."""
+        """Return the side, the top and the bottom."""
         half, radius = self.height / 2.0, self.radius
 
         def round_part(p: Expression) -> Expression:
@@ -50,10 +50,10 @@ class Cylinder(CentredBody):
         )
 
     def distance(self, p: Expression) -> Expression:
-        """Return the exact signed distance."""
+        """Return the exact signed distance of a CasADi point, metres, negative inside."""
         around = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.radius
         return intersection([around, ca.fabs(p[2]) - self.height / 2.0])
 
     def to_dict(self) -> Json:
-        """Return radius and height."""
+        """Return radius and height as JSON data."""
         return {"type": self.kind, "radius": self.radius, "height": self.height}

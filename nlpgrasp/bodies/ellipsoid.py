@@ -1,4 +1,4 @@
-"""Ellipsoid body."""
+"""An ellipsoid along the axes."""
 
 from __future__ import annotations
 
@@ -49,5 +49,5 @@ class Ellipsoid(CentredBody):
         return (gauge - 1.0) * gauge / ca.sqrt(ca.sumsqr(p / axes**2) + TINY)
 
     def to_dict(self) -> Json:
-        """Return the semi-axes."""
+        """Return the semi-axes as JSON data."""
         return {"type": self.kind, "semi_axes": list(np.asarray(self.semi_axes, dtype=float))}

@@ -56,16 +56,16 @@ class Implicit(Body):
 
     @property
     def bounds(self) -> FloatArray:
-        """The box as given."""
+        """The box as it was given, (2, 3), or (2, 2) in the plane, metres."""
         return self._box
 
     @cached_property
     def centroid(self) -> FloatArray:
-        """Centre of the grid points with ``h <= 0`` (60 a side)."""
+        """Centre of the grid points with ``h <= 0`` (60 a side), (space,), metres."""
         return _grid_centroid(self)
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the one face."""
+        """Return the one face ``h = 0``."""
         return (Face("surface", self.h),)
 
     def to_dict(self) -> Json:
@@ -114,7 +114,7 @@ class PlanarImplicit(Implicit):
 
     @property
     def space(self) -> int:
-        """Dimension of the plane: 2."""
+        """Dimension of the plane that the body is in: 2."""
         return 2
 
 

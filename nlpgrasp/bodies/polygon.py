@@ -1,4 +1,4 @@
-"""Planar polygon body, and the checks a polygon shares with a prism."""
+"""A planar body with straight edges, and the checks that a polygon shares with a prism."""
 
 from __future__ import annotations
 
@@ -35,34 +35,34 @@ class Polygon(Body):
 
     @property
     def corners(self) -> FloatArray:
-        """Vertices as an array, (m, 2), counter-clockwise."""
+        """Vertices of the polygon, (m, 2), counter-clockwise, metres."""
         return np.asarray(self.vertices, dtype=float)
 
     @property
     def space(self) -> int:
-        """Dimension of the plane: 2."""
+        """Dimension of the plane that the body is in: 2."""
         return 2
 
     @property
     def bounds(self) -> FloatArray:
-        """Box of the vertices."""
+        """Bounding box of the vertices, (2, 2): lower corner, upper corner, metres."""
         return np.stack([self.corners.min(axis=0), self.corners.max(axis=0)])
 
     @property
     def centroid(self) -> FloatArray:
-        """Centre of area."""
+        """Centre of the polygon's area, (2,), metres."""
         return polygon_centroid(self.corners)
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return one face an edge."""
+        """Return one face for each edge."""
         return tuple(edge_face(f"edge{i}", self.corners, i) for i in range(len(self.corners)))
 
     def distance(self, p: Expression) -> Expression:
-        """Return the exact signed distance."""
+        """Return the exact signed distance of a CasADi point, metres, negative inside."""
         return polygon_distance(self.corners, p)
 
     def to_dict(self) -> Json:
-        """Return the vertices."""
+        """Return the vertices as JSON data."""
         return {"type": self.kind, "vertices": self.corners.tolist()}
 
 

@@ -1,4 +1,4 @@
-"""Prism body: a polygon extruded along z."""
+"""A prism: a polygon extruded along z."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ class Prism(Body):
 
     @property
     def corners(self) -> FloatArray:
-        """Vertices of the polygon, (m, 2), counter-clockwise."""
+        """Vertices of the polygon, (m, 2), counter-clockwise, metres."""
         return np.asarray(self.polygon, dtype=float)
 
     @property
     def bounds(self) -> FloatArray:
-        """Box of polygon and height."""
+        """Bounding box of polygon and height, (2, 3): lower corner, upper corner, metres."""
         half = self.height / 2.0
         lower, upper = self.corners.min(axis=0), self.corners.max(axis=0)
         return np.stack([np.append(lower, -half), np.append(upper, half)])
 
     @property
     def centroid(self) -> FloatArray:
-        """Centre of volume."""
+        """Centre of the prism's volume, (3,), metres."""
         return np.append(polygon_centroid(self.corners), 0.0)
 
     def make_faces(self) -> tuple[Face, ...]:
@@ -73,9 +73,9 @@ class Prism(Body):
         return (*sides, top, Face("bottom", lambda p: -p[2] - half, inside))
 
     def distance(self, p: Expression) -> Expression:
-        """Return the exact signed distance."""
+        """Return the exact signed distance of a CasADi point, metres, negative inside."""
         return intersection([polygon_distance(self.corners, p), ca.fabs(p[2]) - self.height / 2.0])
 
     def to_dict(self) -> Json:
-        """Return polygon and height."""
+        """Return polygon and height as JSON data."""
         return {"type": self.kind, "polygon": self.corners.tolist(), "height": self.height}

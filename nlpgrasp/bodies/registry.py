@@ -27,7 +27,8 @@ def register(body: type[Kind]) -> type[Kind]:
     Parameters
     ----------
     body : subclass of Body
-        With ``kind``, the name that its ``to_dict`` gives as ``type``; what is no dataclass also with ``from_dict``.
+        With ``kind``, the name that its ``to_dict`` gives as ``type``. A class that is not a dataclass needs
+        ``from_dict`` as well.
 
     Raises
     ------

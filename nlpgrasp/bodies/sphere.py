@@ -1,4 +1,4 @@
-"""Sphere body."""
+"""A sphere about the origin."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class Sphere(CentredBody):
         return np.full(3, self.radius)
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the one face."""
+        """Return the one face ``|p| = r``, scaled to metres."""
         return (Face("surface", lambda p: (ca.sumsqr(p) / self.radius - self.radius) / 2.0),)
 
     def distance(self, p: Expression) -> Expression:
-        """Return ``|p| - r``."""
+        """Return ``|p| - r``, the exact signed distance."""
         return ca.sqrt(ca.sumsqr(p) + TINY) - self.radius
 
     def to_dict(self) -> Json:
-        """Return the radius."""
+        """Return the radius as JSON data."""
         return {"type": self.kind, "radius": self.radius}

@@ -1,4 +1,4 @@
-"""Superquadric body."""
+"""A superquadric: between ellipsoid and box."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Superquadric(CentredBody):
         return np.asarray(self.semi_axes, dtype=float)
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the one face, as a function homogeneous of degree 1 less 1, scaled to metres."""
+        """Return the one face: a function homogeneous of degree 1, less 1, scaled to metres."""
         axes = np.asarray(self.semi_axes, dtype=float)
         e1, e2 = np.asarray(self.exponents, dtype=float)
         tiny = 1e-8  # rounds the planes of symmetry, where powers below 2 have no second derivative
@@ -61,7 +61,7 @@ class Superquadric(CentredBody):
         return (Face("surface", surface),)
 
     def to_dict(self) -> Json:
-        """Return semi-axes and exponents."""
+        """Return semi-axes and exponents as JSON data."""
         exponents = list(np.asarray(self.exponents, dtype=float))
         return {
             "type": self.kind,

@@ -1,4 +1,4 @@
-"""Torus body."""
+"""A torus about the z axis."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ class Torus(CentredBody):
         return (Face("surface", surface),)
 
     def distance(self, p: Expression) -> Expression:
-        """Return the exact signed distance."""
+        """Return the exact signed distance of a CasADi point, metres, negative inside."""
         ring = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.major_radius
         return ca.sqrt(ring**2 + p[2] ** 2 + TINY) - self.minor_radius
 
     def to_dict(self) -> Json:
-        """Return both radii."""
+        """Return both radii as JSON data."""
         return {"type": self.kind, "major_radius": self.major_radius, "minor_radius": self.minor_radius}

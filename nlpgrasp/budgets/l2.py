@@ -20,7 +20,7 @@ class L2Budget(ForceBudget):
     largest: ClassVar[float] = 1.1
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> L2Set:
-        """Return the forces in the cones that it allows."""
+        """Return the forces that it allows contacts with these frames."""
         return L2Set(contacts, frames.shape[1])
 
     def closed_form(
@@ -33,5 +33,5 @@ class L2Budget(ForceBudget):
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
-        """Return ``|x|^2 <= 1``."""
+        """Return the one row ``|x|^2 <= 1``."""
         return [Row("force budget", sum(x.T @ x for x in forces), upper=1.0)]

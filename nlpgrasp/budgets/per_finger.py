@@ -20,7 +20,7 @@ class PerFingerBudget(ForceBudget):
     limited: ClassVar[str] = "limits on normal force"
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> PerFingerSet:
-        """Return the forces in the cones that it allows."""
+        """Return the forces that it allows contacts with these frames."""
         return PerFingerSet(contacts, frames.shape[1])
 
     def closed_form(

@@ -19,7 +19,7 @@ class PerFingerSizeBudget(ForceBudget):
     kind: ClassVar[str] = "per_finger_size"
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> PerFingerSizeSet:
-        """Return the forces in the cones that it allows."""
+        """Return the forces that it allows contacts with these frames."""
         return PerFingerSizeSet(contacts, frames.shape[1])
 
     def closed_form(

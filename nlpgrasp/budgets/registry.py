@@ -48,7 +48,7 @@ def force_budget(value: str | ForceBudget, field: str = "force_budget") -> Force
     Raises
     ------
     InputError
-        When the name is none of the known ones.
+        When nobody has registered the name.
     """
     if isinstance(value, ForceBudget):
         return value
@@ -63,7 +63,7 @@ def names_for_any_frames() -> list[str]:
 
 
 def budget_from_dict(data: str | Json, field: str = "force_budget") -> ForceBudget:
-    """Return the budget that ``to_dict`` wrote."""
+    """Return the budget that ``to_dict`` wrote, of any registered kind."""
     kind = BUDGETS.find(data.get("type")) if isinstance(data, Mapping) else None
     if kind is not None and isinstance(data, Mapping):
         return kind.from_dict(data)

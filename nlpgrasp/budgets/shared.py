@@ -23,7 +23,7 @@ class SharedBudget(ForceBudget):
     limited: ClassVar[str] = "limits on normal force"
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> SharedSet:
-        """Return the forces in the cones that it allows."""
+        """Return the forces that it allows contacts with these frames."""
         return SharedSet(contacts, frames.shape[1])
 
     def pieces(self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops) -> list[Expression] | None:
@@ -34,6 +34,6 @@ class SharedBudget(ForceBudget):
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
-        """Return ``sum f_n <= 1``."""
+        """Return the one row ``sum f_n <= 1``."""
         total = sum(c.normal_force(x, n) for c, x, n in zip(contacts, forces, normals, strict=True))
         return [Row("force budget", total, upper=1.0)]

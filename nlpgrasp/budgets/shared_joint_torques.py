@@ -24,7 +24,7 @@ class SharedJointTorqueLimits(ForceBudget):
 
     Parameters
     ----------
-    jacobians : sequence of k arrays
+    jacobians : sequence of k (space, m), (3, m) or (6, m) arrays
         Body-frame velocity of contact point i per joint rate, (space, m); with the rows of the link's angular
         velocity below where moments load the joints too, (3, m) in the plane, (6, m) in space. All have the
         same joints as columns.
@@ -111,7 +111,7 @@ class SharedJointTorqueLimits(ForceBudget):
         return of_joints + result
 
     def to_dict(self) -> Json:
-        """Return Jacobians and limits."""
+        """Return Jacobians and limits as JSON data."""
         return {
             "type": self.kind,
             "jacobians": [J.tolist() for J in self.jacobians],

@@ -1,4 +1,4 @@
-"""``nlpgrasp experiment``."""
+"""The command ``nlpgrasp experiment``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``nlpgrasp export``."""
+"""The command ``nlpgrasp export``."""
 
 from __future__ import annotations
 

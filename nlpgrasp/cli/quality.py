@@ -1,4 +1,4 @@
-"""``nlpgrasp quality``."""
+"""The command ``nlpgrasp quality``."""
 
 from __future__ import annotations
 

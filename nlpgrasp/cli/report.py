@@ -1,4 +1,4 @@
-"""``nlpgrasp report``."""
+"""The command ``nlpgrasp report``."""
 
 from __future__ import annotations
 

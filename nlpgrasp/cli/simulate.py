@@ -1,4 +1,4 @@
-"""``nlpgrasp simulate``."""
+"""The command ``nlpgrasp simulate``."""
 
 from __future__ import annotations
 

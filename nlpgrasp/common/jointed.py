@@ -14,11 +14,11 @@ class JointedHand(Protocol):
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """The joints that move some contact; none of a hand without joints."""
+        """Names of the joints that move some contact; none of a hand without joints."""
 
     @property
     def torque_limits(self) -> Mapping[str, float]:
-        """By joint, newton-metres (newtons for sliding joints)."""
+        """Largest torques by joint, newton-metres (newtons for sliding joints)."""
 
 
 class MovingHand(JointedHand, Protocol):
@@ -26,7 +26,7 @@ class MovingHand(JointedHand, Protocol):
 
     @property
     def count(self) -> int:
-        """Number of fingertips."""
+        """Number of the hand's fingertips."""
 
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
         """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""

@@ -65,7 +65,7 @@ class Registry(Generic[Kind]):
         self._kinds: dict[str, type[Kind]] = {}
 
     def add(self, name: str, kind: type[Kind]) -> None:
-        """Add a class.
+        """Add a class under a name.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class Registry(Generic[Kind]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all kinds."""
+        """Names of all kinds, in the order in which they were added."""
         return tuple(self._kinds)
 
 
@@ -128,7 +128,7 @@ def from_fields(kind: type[Kind], data: Json) -> Kind:
     KeyError
         When an entry is missing whose field has no default.
     InputError
-        When the class is no dataclass.
+        When the class is not a dataclass.
     """
     if not is_dataclass(kind):
         raise incomplete(kind.__name__, "a from_dict of its own")

@@ -55,7 +55,7 @@ class Label:
 
     @property
     def label(self) -> Label:
-        """The label alone."""
+        """The label alone, without what it is the label of."""
         return Label(self.kind, fingers=self.fingers, link=self.link, part=self.part)
 
 
@@ -127,7 +127,7 @@ class Clearance(Label):
         )
 
     def as_row(self) -> Row | None:
-        """Return the same as a row, or None where the distance is no ``SX`` expression."""
+        """Return the same as a row, or None where the distance is not an ``SX`` expression."""
         return self.row(self.distance(self.point)) if self.distance.is_a("SXFunction") else None
 
 
@@ -210,7 +210,7 @@ class Placement:
 
     @property
     def links(self) -> list[LinkSphere]:
-        """The spheres that are no fingertips."""
+        """Spheres of the links, those of fingertips left out."""
         return [s for s in self.spheres if not s.is_tip]
 
     @property

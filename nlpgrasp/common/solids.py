@@ -17,7 +17,7 @@ class Solid(Protocol):
 
     @property
     def space(self) -> int:
-        """2 or 3."""
+        """Dimension of the body's points: 2 or 3."""
 
     @property
     def distance_function(self) -> ca.Function:

@@ -41,6 +41,7 @@ def cross_matrix(v: FloatArray) -> FloatArray:
     Returns
     -------
     (..., 3, 3) array
+        Skew-symmetric.
     """
     zero = np.zeros(v.shape[:-1])
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
@@ -90,6 +91,7 @@ def wrench_transform(point: FloatArray, frame: FloatArray, size: FloatArray | fl
     Returns
     -------
     (..., 3, 3) or (..., 6, 6) array
+        In the plane and in space.
     """
     space = point.shape[-1]
     d = wrench_dimension(space)
@@ -119,6 +121,7 @@ def rotate_body_frame(rotation: FloatArray) -> FloatArray:
     Returns
     -------
     (3, 3) or (6, 6) array
+        Old wrenches to new ones, in the plane and in space.
 
     Raises
     ------

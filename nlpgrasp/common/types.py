@@ -15,13 +15,13 @@ class Ops(Protocol):
     """The functions that ``numpy`` and ``casadi`` share, for formulas that serve numbers and expressions alike."""
 
     def fmax(self, a: Expression, b: Expression, /) -> Expression:
-        """Return the larger."""
+        """Return the larger of two values."""
 
     def fmin(self, a: Expression, b: Expression, /) -> Expression:
-        """Return the smaller."""
+        """Return the smaller of two values."""
 
     def sqrt(self, a: Expression, /) -> Expression:
-        """Return the root."""
+        """Return the square root of a value."""
 
 
 Json: TypeAlias = Mapping[str, Any]

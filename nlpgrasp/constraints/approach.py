@@ -1,4 +1,4 @@
-"""From where the palm comes."""
+"""Where the palm comes from."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Approach(PlacementConstraint):
         object.__setattr__(self, "angle", angle)
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse planar bodies."""
+        """Refuse planar bodies, which no palm faces."""
         if space != 3:
             raise InputError("Approach.direction", "a planar body", "a body in space")
 

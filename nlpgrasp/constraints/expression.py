@@ -29,8 +29,8 @@ class Constraint(PlacementConstraint):
     expression : callable
         ``expression(positions, normals)``: two lists of k CasADi columns, positions in metres and unit
         normals pointing into the body; returns a CasADi expression of any shape, or a list of scalars.
-    lower, upper : float or array
-        Limits of each element; infinite for none.
+    lower, upper : float or (m,) array
+        Limits of each of the m elements; infinite for none.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Constraint(PlacementConstraint):
             raise InputError(f"Constraint {self.name!r}", value, "limits that are numbers") from None
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return one row an element of the expression."""
+        """Return one row for each element of the expression."""
         field = f"Constraint {self.name!r}.expression"
         try:
             value = self.expression(list(placement.positions), list(placement.normals))

@@ -52,7 +52,7 @@ class Forbid(PlacementConstraint):
             raise InputError("Forbid.region", f"{self.region.dimension()} coordinates", f"{space} coordinates")
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return one row a contact for a region; faces are left out of the program altogether."""
+        """Return one row for each contact for a region; faces are left out of the program altogether."""
         if self.region is None:
             return []
         region = self.region

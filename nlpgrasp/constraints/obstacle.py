@@ -64,7 +64,7 @@ class Obstacle(PlacementConstraint):
 
     @property
     def rotation(self) -> FloatArray:
-        """Axes of the obstacle's frame in the held body's, as columns."""
+        """Axes of the obstacle's frame in the held body's, (space, space), as columns."""
         if self.quaternion is None:
             return np.eye(self.body.space)
         return np.asarray(Rotation.from_quat(np.asarray(self.quaternion), scalar_first=True).as_matrix())
@@ -75,7 +75,7 @@ class Obstacle(PlacementConstraint):
             raise InputError("Obstacle.body", f"a body of {self.body.space} dimensions", f"one of {space}")
 
     def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
-        """Return one row a fingertip and one a link's sphere."""
+        """Return one row for each fingertip and for each sphere of a link."""
         tips = zip(placement.tips, placement.radii, strict=True)
         of_tips = [self._off(tip, radius, placement.size, fingers=(i,)) for i, (tip, radius) in enumerate(tips)]
         return of_tips + [self._off(s.centre, s.radius, placement.size, link=s.link) for s in placement.links]

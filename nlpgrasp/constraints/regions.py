@@ -58,11 +58,11 @@ class HalfSpace(Region):
         object.__setattr__(self, "normal", tuple(float(v) for v in n / length))
 
     def inside(self, p: Expression) -> Expression:
-        """Return ``normal . p - offset``."""
+        """Return ``normal . p - offset``, metres."""
         return ca.dot(ca.DM(np.asarray(self.normal)), p) - self.offset
 
     def dimension(self) -> int | None:
-        """Return the length of the normal."""
+        """Return the length of the normal: 2 or 3."""
         return int(np.size(self.normal))
 
     def to_dict(self) -> Json:
@@ -82,7 +82,7 @@ class HalfSpace(Region):
 
 @dataclass(frozen=True)
 class BoxRegion(Region):
-    """An axis-aligned box.
+    """An axis-aligned box as a region of space.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class BoxRegion(Region):
         object.__setattr__(self, "upper", tuple(high.tolist()))
 
     def inside(self, p: Expression) -> Expression:
-        """Return the distance to the nearest side, negative outside (in the largest-coordinate sense)."""
+        """Return the distance to the nearest side, metres, negative outside (in the largest-coordinate sense)."""
         result = None
         for i, (low, high) in enumerate(zip(np.asarray(self.lower), np.asarray(self.upper), strict=True)):
             depth = (high - low) / 2.0 - ca.fabs(p[i] - (low + high) / 2.0)
@@ -111,11 +111,11 @@ class BoxRegion(Region):
         return result
 
     def dimension(self) -> int | None:
-        """Return the length of the corners."""
+        """Return the length of the corners: 2 or 3."""
         return int(np.size(self.lower))
 
     def to_dict(self) -> Json:
-        """Return both corners."""
+        """Return both corners as JSON data."""
         return {
             "type": self.kind,
             "lower": list(np.asarray(self.lower)),

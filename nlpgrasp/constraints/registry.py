@@ -26,7 +26,8 @@ def register(constraint: type[Kind]) -> type[Kind]:
     Parameters
     ----------
     constraint : subclass of PlacementConstraint
-        With ``kind``, the name that its ``to_dict`` gives as ``type``; what is no dataclass also with ``from_dict``.
+        With ``kind``, the name that its ``to_dict`` gives as ``type``. A class that is not a dataclass needs
+        ``from_dict`` as well.
 
     Raises
     ------

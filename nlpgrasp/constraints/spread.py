@@ -1,4 +1,4 @@
-"""Distances between contacts."""
+"""Least and greatest distances between contacts."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Spread(PlacementConstraint):
                 raise InputError("Spread.fingers", list(self.fingers), "two fingers at least")
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse a least distance longer than the body, and fingers there are not."""
+        """Refuse a least distance longer than the body, and fingers that do not exist."""
         check_fingers("Spread.fingers", self.fingers, contacts)
         if contacts > 1 and self.min > 2.0 * size:
             raise InputError("Spread.min", f"{self.min:g} m", f"at most the body's diagonal, {2.0 * size:.3g} m")
@@ -59,7 +59,7 @@ class Spread(PlacementConstraint):
         return self.min if self.fingers is None else 0.0
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return one row a pair: the squared distance within the squared limits."""
+        """Return one row for each pair: the squared distance within the squared limits."""
         upper = np.inf if self.max is None else self.max**2
         return [
             Row("spread", ca.sumsqr(p - q), self.min**2, upper, placement.size**2, "m2", fingers=(i, j))

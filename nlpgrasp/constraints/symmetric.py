@@ -56,13 +56,13 @@ class Symmetric(PlacementConstraint):
         object.__setattr__(self, "tolerance", number("Symmetric.tolerance", self.tolerance, above=0.0))
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse a plane of another dimension, and fingers there are not."""
+        """Refuse a plane of another dimension, and fingers that do not exist."""
         if np.size(self.normal) != space:
             raise InputError("Symmetric.normal", f"{np.size(self.normal)} numbers", f"{space} numbers")
         check_fingers("Symmetric.fingers", self.fingers, contacts)
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return one row a coordinate: image less contact, within the tolerance."""
+        """Return one row for each coordinate: image less contact, within the tolerance."""
         a, b = (placement.positions[i] for i in self.fingers)
         n = ca.DM(np.asarray(self.normal))
         apart = a - 2.0 * (ca.dot(n, a) - self.offset) * n - b

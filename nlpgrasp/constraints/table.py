@@ -32,7 +32,7 @@ class Table(PlacementConstraint):
         object.__setattr__(self, "clearance", number("Table.clearance", self.clearance, at_least=0.0))
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return one row a fingertip: ``tip_z - radius >= height + clearance``."""
+        """Return one row for each fingertip: ``tip_z - radius >= height + clearance``."""
         lower = self.height + self.clearance
         return [
             Row("table", tip[-1] - radius, lower, scale=placement.size, unit="m", fingers=(i,))

@@ -51,14 +51,14 @@ class Workspace(PlacementConstraint):
         return ExpressionRegion(self.region, "Workspace.region")
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse a region of another dimension than the body's, and fingers there are not."""
+        """Refuse a region of another dimension than the body's, and fingers that do not exist."""
         dimension = self._region.dimension()
         if dimension not in (None, space):
             raise InputError("Workspace.region", f"{dimension} coordinates", f"{space} coordinates")
         check_fingers("Workspace.fingers", self.fingers, contacts)
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return the rows of each point: one a coordinate for a box, otherwise one."""
+        """Return the rows of each point: one for each coordinate for a box, otherwise one."""
         if self.palm:
             if placement.palm is None:
                 raise InputError("Workspace.palm", True, "a hand with a palm")
@@ -91,7 +91,7 @@ class Workspace(PlacementConstraint):
 
 
 def finger_numbers(field: str, fingers: Sequence[int]) -> tuple[int, ...]:
-    """Return numbers of fingers, refusing what is none, and twins."""
+    """Return numbers of fingers; refuse what is not a number of a finger, and repetitions."""
     given = tuple(fingers) if isinstance(fingers, list | tuple | np.ndarray | range) else ()
     good = all(isinstance(i, int | np.integer) and not isinstance(i, bool) for i in given)
     numbers = tuple(int(i) for i in given) if good else ()

@@ -43,7 +43,7 @@ class ContactModel(ABC):
 
     @property
     def label(self) -> str:
-        """The model's name in tables."""
+        """Name of the model in tables."""
         return self.kind
 
     @abstractmethod
@@ -60,12 +60,13 @@ class ContactModel(ABC):
         Returns
         -------
         (3, n_i) array in the plane, (6, n_i) in space
+            One column for each force component, contact frame.
         """
         return np.eye(3 if space == 2 else 6)[:, list(self.axes(space))]
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Those it has of ``friction`` and ``torsional_friction`` (metres), by the names of its fields."""
+        """Coefficients that the model has: ``friction`` and ``torsional_friction`` (metres), by their names."""
         return {}
 
     def with_coefficients(self, **values: float) -> Self:

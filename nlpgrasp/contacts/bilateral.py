@@ -35,52 +35,52 @@ class BilateralContact(ContactModel):
         super().__post_init__()
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the model's."""
+        """Return the components that the model can exert, normal force first."""
         return self.model.axes(space)
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the model does."""
+        """Whether the model has a direction along the surface that nobody has stated yet."""
         return self.model.needs_tangents
 
     def tangents(self, normals: FloatArray) -> FloatArray:
-        """Return the model's."""
+        """Return the model's unit tangents: (b, space) to (b, space - 1, space)."""
         return self.model.tangents(normals)
 
     def project(self, z: FloatArray) -> FloatArray:
-        """Return ``z``."""
+        """Return ``z`` (..., n_i) itself: every force is in K_i."""
         return z.copy()
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return those of the identity."""
+        """Return the upper triangle of the identity, (n_i (n_i + 1) / 2, ...)."""
         return np.stack([np.full(z.shape[:-1], float(a == b)) for a, b in upper_triangle(z.shape[-1])])
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Refuse: limits on normal force leave the other components of a bilateral contact unbounded."""
+        """Refuse: limits on normal force leave the other components (..., n_i) of a bilateral contact unbounded."""
         raise InputError("force_budget", "limits on normal force", '"l2" with bilateral contacts')
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return none."""
+        """Return no cones, so no (m, n_i) matrices: every force is in K_i."""
         return []
 
     def variables(self, space: int) -> int:
-        """Return the model's."""
+        """Return how many NLP variables carry the model's force."""
         return self.model.variables(space)
 
     def pressing(self, normal: FloatArray) -> FloatArray:
-        """Return the model's."""
+        """Return the model's NLP variables of a unit force along the inward normal ``(space,)``."""
         return self.model.pressing(normal)
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the model's."""
+        """Return the model's force and moment (symbolic, body frame)."""
         return self.model.split(x, normal)
 
     def normal_force(self, x: Expression, normal: Expression) -> Expression:
-        """Return the model's."""
+        """Return the model's ``f_n`` of NLP variables ``x`` (symbolic)."""
         return self.model.normal_force(x, normal)
 
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return none."""
+        """Return no conditions: every force is in K_i."""
         return []
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
@@ -92,7 +92,7 @@ class BilateralContact(ContactModel):
         return work.normal**2 + sliding + turning
 
     def to_dict(self) -> Json:
-        """Return the model under ``of``."""
+        """Return the model that is unrestricted, under ``of``, as JSON data."""
         return {"model": self.kind, "of": self.model.to_dict()}
 
     @classmethod

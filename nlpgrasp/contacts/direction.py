@@ -14,7 +14,7 @@ PARALLEL = 1e-6  # sine of the angle to the normal below which a direction says 
 
 
 def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | None:
-    """Return a direction as a unit tuple, or ``None`` when left out."""
+    """Return a direction as a tuple of unit length, or ``None`` when it is left out."""
     if value is None:
         return None
     direction = array(field, value, (3,))
@@ -51,7 +51,7 @@ def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, nam
 def symbolic_tangents(
     normal: Expression, direction: tuple[float, ...] | None, name: str
 ) -> tuple[Expression, Expression]:
-    """Return the two tangents at a symbolic normal."""
+    """Return the two unit tangents at a symbolic normal (3,)."""
     import casadi as ca  # numeric use needs none
 
     if direction is None:

@@ -35,7 +35,7 @@ class FrictionContact(RangeContact):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """The coefficient of friction."""
+        """Coefficient ``friction`` by its name."""
         return {"friction": self.friction}
 
     def axes(self, space: int) -> tuple[int, ...]:
@@ -47,13 +47,13 @@ class FrictionContact(RangeContact):
         return ((slice(1, components), self.friction),)
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return the cone's edges at even angles; both of them in the plane."""
+        """Return the cone's edges at even angles, (m, n_i), with unit normal force; both of them in the plane."""
         if components == 2:
             return self.extreme(np.array([[0.0, 1.0], [0.0, -1.0]]))[1]
         return self.extreme(circle(edges, first_edge))[1]
 
     def variables(self, space: int) -> int:
-        """Return the size of a force in the body frame."""
+        """Return how many NLP variables carry a force in the body frame: 3 in space, 2 in the plane."""
         return space
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:

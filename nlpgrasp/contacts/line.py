@@ -55,7 +55,7 @@ class LineContact(RangeContact):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Those of friction and of torsional friction; none without friction."""
+        """Coefficients ``friction`` and ``torsional_friction`` (metres) by their names; none without friction."""
         return friction_coefficients(self.friction, self.torsional_friction)
 
     def axes(self, space: int) -> tuple[int, ...]:
@@ -79,15 +79,15 @@ class LineContact(RangeContact):
         return self.direction is None
 
     def tangents(self, normals: FloatArray) -> FloatArray:
-        """Return tangents with the first along the line."""
+        """Return unit tangents (b, 2, 3), the first along the line, at contacts with inward normals (b, 3)."""
         return tangents_along(normals, self.direction, "LineContact")
 
     def variables(self, space: int) -> int:
-        """Return the number of components: force in the body frame (or its size), then moments."""
+        """Return how many NLP variables there are: the force in the body frame (or its size), then the moments."""
         return self.components(space)
 
     def pressing(self, normal: FloatArray) -> FloatArray:
-        """Return unit force along the normal and no moment."""
+        """Return the NLP variables of a unit force along the normal ``(space,)`` and no moment."""
         return pressing_variables(normal, self.friction is not None, self.variables(len(normal)))
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:

@@ -75,7 +75,7 @@ class PlaneContact(RangeContact):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Those of friction and of torsional friction; none without friction."""
+        """Coefficients ``friction`` and ``torsional_friction`` (metres) by their names; none without friction."""
         return friction_coefficients(self.friction, self.torsional_friction)
 
     def axes(self, space: int) -> tuple[int, ...]:
@@ -98,25 +98,28 @@ class PlaneContact(RangeContact):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether it is a rectangle whose direction was left out."""
+        """Whether the pad is a rectangle whose direction was left out."""
         return self.extents is not None and self.direction is None
 
     def tangents(self, normals: FloatArray) -> FloatArray:
-        """Return tangents along the rectangle's sides; any for a disc."""
+        """Return unit tangents (b, 2, 3) along the rectangle's sides, or any for a disc, at inward normals (b, 3)."""
         return (
             any_tangents(normals) if self.extents is None else tangents_along(normals, self.direction, "PlaneContact")
         )
 
     def variables(self, space: int) -> int:
-        """Return the force in the body frame (or its size), the torsion if any, and a vector v: the moment is n x v."""
+        """Return how many variables there are: the force (or its size), the torsion if any, and a vector v (3,).
+
+        The force is in the body frame; the tilting moment is ``n x v``.
+        """
         return 4 if self.friction is None else 7
 
     def pressing(self, normal: FloatArray) -> FloatArray:
-        """Return unit force along the normal and no moment."""
+        """Return the NLP variables of a unit force along the normal ``(space,)`` and no moment."""
         return pressing_variables(normal, self.friction is not None, self.variables(len(normal)))
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the force and the moment."""
+        """Return the force and the moment of NLP variables (symbolic, body frame)."""
         import casadi as ca  # numeric use needs none
 
         if self.friction is None:

@@ -20,47 +20,47 @@ class PointContact(RangeContact):
     kind: ClassVar[str] = "point"
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the normal force."""
+        """Return the one component it can exert: the normal force."""
         return (0,)
 
     def blocks(self, components: int) -> Blocks:
-        """Return none."""
+        """Return no blocks: there is nothing beside the normal force."""
         return ()
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return unit normal force alone."""
+        """Return the unit normal force alone, (1, 1)."""
         return np.ones((1, 1))
 
     def variables(self, space: int) -> int:
-        """Return 1: the normal force."""
+        """Return 1, the one NLP variable: the normal force."""
         return 1
 
     def pressing(self, normal: FloatArray) -> FloatArray:
-        """Return ``(1,)``."""
+        """Return the variable of a unit force along the normal, (1,)."""
         return np.ones(1)
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return ``x n`` and no moment."""
+        """Return the force ``x n`` and no moment (symbolic, body frame)."""
         return x[0] * normal, None
 
     def normal_force(self, x: Expression, normal: Expression) -> Expression:
-        """Return ``x``."""
+        """Return ``x``, which is the normal force."""
         return x[0]
 
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return ``f_n >= 0``."""
+        """Return the one condition ``f_n >= 0``."""
         return [("unilateral", x[0])]
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``max(z_n, 0)^2``."""
+        """Return the closed form ``max(z_n, 0)^2`` (symbolic)."""
         return ops.fmax(work.normal, 0.0) ** 2
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``z_n``."""
+        """Return ``z_n``, the work of unit normal force (symbolic)."""
         return work.normal
 
     def to_dict(self) -> Json:
-        """Return ``{"model": "point"}``."""
+        """Return the model's name as JSON data."""
         return {"model": self.kind}
 
     @classmethod

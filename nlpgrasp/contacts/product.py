@@ -12,7 +12,7 @@ from nlpgrasp.contacts.base import ContactModel
 
 
 def ranges(contacts: Sequence[ContactModel], space: int) -> list[slice]:
-    """Return where each contact's components are among all finger forces."""
+    """Return where each contact's components stand among all finger forces."""
     ends = np.cumsum([0] + [c.components(space) for c in contacts])
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 

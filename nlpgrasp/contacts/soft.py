@@ -49,16 +49,16 @@ class SoftContact(RangeContact):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Those of friction and of torsional friction."""
+        """Coefficients ``friction`` and ``torsional_friction`` (metres) by their names."""
         return {"friction": self.friction, "torsional_friction": self.torsional_friction}
 
     @property
     def label(self) -> str:
-        """Tells the ellipse from the box."""
+        """Name of the model in tables, which tells the ellipse from the box."""
         return self.kind if self.model == "box" else self.model
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return force and torsion; a planar body has no torsion about its in-plane normals."""
+        """Return the components of force and torsion; a planar body has no torsion about its in-plane normals."""
         if space == 2:
             raise InputError("contacts", self, "point, friction or line contacts: a planar body has no torsion")
         return (0, 1, 2, 3)
@@ -68,45 +68,45 @@ class SoftContact(RangeContact):
         return ((slice(1, 3), self.friction), (slice(3, 4), self.torsional_friction))
 
     def project(self, z: FloatArray) -> FloatArray:
-        """Return the projection onto the box or the elliptic cone."""
+        """Return the projection of ``z`` (..., n_i) onto the box or the elliptic cone."""
         if self.model == "box":
             return super().project(z)
         return elliptic_cone.project(z, self.friction, self.torsional_friction)
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return the Jacobian's upper triangle for the box or the elliptic cone."""
+        """Return the Jacobian's upper triangle, (n_i (n_i + 1) / 2, ...), for the box or the elliptic cone."""
         if self.model == "box":
             return super().derivative_entries(z)
         matrix = elliptic_cone.derivative(z, self.friction, self.torsional_friction)
         return np.stack([matrix[..., a, b] for a, b in upper_triangle(4)])
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work of unit normal force, and the force."""
+        """Return the largest work of unit normal force for ``z`` (..., n_i), and the force that does it, (..., n_i)."""
         if self.model == "box":
             return super().extreme(z)
         return elliptic_cone.extreme(z, self.friction, self.torsional_friction)
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return the cones of the box, or the one cone of the ellipse."""
+        """Return the (m, n_i) matrices of the box's cones, or of the ellipse's one cone."""
         if self.model == "box":
             return super().cones(space)
         return [np.diag([1.0, 1.0 / self.friction, 1.0 / self.friction, 1.0 / self.torsional_friction])]
 
     def left_for_moments(self, normal: float, tangential: float) -> float:
-        """Return all of it for the box, and what friction leaves for the ellipse."""
+        """Return all normal force for the box, and what friction leaves of it for the ellipse, newtons."""
         if self.model == "box":
             return normal
         return float(np.sqrt(max(normal**2 - (tangential / self.friction) ** 2, 0.0)))
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return the cone's edges at even angles, with torsion at both ends of its range."""
+        """Return the cone's edges at even angles, with torsion at both ends of its range, (m, n_i)."""
         ratio = float(self.friction / self.torsional_friction)  # the torsion that weighs as much as unit sliding
         sign = np.repeat([1.0, -1.0], edges)[:, None]
         along = np.tile(circle(edges, first_edge), (2, 1))
         return self.extreme(np.concatenate([along, sign * ratio], axis=1))[1]
 
     def variables(self, space: int) -> int:
-        """Return 4: the force in the body frame and the torsion moment."""
+        """Return how many NLP variables there are: the force in the body frame and the torsion moment."""
         return self.components(space)
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:

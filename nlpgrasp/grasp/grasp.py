@@ -27,7 +27,7 @@ class Grasp(ContactPlaces):
     contacts : ContactModel or sequence of k of them
         One model for all contacts, or one each.
     torque_origin : (2,) or (3,) array, optional
-        Point about which moments are taken; the frame's origin when left out.
+        Point about which moments are taken, metres; the frame's origin when left out.
     tangents : (k, 1, 2) or (k, 2, 3) array, optional
         Unit tangents as rows; chosen when left out. Measures depend on them only where a line or rectangle of
         contact has no direction of its own.
@@ -107,6 +107,7 @@ class Grasp(ContactPlaces):
         Returns
         -------
         (k, d) array
+            Newtons and newton-metres, one finger a row.
         """
         local = (self.B @ x).reshape(len(self), self.dimension)
         return np.asarray(np.einsum("kij,kj->ki", wrench_transform(np.zeros_like(self.points), self.frames), local))

@@ -27,7 +27,7 @@ class GraspStack(ContactPlaces):
     contacts : ContactModel or sequence of k of them
         One model for all contacts, or one each.
     torque_origin : (2,) or (3,) array, optional
-        Point about which moments are taken; the frame's origin when left out.
+        Point about which moments are taken, metres; the frame's origin when left out.
 
     Raises
     ------

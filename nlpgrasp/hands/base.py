@@ -83,7 +83,7 @@ class Hand(StatedPart):
         return {v.name: ca.SX.sym(v.name, len(v.lower)) for v in self.variables(bounds)}
 
     def start(self, tips: FloatArray) -> Values:
-        """Return starting values of the variables for fingertip centres (k, space)."""
+        """Return starting values of the variables, by name, for fingertip centres (k, space), metres."""
         return {}
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
@@ -96,7 +96,7 @@ class Hand(StatedPart):
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """The joints that move some contact, of a hand that has joints."""
+        """Names of the joints that move some contact, of a hand that has joints."""
         return ()
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose | None:

@@ -55,7 +55,7 @@ class Fingertips(Hand):
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
-        """Radius of the fingertips."""
+        """Radius of each of the fingertips, metres."""
         return (self.radius,) * self.count
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
@@ -67,7 +67,7 @@ class Fingertips(Hand):
         return [HandVariable("palm", bounds[0] - margin, bounds[1] + margin, size / 2.0)]
 
     def start(self, tips: FloatArray) -> dict[str, FloatArray]:
-        """Return the middle of the fingertips as palm point."""
+        """Return the middle of the fingertips (k, space) as palm point, metres, where there is a reach."""
         return {} if self.reach is None else {"palm": np.asarray(tips.mean(axis=0))}
 
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
@@ -96,7 +96,7 @@ class Fingertips(Hand):
         return rows
 
     def to_dict(self) -> Json:
-        """Return the settings."""
+        """Return the limits as JSON data."""
         spread = None if self.spread is None else [float(v) for v in np.ravel(self.spread)]
         return {
             "type": self.kind,

@@ -1,4 +1,4 @@
-"""Two opposed jaws."""
+"""Two opposed jaws that close along a line."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class ParallelJaw(Hand):
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
-        """Zero: flat pads."""
+        """Radii of the two flat pads: zero."""
         return (0.0, 0.0)
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
-        """Return none: the jaws are where the contacts are."""
+        """Return no variables: the jaws are where the contacts are."""
         return []
 
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
@@ -70,5 +70,5 @@ class ParallelJaw(Hand):
         ]
 
     def to_dict(self) -> Json:
-        """Return the settings."""
+        """Return the limits as JSON data."""
         return {"type": self.kind, "opening": self.opening, "closed": self.closed, "tilt": self.tilt}

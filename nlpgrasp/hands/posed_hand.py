@@ -17,7 +17,7 @@ class PosedHand(Hand):
 
     @property
     def follows_contacts(self) -> bool:
-        """False: the hand has a pose of its own."""
+        """False, because the hand has a pose of its own."""
         return False
 
     @abstractmethod

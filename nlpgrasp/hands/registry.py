@@ -21,7 +21,8 @@ def register(hand: type[Kind]) -> type[Kind]:
     Parameters
     ----------
     hand : subclass of Hand
-        With ``kind``, the name that its ``to_dict`` gives as ``type``; what is no dataclass also with ``from_dict``.
+        With ``kind``, the name that its ``to_dict`` gives as ``type``. A class that is not a dataclass needs
+        ``from_dict`` as well.
 
     Raises
     ------

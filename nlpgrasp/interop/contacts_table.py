@@ -36,7 +36,7 @@ def read_contacts_csv(path: str | Path, friction: float | None = None) -> Grasp:
     Raises
     ------
     InputError
-        On a file that is no such table, naming row and column.
+        On a file that is not such a table, naming row and column.
     """
     name = str(path)
     try:

@@ -93,7 +93,7 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
     Raises
     ------
     InputError
-        On a file that is none, naming grasp and field.
+        On a file of another format, naming grasp and field.
     """
     name = str(path)
     try:

@@ -54,7 +54,7 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = N
 
 
 def nearest(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the body's nearest points, outward normals there, and signed distances.
+    """Return the body's nearest points, outward normals there, (m, space) each, and signed distances, (m,).
 
     Of a mesh exactly; of another body the nearest that is found from where Newton steps reach its faces.
     """

@@ -69,7 +69,7 @@ class RowBlock(Range):
 
     @property
     def kind(self) -> str:
-        """The label's kind."""
+        """Kind that the label states."""
         return self.label.kind
 
     @property

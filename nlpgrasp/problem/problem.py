@@ -142,22 +142,22 @@ class GraspProblem:
 
     @property
     def models(self) -> tuple[ContactModel, ...]:
-        """The contact models as a tuple."""
+        """Contact models as a tuple, one for each contact."""
         return tuple(self.contacts) if not isinstance(self.contacts, ContactModel) else (self.contacts,)
 
     @property
     def budget(self) -> ForceBudget:
-        """The force budget as an object."""
+        """Force budget as an object, also where a name was given."""
         return force_budget(self.force_budget)
 
     @property
     def origin(self) -> FloatArray:
-        """The torque origin, (space,)."""
+        """Torque origin, (space,), metres, body frame."""
         return self.body.centroid if self.torque_origin is None else np.asarray(self.torque_origin, dtype=float)
 
     @property
     def dimension(self) -> int:
-        """Dimension of wrench space: 3 or 6."""
+        """Dimension d of wrench space: 3 in the plane, 6 in space."""
         return wrench_dimension(self.body.space)
 
     def unchecked(self, **changes: object) -> GraspProblem:
@@ -169,7 +169,7 @@ class GraspProblem:
         return allowed_faces(self.body, self.models, self.constraints, contact)
 
     def to_dict(self) -> Json:
-        """Return the problem as JSON data."""
+        """Return the problem as JSON data (docs/json.md)."""
         return {
             "body": self.body.to_dict(),
             "contacts": [{**m.to_dict(), "faces": None if m.faces is None else list(m.faces)} for m in self.models],

@@ -49,7 +49,7 @@ def require_grasp(value: object, *, stack: bool = False) -> None:
 
 
 def task_for(value: object, grasp: Grasp | GraspStack) -> Task:
-    """Return a task about the grasp's torque origin; refuse what is none, or is of another dimension."""
+    """Return a task about the grasp's torque origin; refuse what is not a task, or is of another dimension."""
     dimension = grasp.dimension
     if not isinstance(value, Task):
         raise InputError("task", value, "a task such as ng.TaskEllipsoid")

@@ -1,4 +1,4 @@
-"""Certified intervals."""
+"""Certified intervals, of one grasp and of many."""
 
 from __future__ import annotations
 

@@ -41,7 +41,9 @@ def mu_tilde(
     grasp : Grasp or GraspStack
     task : Task
     rtol : float
+        Relative width at which to stop.
     force_budget : str or ForceBudget
+        As for ``mu``.
 
     Returns
     -------
@@ -97,7 +99,14 @@ def mu_1(
         lambda_0, greater than zero; large enough for the rescaled set to contain the origin if mu_1 > 0 is to
         mean stability.
     rtol : float
+        Relative width at which to stop.
     force_budget : str or ForceBudget
+        As for ``mu``.
+
+    Returns
+    -------
+    Bounds
+        Certified. For a stack, arrays of them.
     """
     require_grasp(grasp, stack=True)
     task = task_for(task, grasp)
@@ -127,6 +136,7 @@ def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:
     Returns
     -------
     K_1, K_2 : float
+        The two factors, without a unit.
     """
     if not isinstance(task, TaskEllipsoid):
         raise InputError("task", task, "a TaskEllipsoid")

@@ -39,6 +39,7 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     Returns
     -------
     (b,) array
+        At least mu of each grasp, in the unit of ``mu``.
     """
     if not isinstance(stack, GraspStack):
         raise InputError("stack", stack, "a GraspStack")
@@ -80,6 +81,7 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
     Returns
     -------
     (b, m') array
+        One row a grasp, one column a direction that was kept.
     """
     reach = task.support(y)[0]
     y, reach = y[reach > 0.0], reach[reach > 0.0]

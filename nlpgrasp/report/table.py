@@ -1,4 +1,4 @@
-"""Tables in HTML."""
+"""Tables as HTML, for pages that open from disk."""
 
 from __future__ import annotations
 

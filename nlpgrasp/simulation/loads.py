@@ -18,7 +18,7 @@ FOR_FRICTION, FOR_GRIP = 0.90, 0.95  # of the effort: the rest is for holding th
 
 @dataclass(frozen=True)
 class Loads:
-    """Wrenches and answers.
+    """Wrenches, and the finger forces that answer them.
 
     Parameters
     ----------

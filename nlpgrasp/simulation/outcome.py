@@ -82,7 +82,7 @@ class Simulation:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The conditions tried, in order."""
+        """Conditions that were tried, in order."""
         return tuple(dict.fromkeys(t.condition for t in self.trials))
 
     def of(self, condition: str) -> tuple[Trial, ...]:

@@ -118,7 +118,7 @@ class GraspSolution(Asked):
         return max(solved, key=lambda s: s.mu.upper, default=None)
 
     def require_grasp(self) -> Grasp:
-        """Return the grasp.
+        """Return the grasp that was found.
 
         Raises
         ------

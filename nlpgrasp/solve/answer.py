@@ -67,7 +67,7 @@ class Search:
 
     @property
     def records(self) -> tuple[StartRecord, ...]:
-        """The starts' records."""
+        """Records of the starts, in their order."""
         return tuple(r.record for r in self.results)
 
     def certificate_deadline(self) -> float | None:

@@ -1,4 +1,4 @@
-"""Options of a solve."""
+"""Options of a solve, checked when they are made."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class SolveOptions:
     workers : int, optional
         Processes; one a core when left out, 1 for this process only. The result does not depend on it.
     max_iterations : int
-        Of IPOPT, each solve.
+        Most iterations of each solve by IPOPT.
     """
 
     transcription: str = "vertex"
@@ -93,5 +93,5 @@ class SolveOptions:
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
 
     def to_dict(self) -> dict[str, bool | int | float | str | None]:
-        """Return the options as JSON data."""
+        """Return the options as JSON data, by the names of their fields."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}

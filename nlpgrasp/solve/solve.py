@@ -1,4 +1,4 @@
-"""Solve a grasp problem."""
+"""From a problem to its solution: starts, what is worth knowing after them, the answer."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class FingerMove:
 
     @property
     def length(self) -> float:
-        """Of the path, metres."""
+        """Length of the path, metres."""
         return float(np.sum(np.linalg.norm(np.diff(self.path, axis=0), axis=1)))
 
 

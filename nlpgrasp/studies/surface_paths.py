@@ -41,7 +41,7 @@ class SurfaceGraph:
         self._edges: Any = sparse.csr_matrix((lengths[good], (rows[good], columns[good])), shape)
 
     def distances(self, start: FloatArray, ends: FloatArray) -> FloatArray:
-        """Return the lengths of the shortest paths from a point to others, (m,); inf where there is none."""
+        """Return the lengths of the shortest paths from a point to others, (m,), metres; inf where there is no path."""
         lengths = dijkstra(self._edges, False, self._nearest(start))
         return np.asarray(lengths[self._tree.query(ends)[1]])
 

@@ -38,7 +38,7 @@ class Task(ABC):
     @property
     @abstractmethod
     def dimension(self) -> int:
-        """Dimension of wrench space: 3 or 6."""
+        """Dimension d of wrench space: 3 in the plane, 6 in space."""
 
     @property
     @abstractmethod
@@ -186,29 +186,29 @@ class TaskSum(Task):
 
     @property
     def dimension(self) -> int:
-        """Dimension of wrench space."""
+        """Dimension d of wrench space: 3 in the plane, 6 in space."""
         return self.tasks[0].dimension
 
     @property
     def is_centred(self) -> bool:
-        """Whether all parts are."""
+        """Whether all parts are symmetric about the origin."""
         return all(task.is_centred for task in self.tasks)
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the sums of the parts' supports and of their maximisers."""
+        """Return the sums of the parts' supports and maximisers along ``y`` (m, d), (m,) and (m, d)."""
         parts = [task.support(y) for task in self.tasks]
         return np.sum([p[0] for p in parts], axis=0), np.sum([p[1] for p in parts], axis=0)
 
     def transformed(self, matrix: FloatArray) -> TaskSum:
-        """Return the sum of the images."""
+        """Return the sum of the parts' images under ``matrix`` (d', d)."""
         return TaskSum([task.transformed(matrix) for task in self.tasks])
 
     def second_moment(self) -> FloatArray:
-        """Return the sum of the parts' second moments."""
+        """Return the sum of the parts' second moments, (d, d)."""
         return np.asarray(np.sum([task.second_moment() for task in self.tasks], axis=0))
 
     def to_dict(self) -> Json:
-        """Return the parts."""
+        """Return the parts as JSON data."""
         return {"type": self.kind, "tasks": [task.to_dict() for task in self.tasks]}
 
     @classmethod

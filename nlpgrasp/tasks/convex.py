@@ -67,7 +67,7 @@ class TaskSet(Task):
 
     @property
     def dimension(self) -> int:
-        """Dimension of wrench space."""
+        """Dimension d of wrench space: 3 in the plane, 6 in space."""
         return self._dimension
 
     @property
@@ -76,7 +76,7 @@ class TaskSet(Task):
         return self._centred
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the function's values and maximisers."""
+        """Return the function's values and maximisers along ``y`` (m, d), (m,) and (m, d)."""
         try:
             found = self._support(y)
         except InputError:
@@ -117,11 +117,11 @@ class TaskSet(Task):
         return result
 
     def second_moment(self) -> FloatArray:
-        """Return the second moment of boundary wrenches in random directions."""
+        """Return the second moment of boundary wrenches in random directions, (d, d)."""
         return self._moment
 
     def to_dict(self) -> Json:
-        """Refuse: a function has no JSON form."""
+        """Refuse, because a function has no JSON form."""
         raise InputError("task", "a TaskSet", "a task with a JSON form, such as a TaskEllipsoid")
 
 

@@ -1,4 +1,4 @@
-"""Task ellipsoids, Section 3.3.1."""
+"""Task ellipsoids (Section 3.3.1)."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ class TaskEllipsoid(Task):
     Attributes
     ----------
     center : (d,) array
+        Newtons and newton-metres.
     axes : (m, d) array
         One semi-axis vector a row, length included.
 
@@ -123,6 +124,7 @@ class TaskEllipsoid(Task):
         Parameters
         ----------
         wrenches : (m, d) array
+            Newtons and newton-metres.
         outliers : float
             Share that may be left outside.
         probability : float, optional
@@ -140,7 +142,9 @@ class TaskEllipsoid(Task):
         Parameters
         ----------
         axes : (m, d) array
+            Newtons and newton-metres.
         center : (d,) array, optional
+            The origin when left out.
         """
         rows = array("task.axes", axes, (None, None))
         if rows.shape[1] not in range(1, 7) or rows.shape[0] < 1 or not np.any(rows):
@@ -151,7 +155,7 @@ class TaskEllipsoid(Task):
 
     @property
     def dimension(self) -> int:
-        """Dimension of wrench space."""
+        """Dimension d of wrench space: 3 in the plane, 6 in space."""
         return int(self.axes.shape[1])
 
     @property
@@ -160,7 +164,7 @@ class TaskEllipsoid(Task):
         return not np.any(self.center)
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``<c, y> + ||L^T y||`` and the boundary wrench that attains it."""
+        """Return ``<c, y> + ||L^T y||`` for ``y`` (m, d), (m,), and the boundary wrenches that attain it, (m, d)."""
         local = y @ self.axes.T  # (m, axes)
         size = np.linalg.norm(local, axis=1)
         maximisers = self.center + (local / np.where(size > 0.0, size, 1.0)[:, None]) @ self.axes
@@ -174,20 +178,20 @@ class TaskEllipsoid(Task):
         return TaskEllipsoid.from_axes(self.axes, self.center + wrench)
 
     def second_moment(self) -> FloatArray:
-        """Return ``L L^T + c c^T``."""
+        """Return ``L L^T + c c^T``, (d, d)."""
         return self.axes.T @ self.axes + np.outer(self.center, self.center)
 
     def ends(self) -> FloatArray:
-        """Return the ends of the semi-axes that are not zero: ``c + axes`` and ``c - axes``."""
+        """Return the ends of the semi-axes that are not zero, ``c + axes`` and ``c - axes``, (2 m, d)."""
         axes = self.axes[np.any(self.axes != 0.0, axis=1)]
         return np.asarray(self.center + np.concatenate([axes, -axes]))
 
     def boundary(self, directions: FloatArray) -> FloatArray:
-        """Return the wrenches ``c + L u_j`` for unit directions ``u`` (m, axes)."""
+        """Return the wrenches ``c + L u_j``, (m, d), for unit directions ``u`` (m, r) over the r semi-axes."""
         return self.center + directions @ self.axes
 
     def to_dict(self) -> Json:
-        """Return centre and semi-axes."""
+        """Return centre and semi-axes as JSON data."""
         return {"type": self.kind, "center": self.center.tolist(), "axes": self.axes.tolist()}
 
     @classmethod

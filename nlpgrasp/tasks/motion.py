@@ -28,6 +28,7 @@ class MassProperties:
     mass : float
         Kilograms.
     center_of_mass : (3,) array
+        Metres.
     inertia : (3, 3) array
         About the centre of mass, kg m^2.
     """
@@ -113,7 +114,7 @@ def motion_wrenches(
     Raises
     ------
     InputError
-        On times that do not increase (the first such row is named), too few poses, quaternions that are none.
+        On times that do not increase (the first such row is named), too few poses, numbers that are not a quaternion.
     """
     t = array("times", times, (None,))
     if len(t) < FEWEST_POSES:

@@ -1,4 +1,4 @@
-"""Polytopes of wrenches."""
+"""Polytopes of wrenches, as the hull of their vertices."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class TaskPolytope(Task):
     Parameters
     ----------
     wrenches : (m, d) array
-        At least one, not all of them zero; they need not be extreme.
+        Newtons and newton-metres. At least one, not all of them zero; they need not be extreme.
 
     Raises
     ------
@@ -45,35 +45,35 @@ class TaskPolytope(Task):
 
     @property
     def dimension(self) -> int:
-        """Dimension of wrench space."""
+        """Dimension d of wrench space: 3 in the plane, 6 in space."""
         return int(self.wrenches.shape[1])
 
     @property
     def is_centred(self) -> bool:
-        """Whether each wrench's opposite is a wrench too."""
+        """Whether the opposite of each wrench is a wrench too."""
         size = np.max(np.abs(self.wrenches), axis=0)
         near = ROUNDING * np.where(size > 0.0, size, 1.0)
         scaled = self.wrenches / near
         return bool(np.all(cKDTree(scaled).query(-scaled, p=np.inf)[0] <= 1.0))
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work and the wrench that does it."""
+        """Return the largest work along ``y`` (m, d), (m,), and the wrenches that do it, (m, d)."""
         work = y @ self.wrenches.T
         best = np.argmax(work, axis=1)
         return work[np.arange(len(y)), best], self.wrenches[best]
 
     def transformed(self, matrix: FloatArray) -> Task:
-        """Return the hull of the images."""
+        """Return the hull of the wrenches' images under ``matrix`` (d', d)."""
         result = TaskPolytope.__new__(TaskPolytope)
         result.wrenches = read_only(self.wrenches @ matrix.T)  # of a lower dimension, perhaps
         return result
 
     def second_moment(self) -> FloatArray:
-        """Return the mean of ``v v^T`` over the wrenches, times the dimension."""
+        """Return the mean of ``v v^T`` over the wrenches, times the dimension, (d, d)."""
         return self.dimension * self.wrenches.T @ self.wrenches / len(self.wrenches)
 
     def ends(self) -> FloatArray:
-        """Return the wrenches, or of many those that reach farthest."""
+        """Return the wrenches, or of many those that reach farthest, (m, d)."""
         return self.wrenches if len(self.wrenches) <= MOST_ENDS else super().ends()
 
     def _plus(self, other: Task) -> Task | None:
@@ -84,7 +84,7 @@ class TaskPolytope(Task):
         return other._moved(self.wrenches[0]) if len(self.wrenches) == 1 else None
 
     def to_dict(self) -> Json:
-        """Return the wrenches."""
+        """Return the wrenches as JSON data."""
         return {"type": self.kind, "wrenches": self.wrenches.tolist()}
 
     @classmethod

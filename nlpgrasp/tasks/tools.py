@@ -71,6 +71,7 @@ def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid
     Parameters
     ----------
     axis : (3,) array
+        Body frame.
     torque : float
         Newton-metres.
     one_way : bool
@@ -142,6 +143,7 @@ def lift(
     mass : float
         Kilograms.
     up : (3,) array
+        In the body frame.
     acceleration : float
         In any direction, m / s^2.
     """

@@ -95,21 +95,21 @@ class Mesh(Body):
 
     @property
     def bounds(self) -> FloatArray:
-        """Bounding box of the mesh."""
+        """Bounding box of the mesh, (2, 3): lower corner, upper corner, metres."""
         return np.asarray(self.mesh.bounds, dtype=float)
 
     @cached_property
     def centroid(self) -> FloatArray:
-        """Centre of volume."""
+        """Centre of the mesh's volume, (3,), metres."""
         return np.asarray(self.mesh.center_mass, dtype=float)
 
     @property
     def symbol(self) -> type[ca.MX]:
-        """``casadi.MX``: a spline is not a scalar expression graph."""
+        """``casadi.MX``, because a spline has no scalar expression graph."""
         return ca.MX
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the one face."""
+        """Return the one face, the smoothed spline's zero set."""
         return (Face("surface", self._spline.expression),)
 
     def distance(self, p: Expression) -> Expression:
@@ -137,6 +137,7 @@ class Mesh(Body):
         Parameters
         ----------
         points : (m, 3) array
+            Metres, body frame.
 
         Returns
         -------
@@ -161,7 +162,7 @@ class Mesh(Body):
         return tree
 
     def surface_samples(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Return random points of the mesh itself, uniform by area, and its outward normals there."""
+        """Return random points of the mesh, uniform by area, and its outward normals there, (count, 3) each."""
         points, triangles = trimesh.sample.sample_surface(self.mesh, count, seed=rng)
         return np.asarray(points), np.asarray(self.mesh.face_normals)[triangles]
 

@@ -21,7 +21,7 @@ class ForceSet(ABC):
     contacts : sequence of k ContactModel
         Whose force domains make K.
     space : int
-        2 or 3.
+        Dimension of the contacts' points: 2 or 3.
     """
 
     power: ClassVar[float] = 2.0  # p, where the support is near the p-norm of the contacts' own supports
@@ -32,7 +32,7 @@ class ForceSet(ABC):
 
     @property
     def size(self) -> int:
-        """n, the number of force components."""
+        """Number n of force components."""
         return sum(c.components(self.space) for c in self.contacts)
 
     @property

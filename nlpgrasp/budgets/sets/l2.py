@@ -19,9 +19,9 @@ class L2Set(ForceSet):
         return size, x / np.where(size > 0.0, size, 1.0)[:, None]
 
     def used(self, x: FloatArray) -> FloatArray:
-        """Return ``|x|``."""
+        """Return the length ``|x|``, (m, n) to (m,)."""
         return np.asarray(np.linalg.norm(x, axis=1))
 
     def cones(self) -> list[FloatArray]:
-        """Return ``|x| <= f``."""
+        """Return the one cone ``|x| <= f``."""
         return [np.roll(np.eye(self.size + 1), 1, axis=0)]

@@ -22,7 +22,7 @@ class PerFingerSet(ForceSet):
         return np.sum(values, axis=1), forces
 
     def used(self, x: FloatArray) -> FloatArray:
-        """Return the largest normal force."""
+        """Return the largest normal force, (m, n) to (m,)."""
         return np.asarray(np.max(np.stack([x[:, r.start] for r in self.ranges]), axis=0))
 
     def cones(self) -> list[FloatArray]:

@@ -27,7 +27,7 @@ class PerFingerSizeSet(ForceSet):
         return total, x
 
     def used(self, x: FloatArray) -> FloatArray:
-        """Return the largest finger force."""
+        """Return the largest finger force, (m, n) to (m,)."""
         return np.asarray(np.max([np.linalg.norm(x[:, r], axis=1) for r in self.ranges], axis=0))
 
     def cones(self) -> list[FloatArray]:

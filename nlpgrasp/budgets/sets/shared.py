@@ -26,10 +26,10 @@ class SharedSet(ForceSet):
         return values[np.arange(len(z)), best], chosen
 
     def used(self, x: FloatArray) -> FloatArray:
-        """Return the sum of the normal forces."""
+        """Return the sum of the normal forces, (m, n) to (m,)."""
         return np.asarray(np.sum(np.stack([x[:, r.start] for r in self.ranges]), axis=0))
 
     def cones(self) -> list[FloatArray]:
-        """Return ``f - sum f_n >= 0``."""
+        """Return the one condition ``f - sum f_n >= 0``."""
         unit = np.eye(self.size + 1)
         return [unit[-1:] - unit[[r.start for r in self.ranges]].sum(axis=0, keepdims=True)]

@@ -26,7 +26,7 @@ MOST_LISTED = 4  # components of a contact whose extreme points are listed
 
 
 class TorqueSet(ForceSet):
-    """``{x in K : |T x| <= 1}``.
+    """The forces ``{x in K : |T x| <= 1}`` of several contacts.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class TorqueSet(ForceSet):
         return forces, prices
 
     def used(self, x: FloatArray) -> FloatArray:
-        """Return the largest torque over its limit."""
+        """Return the largest torque over its limit, (m, n) to (m,)."""
         return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
 
     def cones(self) -> list[FloatArray]:

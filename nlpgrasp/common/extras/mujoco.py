@@ -1,4 +1,4 @@
-"""MuJoCo (extra ``sim``)."""
+"""Loading MuJoCo (extra ``sim``)."""
 
 from __future__ import annotations
 

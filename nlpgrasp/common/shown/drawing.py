@@ -40,7 +40,7 @@ class Triangles:
 
     @classmethod
     def from_dict(cls, data: object, name: str) -> Triangles:
-        """Return the triangles of JSON data; those that are none are refused."""
+        """Return the triangles of JSON data; data of another form are refused."""
         if not isinstance(data, Mapping):
             raise InputError(name, data, "vertices and faces")
         vertices = array(f"{name}.vertices", data.get("vertices", ()), (None, 3))

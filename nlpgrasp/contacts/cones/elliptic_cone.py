@@ -11,7 +11,7 @@ AWAY = 1e-9  # the multiplier 1 is a removable singularity of the derivative: st
 
 
 def project(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
-    """Return the Euclidean projection of ``(f_n, f_t1, f_t2, tau)`` (..., 4)."""
+    """Return the Euclidean projection of ``(f_n, f_t1, f_t2, tau)`` onto the cone, (..., 4) to (..., 4)."""
     r, s = _sizes(z)
     pressing = _pressing(z[..., 0], r, s, mu, mu_t)
     tangential, torsion = _rest(z[..., 0], r, s, pressing, mu, mu_t)

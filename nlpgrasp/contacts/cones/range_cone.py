@@ -26,7 +26,7 @@ class RangeContact(ContactModel):
         """Return the blocks and their coefficients, given the number of components."""
 
     def project(self, z: FloatArray) -> FloatArray:
-        """Return the projection: the normal force above, and every block cut to its range."""
+        """Return the projection of ``z`` (..., n_i): the normal force above, and every block cut to its range."""
         blocks = self.blocks(z.shape[-1])
         sizes = [_size(z, where) for where, _ in blocks]
         pressing = _pressing(z[..., 0], sizes, [c for _, c in blocks])
@@ -75,7 +75,10 @@ class RangeContact(ContactModel):
         return result
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``max(0, z_n + sum_j c_j |z_j|)`` and the unit normal force with every block at its limit."""
+        """Return ``max(0, z_n + sum_j c_j |z_j|)`` for ``z`` (..., n_i), and the force, (..., n_i), that attains it.
+
+        Its normal force is 1, and every block is at its limit.
+        """
         result = np.empty_like(z)
         value = z[..., 0]
         for where, c in self.blocks(z.shape[-1]):

@@ -27,7 +27,7 @@ def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | 
     Raises
     ------
     InputError
-        On factors that are no mappings of fields, fields from two factors, or when nothing is chosen.
+        On factors that are not mappings of fields, fields from two factors, or when nothing is chosen.
 
     Examples
     --------

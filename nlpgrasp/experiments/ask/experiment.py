@@ -48,7 +48,7 @@ class Experiment:
         ``ng.combinations`` makes combinations of several factors.
     seeds : iterable of int
     starts : int
-        A solve.
+        Of each solve.
     options : SolveOptions, optional
         ``workers`` plays no part: solves run side by side, each in one process.
     name : str, optional
@@ -150,7 +150,7 @@ def check_seeds(given: object) -> tuple[int, ...]:
     Raises
     ------
     InputError
-        On none, on other things, or one twice.
+        On an empty list, on other things than whole numbers, or a seed twice.
     """
     try:
         if isinstance(given, str) or not isinstance(given, Iterable):

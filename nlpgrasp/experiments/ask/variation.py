@@ -98,7 +98,7 @@ def settled_changes(changes: Changes) -> Changes:
 
 
 def check_fields(where: str, changes: Changes) -> None:
-    """Refuse names that are no fields of a problem."""
+    """Refuse names that are not fields of a problem."""
     unknown = [name for name in changes if name not in (*PARTS, *MORE)]
     if unknown:
         raise InputError(f"{where}.{unknown[0]}", "a field that does not exist", ALLOWED)

@@ -35,7 +35,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Column:
-    """A column.
+    """A column of an experiment's table.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ class Comparison:
 
     @property
     def bounds(self) -> tuple[Bounds, ...]:
-        """Certified bounds; ``[0, 0]`` where there is no grasp."""
+        """Certified bounds of each solution; ``[0, 0]`` where there is no grasp."""
         return tuple(r.mu for r in self.records)
 
     def __str__(self) -> str:

@@ -19,7 +19,7 @@ NOT_DONE = "not done"  # the failure of a solve whose turn has not come
 
 @dataclass(frozen=True)
 class SolveRecord:
-    """One solve.
+    """What one solve of an experiment found.
 
     Parameters
     ----------

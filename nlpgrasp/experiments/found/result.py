@@ -1,4 +1,4 @@
-"""What an experiment found."""
+"""What an experiment found, in all its variations."""
 
 from __future__ import annotations
 
@@ -88,12 +88,12 @@ class ExperimentResult:
 
     @property
     def solves(self) -> tuple[SolveRecord, ...]:
-        """All solves."""
+        """Records of all solves, variation by variation."""
         return tuple(s for v in self.variations for s in v.solves)
 
     @property
     def failures(self) -> tuple[SolveRecord, ...]:
-        """The solves without a solution: failed or not done."""
+        """Records of the solves without a solution: failed or not done."""
         return tuple(s for s in self.solves if not s.done)
 
     @property
@@ -137,7 +137,7 @@ class ExperimentResult:
         return GraspSolution.load(Folder(self.folder).file(SolveId(variation, best.seed if seed is None else seed)))
 
     def rows(self) -> list[Row]:
-        """Return the table: one mapping a solve, by the names of ``columns.COLUMNS``."""
+        """Return the table as one mapping for each solve, by the names of ``columns.COLUMNS``."""
         place, rows = Folder(self.folder), []
         for variation, rank in zip(self.variations, self.ranks(), strict=True):
             for solve in variation.solves:

@@ -26,7 +26,7 @@ class VariationResult:
 
     @property
     def best(self) -> SolveRecord | None:
-        """The solve with the best certified bounds."""
+        """Record of the solve with the best certified bounds; None where there is none."""
         return max((s for s in self.solves if s.success), key=lambda s: (s.mu.upper, s.mu.lower), default=None)
 
     @cached_property
@@ -59,10 +59,10 @@ class VariationResult:
 
     @property
     def seconds(self) -> float:
-        """Median wall time of a solve."""
+        """Median wall time of a solve, seconds."""
         return median([s.seconds for s in self.solves if s.done] or [0.0])
 
     @property
     def failures(self) -> tuple[SolveRecord, ...]:
-        """The solves without a solution."""
+        """Records of the solves without a solution."""
         return tuple(s for s in self.solves if not s.done)

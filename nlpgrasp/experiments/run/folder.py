@@ -66,7 +66,7 @@ class Folder:
         Raises
         ------
         InputError
-            When it is no folder, cannot be written, holds another experiment or other files, is in use, or holds
+            When it is not a folder, cannot be written, holds another experiment or other files, is in use, or holds
             this experiment and ``resume`` is false.
         """
         try:
@@ -114,12 +114,12 @@ class Folder:
             raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own")
 
     def plan(self) -> Plan:
-        """Return the plan.
+        """Return the plan that the folder belongs to.
 
         Raises
         ------
         InputError
-            When there is none.
+            When the folder has no plan.
         """
         file = self.path / PLAN
         try:
@@ -159,7 +159,7 @@ class Folder:
         Raises
         ------
         InputError
-            When the file is no solution, or not one of this solve.
+            When the file is not a solution, or not one of this solve.
         """
         file = self.file(solve)
         if not file.exists():

@@ -1,4 +1,4 @@
-"""Run an experiment."""
+"""The run of an experiment: what is missing is solved, and kept as it comes."""
 
 from __future__ import annotations
 

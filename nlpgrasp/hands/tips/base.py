@@ -68,7 +68,7 @@ class Tip(ABC):
     @property
     @abstractmethod
     def centre(self) -> FloatArray:
-        """A point in the middle of the patch or behind it, (3,), link frame: where to begin."""
+        """Point in the middle of the patch or behind it, (3,), metres, link frame: where to begin."""
 
     @property
     def standoff(self) -> float:
@@ -90,11 +90,11 @@ class Tip(ABC):
 
     @abstractmethod
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return how far points of the link's frame are outside the patch's solid, (m, 3) to (m,), metres."""
+        """Return how far points (m, 3) of the link's frame are outside the patch's solid, (m,), metres."""
 
     @abstractmethod
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return how large spheres of the same link may be without getting in the patch's way, (m, 3) to (m,)."""
+        """Return how large spheres about points (m, 3) of the link may be to leave the patch free, (m,), metres."""
 
     @abstractmethod
     def to_dict(self) -> Json:

@@ -43,26 +43,26 @@ class CylinderTip(Tip):
 
     @property
     def ends(self) -> FloatArray:
-        """Both ends of the axis, (2, 3)."""
+        """Both ends of the axis, (2, 3), metres, link frame."""
         return np.array([self.start, self.end], dtype=float)
 
     @property
     def centre(self) -> FloatArray:
-        """The middle of the axis."""
+        """Middle of the axis, (3,), metres, link frame."""
         return np.asarray(self.ends.mean(axis=0))
 
     @property
     def standoff(self) -> float:
-        """The cylinder's radius."""
+        """Radius of the cylinder, metres."""
         return self.radius
 
     @property
     def slides(self) -> bool:
-        """True."""
+        """True, because the contact may be anywhere along the axis."""
         return True
 
     def ball_centre(self, pose: Expression, slide: Expression) -> Expression:
-        """Return the point of the axis."""
+        """Return the point of the axis behind the contact, body frame."""
         a, b = self.ends
         return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(a) + slide * ca.DM(b - a))
 
@@ -82,7 +82,7 @@ class CylinderTip(Tip):
         return np.asarray(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return how far spheres may reach without leaving the cylinder's own radius."""
+        """Return how far spheres about points (m, 3) may reach within the cylinder's own radius, (m,), metres."""
         a, b = self.ends
         t = np.clip((centres - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
         off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)

@@ -62,7 +62,7 @@ class EllipsoidTip(Tip):
 
     @property
     def centre(self) -> FloatArray:
-        """The ellipsoid's centre."""
+        """Centre of the ellipsoid, (3,), metres, link frame."""
         return np.asarray(self.offset, dtype=float)
 
     def rows(self, touch: Touch) -> list[Row]:
@@ -85,12 +85,12 @@ class EllipsoidTip(Tip):
         return np.asarray((gauge - 1.0) * np.max(axes))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii of a cone of 20 degrees around the smallest semi-axis."""
+        """Return radii for points (m, 3), (m,), metres: those of a cone of 20 degrees around the smallest semi-axis."""
         smallest = float(np.min(self.semi_axes))
         return np.asarray(smallest + TILT * np.linalg.norm(centres - self.centre, axis=1))
 
     def to_dict(self) -> Json:
-        """Return shape, pose and extent."""
+        """Return shape, pose and extent as JSON data."""
         return {
             "type": self.kind,
             "semi_axes": list(np.asarray(self.semi_axes, float)),

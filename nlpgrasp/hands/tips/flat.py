@@ -49,7 +49,7 @@ class FlatTip(Tip):
 
     @property
     def centre(self) -> FloatArray:
-        """The rectangle's middle."""
+        """Middle of the rectangle, (3,), metres, link frame."""
         return np.asarray(self.offset, dtype=float)
 
     def rows(self, touch: Touch) -> list[Row]:
@@ -73,12 +73,12 @@ class FlatTip(Tip):
         return np.asarray((points - frame[:3, 3]) @ frame[:3, 2])
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the distance behind the pad's plane."""
+        """Return how far points (m, 3) are behind the pad's plane, (m,), metres."""
         frame = self.frame
         return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2] - SLACK, 0.0))
 
     def to_dict(self) -> Json:
-        """Return extents and pose."""
+        """Return extents and pose as JSON data."""
         return {
             "type": self.kind,
             "extents": list(np.asarray(self.extents, float)),

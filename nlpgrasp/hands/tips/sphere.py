@@ -1,4 +1,4 @@
-"""A spherical fingertip."""
+"""A spherical fingertip, fixed to a link."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ class SphereTip(Tip):
 
     @property
     def centre(self) -> FloatArray:
-        """The sphere's centre."""
+        """Centre of the sphere, (3,), metres, link frame."""
         return np.asarray(self.offset, dtype=float)
 
     @property
     def standoff(self) -> float:
-        """The sphere's radius."""
+        """Radius of the sphere, metres."""
         return self.radius
 
     def ball_centre(self, pose: Expression, slide: Expression) -> Expression:
-        """Return the sphere's centre."""
+        """Return the sphere's centre, body frame."""
         return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(self.centre))
 
     def rows(self, touch: Touch) -> list[Row]:
-        """Return ``c = p - r n``."""
+        """Return the rows of ``c = p - r n``."""
         return equal(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
 
     def beyond(self, points: FloatArray) -> FloatArray:
@@ -58,9 +58,9 @@ class SphereTip(Tip):
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return the radii of a cone of 20 degrees around the sphere."""
+        """Return radii for points (m, 3), (m,), metres: those of a cone of 20 degrees around the sphere."""
         return np.asarray(self.radius + TILT * np.linalg.norm(centres - self.centre, axis=1))
 
     def to_dict(self) -> Json:
-        """Return radius and offset."""
+        """Return radius and offset as JSON data."""
         return {"type": self.kind, "radius": self.radius, "offset": list(self.centre)}

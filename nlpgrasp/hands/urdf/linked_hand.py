@@ -39,7 +39,7 @@ class LinkedHand(PosedHand):
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """The joints that move some contact; those that follow others count as these."""
+        """Names of the joints that move some contact; those that follow others count as these."""
         return self.tree.loaded_joints
 
     def contact_motion(
@@ -55,7 +55,15 @@ class LinkedHand(PosedHand):
         return np.asarray(found.full()).reshape(self.count, 6, len(self.loaded_joints))
 
     def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return random palm orientations and joint positions, the fingertips' middle at the points given."""
+        """Return random palm orientations and joints, with the fingertips' middle at ``around`` (count, space).
+
+        Returns
+        -------
+        values : dict of str to (count, m) array
+            Of the variables by name.
+        tips : (count, k, 3) array
+            The fingertips' centres, metres, body frame.
+        """
         return self.tree.draw(count, around, rng)
 
     def describe(self, values: Values) -> Json:

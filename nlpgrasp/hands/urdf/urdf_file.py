@@ -29,8 +29,8 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     Raises
     ------
     InputError
-        When the file is missing, is not a URDF, its joints do not make a tree, limits are upside down, numbers
-        are none, or the palm is no link.
+        When the file is missing, is not a URDF, its joints do not make a tree, limits are upside down, a
+        number cannot be read, or the palm is not a link.
     """
     if not isinstance(path, str | Path):
         raise InputError("URDFHand.path", path, "the path of a URDF file")

@@ -127,7 +127,7 @@ class URDFHand(LinkedHand):
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
-        """Radius of each round fingertip, 0 for the others."""
+        """Radius of each round fingertip, metres, 0 for the others."""
         return tuple(tip.standoff for _, tip in self.tips)
 
     def with_clearance(self, clearance: float) -> URDFHand:
@@ -138,7 +138,7 @@ class URDFHand(LinkedHand):
         return result
 
     def check(self, space: int) -> None:
-        """Refuse planar bodies."""
+        """Refuse planar bodies, which have no room for links."""
         if space != 3:
             raise InputError("GraspProblem.hand", "a URDF hand for a planar body", "a body in space")
 

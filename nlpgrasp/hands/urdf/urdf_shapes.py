@@ -24,7 +24,7 @@ def read_shapes(
     Raises
     ------
     InputError
-        On shapes that are none, and where meshes are missing and no link has any other shape.
+        On shapes that cannot be made, and where meshes are missing and no link has any other shape.
     """
     shapes: dict[str, tuple[Shape, ...]] = {}
     missing: list[str] = []

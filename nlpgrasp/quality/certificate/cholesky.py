@@ -25,6 +25,7 @@ def solve_columns(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArr
     Returns
     -------
     (d, m) array
+        The solutions s, one a column.
     """
     d = len(right)
     L: dict[tuple[int, int], FloatArray] = {}  # the unit lower triangle of L D L^T, times D

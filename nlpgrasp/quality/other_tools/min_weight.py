@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
-from typing import overload
-
 import numpy as np
 from scipy.optimize import linprog
 
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality.arguments import over_stacks
 from nlpgrasp.quality.certificate.rank import equilibrated, wrench_rank
 from nlpgrasp.quality.other_tools.pyramids import pyramid_wrenches
 
 
-@overload
-def min_weight(grasp: Grasp, edges: int = 8, *, first_edge: float = 0.0) -> float: ...
-@overload
-def min_weight(grasp: GraspStack, edges: int = 8, *, first_edge: float = 0.0) -> FloatArray: ...
-def min_weight(grasp: Grasp | GraspStack, edges: int = 8, *, first_edge: float = 0.0) -> float | FloatArray:
+@over_stacks
+def min_weight(grasp: Grasp, edges: int = 8, *, first_edge: float = 0.0) -> float:
     """Return the min-weight metric of FRoGGeR (Li et al. 2023, doi:10.1109/IROS55552.2023.10341806), normalised.
 
     The largest l such that edge wrenches with weights of at least l, summing to 1, balance; times their number, so
     that it is between 0 and 1. Positive weights alone also balance wrenches that span less than wrench space: without
     full rank the value here is 0.
+
+    Parameters
+    ----------
+    grasp : Grasp or GraspStack
+    edges, first_edge
+        As for ``pyramid_wrenches``.
+
+    Returns
+    -------
+    float, or (b,) array for a stack
+        From 0 to 1, without a unit.
     """
-    if isinstance(grasp, GraspStack):
-        return np.array([min_weight(g, edges, first_edge=first_edge) for g in grasp])
     wrenches = np.concatenate(pyramid_wrenches(grasp, edges, first_edge=first_edge))
     if wrench_rank(wrenches) < grasp.dimension:
         return 0.0

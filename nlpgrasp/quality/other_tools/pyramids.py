@@ -45,6 +45,7 @@ def pyramid_wrenches(
     Returns
     -------
     list of k (m_i, d) arrays
+        One wrench a row, torques over ``torque_scale``.
     """
     require_grasp(grasp)
     edges = integer("edges", edges, at_least=3, at_most=1000)
@@ -88,7 +89,7 @@ def ferrari_canny(
     Returns
     -------
     float, or (b,) array for a stack
-        In newtons of wrench per unit of finger force; 0 when the origin is not inside, or the wrenches do not span
+        Newtons of wrench per unit of finger force; 0 when the origin is not inside, or the wrenches do not span
         wrench space.
 
     Raises

@@ -22,6 +22,17 @@ def smallest_singular_value(grasp: Grasp | GraspStack, torque_scale: float = 1.0
 
     Counting all d of them: a grasp map of fewer columns than rows has a zero among them. Friction does not enter, so a
     value above 0 does not show stability.
+
+    Parameters
+    ----------
+    grasp : Grasp or GraspStack
+    torque_scale : float
+        Metres: torques count as ``torque / torque_scale``.
+
+    Returns
+    -------
+    float, or (b,) array for a stack
+        Newtons per unit of the L2 norm of all finger forces.
     """
     values = _singular_values(grasp, torque_scale)[..., -1]
     return float(values) if isinstance(grasp, Grasp) else values
@@ -32,7 +43,19 @@ def isotropy(grasp: Grasp, torque_scale: float = 1.0) -> float: ...
 @overload
 def isotropy(grasp: GraspStack, torque_scale: float = 1.0) -> FloatArray: ...
 def isotropy(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> float | FloatArray:
-    """Return G's smallest over its largest singular value (Kim, Oh, Yi and Suh 2001); 0 without full rank."""
+    """Return G's smallest over its largest singular value (Kim, Oh, Yi and Suh 2001).
+
+    Parameters
+    ----------
+    grasp : Grasp or GraspStack
+    torque_scale : float
+        Metres: torques count as ``torque / torque_scale``.
+
+    Returns
+    -------
+    float, or (b,) array for a stack
+        From 0, without full rank, to 1.
+    """
     values = _singular_values(grasp, torque_scale)
     ratio = np.asarray(values[..., -1] / np.maximum(values[..., 0], 1e-300))
     return float(ratio) if isinstance(grasp, Grasp) else ratio

@@ -19,7 +19,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 
 def comparison(compared: Comparison) -> str:
-    """Return the solutions side by side."""
+    """Return the solutions side by side, as a table."""
     rows = [
         [f"{rank}", name, str(r.mu) if r.success else "no grasp", f"{r.contacts}", "; ".join(tied), "; ".join(r.active)]
         for name, r, rank, tied in zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
@@ -30,7 +30,7 @@ def comparison(compared: Comparison) -> str:
 
 
 def status(solution: GraspSolution) -> str:
-    """Return how the solve ended."""
+    """Return how the solve ended, in words."""
     kind = "status" if solution.success else "status failed"
     lines = [solution.status.value]
     if solution.why_not is not None:
@@ -139,7 +139,7 @@ def convergence(solution: GraspSolution) -> str:
 
 
 def starts(solution: GraspSolution) -> str:
-    """Return all starts."""
+    """Return a table of all starts."""
     rows = []
     for s in solution.starts:
         seconds = f"{sum(s.seconds.values()):.2f}"

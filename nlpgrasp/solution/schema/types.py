@@ -12,7 +12,7 @@ Measure: TypeAlias = Mapping[str, float]  # an interval, as Bounds and Volume st
 
 
 class MuData(TypedDict):
-    """``quality.mu``."""
+    """The entry ``quality.mu``."""
 
     lower: float
     upper: float
@@ -21,7 +21,7 @@ class MuData(TypedDict):
 
 
 class RobustData(TypedDict):
-    """``quality.robust``."""
+    """The entry ``quality.robust``."""
 
     offset: float
     friction_share: float
@@ -31,7 +31,7 @@ class RobustData(TypedDict):
 
 
 class QualityData(TypedDict):
-    """``quality``."""
+    """The entry ``quality``."""
 
     mu: MuData | None
     delta: NotRequired[Measure | None]
@@ -52,7 +52,7 @@ class ContactData(TypedDict):
 
 
 class GraspData(TypedDict):
-    """``grasp``."""
+    """The entry ``grasp``."""
 
     dimension: int
     torque_origin: Vector
@@ -60,7 +60,7 @@ class GraspData(TypedDict):
 
 
 class ForcesData(TypedDict):
-    """One of ``forces``."""
+    """One of the entries of ``forces``."""
 
     direction: Vector
     forces: list[Vector]
@@ -80,7 +80,7 @@ class ConstraintData(TypedDict):
 
 
 class PriceData(TypedDict):
-    """One of ``shadow_prices``."""
+    """One of the entries of ``shadow_prices``."""
 
     name: str
     value: float
@@ -90,7 +90,7 @@ class PriceData(TypedDict):
 
 
 class ConflictData(TypedDict):
-    """One of ``why_not.conflicts``."""
+    """One of the entries of ``why_not.conflicts``."""
 
     name: str
     row: str
@@ -101,7 +101,7 @@ class ConflictData(TypedDict):
 
 
 class WhyNotData(TypedDict):
-    """``why_not``."""
+    """The entry ``why_not``."""
 
     conflicts: list[ConflictData]
     direction: Vector | None
@@ -136,7 +136,7 @@ class SolverData(TypedDict, total=False):
 
 
 class SolutionData(TypedDict):
-    """A solution file."""
+    """A solution file as a whole."""
 
     schema: str
     created_by: NotRequired[dict[str, str]]

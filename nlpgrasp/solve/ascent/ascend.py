@@ -41,7 +41,7 @@ class Rules:
     worse, refused : float
         Factor after a trial that gains nothing, and where there is none that keeps the constraints.
     allowed : float
-        Violation of a trial, relative to the rows' scales, that counts as none.
+        Violation of a trial, relative to the rows' scales, that still counts as keeping them.
     least_gain : float
         Relative: the ascent ends where the model promises less.
     looks_back : bool
@@ -90,7 +90,7 @@ S_co = TypeVar("S_co", bound=Step, covariant=True)
 
 
 class Model(Protocol[S_co]):
-    """What proposes steps."""
+    """What proposes the steps of an ascent."""
 
     def step(self, state: AscentState, cuts: FloatArray, radius: float) -> S_co | None:
         """Return a step from where the ascent stands, or None where the model finds none.

@@ -59,7 +59,7 @@ class Restored(Generic[R]):
 
     @property
     def violation(self) -> float:
-        """The least violation."""
+        """Least violation that was reached."""
         return self.rows.violation
 
 

@@ -43,7 +43,7 @@ class Linearised:
 
     @property
     def violation(self) -> float:
-        """The largest of them; inf where one is unknown."""
+        """Largest of the violations; inf where one is unknown."""
         worst = float(np.max(self.violations, initial=0.0))
         return worst if np.isfinite(worst) else np.inf
 

@@ -39,11 +39,11 @@ class NoSlack:
     keeps_equations: ClassVar[bool] = True
 
     def columns(self, rows: IntArray) -> sparse.csr_matrix:
-        """Return no columns."""
+        """Return a matrix without columns, (m, 0)."""
         return sparse.csr_matrix((len(rows), 0))
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return nothing."""
+        """Return no prices, as there is nothing to price."""
         return np.zeros(0), np.zeros(0)
 
 

@@ -13,7 +13,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 
 @dataclass(frozen=True)
 class Effort:
-    """What solving cost.
+    """What solving cost, in iterations and seconds.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ class StartResult:
 
     @property
     def effort(self) -> Effort:
-        """What solving cost."""
+        """What the start cost, in iterations and seconds."""
         return Effort()
 
 
@@ -54,7 +54,7 @@ class StartGrasp(StartResult):
 
     @property
     def effort(self) -> Effort:
-        """What solving cost."""
+        """What the start cost, in iterations and seconds."""
         return self.spent
 
     @property

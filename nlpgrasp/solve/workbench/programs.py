@@ -90,12 +90,12 @@ class ExchangeProgram:
 
     @property
     def slots(self) -> int:
-        """Cutting planes the program holds."""
+        """Number of cutting planes that the program holds."""
         return SLOTS if self.linearises or has_closed_form(self._problem) else SLOTS_WITH_FORCES
 
     @cached_property
     def compiled(self) -> CompiledProgram:
-        """The program itself."""
+        """The program with its solver, compiled."""
         slots = 0 if self._problem.budget.follows_hand else self.slots
         program = support_program(self._problem, _faces(self._problem), slots, eliminate=True, pieces=self.linearises)
         return _compiled(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})

@@ -39,7 +39,7 @@ class TaskSamples:
 
     @property
     def count(self) -> int:
-        """Number of samples."""
+        """Number of samples of a draw."""
         return len(self._local) if self._all is None else len(self._all)
 
     @property

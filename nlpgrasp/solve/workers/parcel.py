@@ -22,11 +22,11 @@ class Asked(Protocol):
 
     @property
     def problem(self) -> GraspProblem:
-        """What is asked."""
+        """Problem that is to be solved."""
 
     @property
     def options(self) -> SolveOptions:
-        """How it is solved."""
+        """Options that it is solved with."""
 
 
 Case = TypeVar("Case", bound=Asked)
@@ -82,7 +82,7 @@ class LazyBench(Generic[Case]):
 
     @cached_property
     def case(self) -> Case:
-        """What is asked."""
+        """Problem and options, made in this process."""
         return self.make()
 
     @cached_property

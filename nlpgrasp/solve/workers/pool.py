@@ -59,11 +59,12 @@ class Runner:
         self._parcel: Parcel[LazyBench[_Asked]] | None = None
 
     def check_model(self) -> None:
-        """Refuse, before any start, a model of the exchange that is unknown or does not suit the problem.
+        """Refuse, before any start, a model of the exchange that does not suit the problem.
 
         Raises
         ------
         InputError
+            When the model named is unknown or does not suit the problem.
         """
         if isinstance(self.options.exchange, str):
             model_of(self._workbench())

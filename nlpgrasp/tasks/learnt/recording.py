@@ -36,7 +36,7 @@ class WrenchRecording:
     lines : (m,) array
         The line of the file each is from.
     dropped : (s,) array
-        Lines that were left out because they hold NaN, infinity or no number.
+        Lines that were left out because they hold NaN, infinity or something else than a number.
     source : str
     """
 
@@ -114,7 +114,7 @@ class WrenchRecording:
 def _table(path: Path) -> tuple[list[list[str]], list[str] | None, list[int]]:
     """Return the rows, the header if there is one, and the rows' line numbers.
 
-    A row with more or fewer cells than the first is none: it comes back empty.
+    A row with more or fewer cells than the first holds no wrench: it comes back empty.
     """
     try:
         if path.stat().st_size > LARGEST_FILE:
@@ -189,7 +189,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _number(row: list[str], column: int) -> float:
-    """Return a cell as a number, NaN where it is none."""
+    """Return a cell as a number, NaN where it is not a number."""
     try:
         value = float(row[column])
     except (ValueError, IndexError):

@@ -25,16 +25,16 @@ class TextSurface:
     tight: bool = False
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Raise ``NotMadeError``."""
+        """Raise ``NotMadeError``: the function is not in the file."""
         if face != "surface":
             raise KeyError(face)
         raise NotMadeError("the body's function stays in the script that made it")
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Raise ``NotMadeError``."""
+        """Raise ``NotMadeError``: the function is not in the file."""
         raise NotMadeError("the body's function stays in the script that made it")
 
 
 def implicit(data: Json, sources: Sources) -> TextSurface:
-    """Return the box."""
+    """Return the box of a body whose function is not in the file."""
     return TextSurface(array("bounds", data["bounds"], (2, None)))

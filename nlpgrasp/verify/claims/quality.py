@@ -25,7 +25,7 @@ OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not alon
 
 
 def interval(stated: Bounds) -> Check:
-    """Check that an interval is one."""
+    """Check that the lower end of an interval is not above its upper end."""
     good = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
     return Check("interval", good, f"stated {stated}")
 

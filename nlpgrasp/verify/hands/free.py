@@ -37,11 +37,11 @@ class FreeHand:
 
     @property
     def posed_tips(self) -> Sequence[None]:
-        """None: every fingertip is free."""
+        """None for each fingertip: every one is free."""
         return [None] * len(self.radii)
 
     def palm(self) -> Palm | None:
-        """None: nothing has a pose."""
+        """Return None, as nothing has a pose."""
         return None
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
@@ -49,16 +49,16 @@ class FreeHand:
         return []
 
     def apart(self) -> Sequence[RowValue]:
-        """Return none."""
+        """Return no rows: nothing can be in its own way."""
         return []
 
     def limits(self) -> Sequence[RowValue]:
-        """Return none."""
+        """Return no rows: its variables have no limits."""
         return []
 
 
 class FingertipNumbers(FreeHand):
-    """``Fingertips``."""
+    """Free fingertips, the numeric twin of ``Fingertips``."""
 
     def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
         """Yield the squared distances of the fingertips' centres from the palm point and from each other."""
@@ -79,7 +79,7 @@ class FingertipNumbers(FreeHand):
 
 
 class JawNumbers(FreeHand):
-    """``ParallelJaw``."""
+    """Parallel jaws, the numeric twin of ``ParallelJaw``."""
 
     def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
         """Yield the opening, and that each jaw faces along the line between the contacts."""

@@ -47,7 +47,7 @@ class UnknownHand:
         self._refuse()
 
     def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
-        """Yield its rows."""
+        """Yield the rows that it puts on a placement."""
         self._refuse()
 
     def apart(self) -> Iterator[RowValue]:

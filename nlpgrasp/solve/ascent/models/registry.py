@@ -54,6 +54,7 @@ def check_name(exchange: bool | str) -> None:
     Raises
     ------
     InputError
+        When nobody has registered the name.
     """
     if isinstance(exchange, str) and exchange not in _models:
         allowed = "True, False or one of " + ", ".join(map(repr, _models))
