@@ -109,6 +109,7 @@ def nu(
     rtol : float
         Relative error bar to reach; in the plane, relative width of the certified interval.
     force_budget : str or ForceBudget
+        As for ``mu``.
     seed : int
         Of the samples.
 

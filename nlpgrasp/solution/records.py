@@ -114,7 +114,7 @@ class ConstraintReport:
     lower, upper : float
         Limits, infinite for none.
     multiplier : float
-        ``d mu / d limit`` of the active limit at the last solve, 0 when none is active.
+        ``d mu / d limit`` of the active limit in the solve that led to the grasp, 0 when none is active.
     active : bool
         Within 1e-4 of its scale from a limit.
     kind : str

@@ -110,15 +110,9 @@ class LinkTree:
     def contact_motion(
         self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
     ) -> list[tuple[Expression, Expression]]:
-        """Return velocity and angular velocity, body frame, of contact points fixed to their links.
+        """Return velocity and angular velocity, (3,) each, body frame, of contact points fixed to their links.
 
-        Parameters
-        ----------
-        variables : dict
-        rates : (m,) expression
-            Of the loaded joints.
-        points : sequence of k (3,) expressions
-            Metres, body frame.
+        Arguments are those of ``PosedHand.contact_motion``.
         """
         palm, q = self.palm(variables), variables["joints"]
         every = ca.SX(len(self.robot.free_joints), 1)
