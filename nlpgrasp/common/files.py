@@ -1,12 +1,17 @@
-"""Files that are written whole or not at all."""
+"""Files: written whole or not at all, read with every way to be wrong named, called after what they hold."""
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
 import tempfile
 from pathlib import Path
 
 from nlpgrasp.errors import InputError
+
+HASH = 16  # hexadecimal digits, in the names of files
+HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")
 
 
 def write_text(path: str | Path, text: str) -> Path:
@@ -39,6 +44,44 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
         Path(name).unlink(missing_ok=True)
         raise InputError(f"out ({path})", error.strerror, "a file that can be written") from None
     return target
+
+
+def read_text(path: str | Path, what: str, largest: int) -> str:
+    """Return the text of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+    what : str
+        That the file is to be, for messages: ``"a solution file"``.
+    largest : int
+        Bytes that it may have; whole mebibytes.
+
+    Raises
+    ------
+    InputError
+        When it is not there, no regular file, too large, or not UTF-8.
+    """
+    file = Path(path)
+    try:
+        size = file.stat().st_size
+        if not file.is_file():
+            raise InputError(str(path), "not a regular file", what)
+        if size > largest:
+            raise InputError(str(path), f"{size / 2**20:.0f} MiB", f"at most {largest // 2**20} MiB")
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(str(path), error.strerror or "unreadable", f"{what} that exists") from None
+    except UnicodeDecodeError:
+        raise InputError(str(path), "bytes that are not UTF-8", "a JSON text file") from None
+
+
+def file_name(name: str) -> str:
+    """Return a file name, without ending, for a name: readable, and another for another name on any file system."""
+    readable = re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.")[:60]
+    if readable == name and not HASHED.search(name):
+        return readable
+    return f"{readable}-{hashlib.sha256(name.encode()).hexdigest()[:HASH]}"
 
 
 def _umask() -> int:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn, cast
+from typing import cast
 
 import jsonschema
 
-from nlpgrasp.common.files import write_text
+from nlpgrasp.common.files import read_text, write_text
+from nlpgrasp.common.strict_json import check_schema, read_object
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema import SCHEMA_NAME, solution_schema
 from nlpgrasp.solution.schema.kinds import EXPECTED, check_kinds
@@ -40,65 +39,19 @@ def text_of(data: SolutionData) -> str:
 
 def read(path: str | Path) -> SolutionData:
     """Return the validated data of a solution file; every way a file can be wrong is an ``InputError``."""
-    file = Path(path)
-    try:
-        size = file.stat().st_size
-        if not file.is_file():
-            raise InputError(str(path), "not a regular file", "a solution file")
-        if size > LARGEST_FILE:
-            raise InputError(str(path), f"{size / 2**20:.0f} MiB", f"at most {LARGEST_FILE // 2**20} MiB")
-        text = file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(str(path), error.strerror or "unreadable", "a solution file that exists") from None
-    except UnicodeDecodeError:
-        raise InputError(str(path), "bytes that are not UTF-8", "a JSON text file") from None
-    return parse(text, str(path))
+    return parse(read_text(path, "a solution file", LARGEST_FILE), str(path))
 
 
 def parse(text: str, name: str) -> SolutionData:
     """Return the validated data of a JSON text; ``name`` is shown in messages."""
     if depth(text) > DEEPEST:
         raise InputError(name, f"nesting deeper than {DEEPEST}", "a solution file (schema 1)")
-    try:
-        data = json.loads(text, parse_constant=_refuse_constant, parse_int=_bounded_int)
-    except json.JSONDecodeError as error:
-        raise InputError(name, f"not valid JSON at line {error.lineno}: {error.msg}", "a complete JSON file") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(name, str(error), "a JSON file with finite numbers") from None
-    if not isinstance(data, dict):
-        raise InputError(name, type(data).__name__, "a JSON object")
+    data = read_object(text, name)
     if data.get("schema") != SCHEMA_NAME:
         raise InputError(f"{name}: schema", data.get("schema", "nothing"), repr(SCHEMA_NAME))
-    _refuse_infinite(data, name)
-    found = jsonschema.Draft202012Validator(solution_schema()).iter_errors(data)
-    errors = sorted(found, key=lambda e: list(map(str, e.absolute_path)))
-    if errors:
-        where = ".".join(str(part) for part in errors[0].absolute_path) or "top level"
-        raise InputError(f"{name}: {where}", errors[0].message, EXPECTED)
+    check_schema(data, jsonschema.Draft202012Validator(solution_schema()), name, EXPECTED)
     check_kinds(data, name)
     return cast(SolutionData, data)
-
-
-def _refuse_constant(text: str) -> NoReturn:
-    raise ValueError(f"{text} is not a number in JSON")
-
-
-def _bounded_int(text: str) -> int:
-    if len(text) > 18:
-        raise ValueError(f"a whole number of {len(text)} digits")
-    return int(text)
-
-
-def _refuse_infinite(value: object, name: str, where: str = "") -> None:
-    """Refuse numbers too large for a float, which JSON reads as infinity."""
-    if isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{name}: {where or 'top level'}", "a number too large for a float", "finite numbers")
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            _refuse_infinite(item, name, f"{where}.{key}".lstrip("."))
-    elif isinstance(value, Sequence) and not isinstance(value, str):
-        for index, item in enumerate(value):
-            _refuse_infinite(item, name, f"{where}.{index}".lstrip("."))
 
 
 def depth(text: str) -> int:

@@ -6,43 +6,21 @@ small file that says why. Nothing here is executed when it is read.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import re
-import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
-from nlpgrasp.common.files import write_text
+from nlpgrasp.common.files import file_name, write_text
+from nlpgrasp.common.locks import take
 from nlpgrasp.common.shown.text import plain
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.run.plan import Plan, check_same, read_plan
 from nlpgrasp.solution.solution import GraspSolution
 
-if sys.platform == "win32":
-
-    def _locked(file: TextIO) -> bool:
-        """Return True: two runs in one folder are not kept apart."""
-        return True
-
-else:
-    import fcntl
-
-    def _locked(file: TextIO) -> bool:
-        """Lock a file until this process ends, however it ends; return False where another process holds it."""
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
-
-
 PLAN, SOLVES, LOCK = "experiment.json", "solves", ".lock"
-HASH = 16  # hexadecimal digits, in the names of files
-HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")
 FAILURE_SCHEMA = "nlpgrasp-failure/1"
 
 
@@ -109,7 +87,7 @@ class Folder:
     def _hold(self) -> None:
         """Keep other runs off."""
         self._lock = (self.path / LOCK).open("w")
-        if not _locked(self._lock):
+        if not take(self._lock):
             self.close()
             raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own")
 
@@ -130,7 +108,7 @@ class Folder:
 
     def file(self, solve: SolveId) -> Path:
         """Return where the solution of a solve is, or will be."""
-        return self.path / SOLVES / f"{_file_name(solve.variation)}--seed{solve.seed}.json"
+        return self.path / SOLVES / f"{file_name(solve.variation)}--seed{solve.seed}.json"
 
     def failure_file(self, solve: SolveId) -> Path:
         """Return where it says why a solve failed."""
@@ -184,11 +162,3 @@ class Folder:
         for stale in [*self.path.glob(".nlpgrasp-*.tmp"), *(self.path / SOLVES).glob(".nlpgrasp-*.tmp")]:
             with suppress(OSError):
                 os.unlink(stale)
-
-
-def _file_name(name: str) -> str:
-    """Return a file name for a variation: readable, and another for another name on any file system."""
-    readable = re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.")[:60]
-    if readable == name and not HASHED.search(name):
-        return readable
-    return f"{readable}-{hashlib.sha256(name.encode()).hexdigest()[:HASH]}"

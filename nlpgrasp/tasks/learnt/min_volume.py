@@ -41,7 +41,9 @@ class MinVolume:
     gap: float
 
 
-def min_volume_ellipsoid(points: FloatArray, gap: float, center: FloatArray | None = None) -> MinVolume:
+def min_volume_ellipsoid(
+    points: FloatArray, gap: float, center: FloatArray | None = None, first: NDArray[np.intp] | None = None
+) -> MinVolume:
     """Return the ellipsoid of least volume around points that span their space.
 
     Parameters
@@ -52,11 +54,13 @@ def min_volume_ellipsoid(points: FloatArray, gap: float, center: FloatArray | No
         Relative excess of volume at which to stop.
     center : (d,) array, optional
         Where its centre has to be; free when left out.
+    first : (k,) array, optional
+        Rows that the search begins with: those that an earlier ellipsoid touches, and those outside of it.
     """
     d = points.shape[1]
     lifted = np.c_[points, np.ones(len(points))] if center is None else points - center
     n = lifted.shape[1]
-    weights = _weights(lifted, 2.0 * gap / n * 0.9)
+    weights = _weights(lifted, 2.0 * gap / n * 0.9, first)
     if center is None:
         center = weights @ points
     away = points - center
@@ -69,15 +73,16 @@ def min_volume_ellipsoid(points: FloatArray, gap: float, center: FloatArray | No
     return MinVolume(np.asarray(center), axes[::-1], float((reach / d) ** (d / 2.0) - 1.0))
 
 
-def _weights(q: FloatArray, tolerance: float) -> FloatArray:
+def _weights(q: FloatArray, tolerance: float, begun: NDArray[np.intp] | None) -> FloatArray:
     """Return the dual's weights for points (m, n), the farthest of them at most ``n (1 + tolerance)`` away."""
     n = q.shape[1]
-    size = np.einsum("ij,jk,ik->i", q, np.linalg.pinv(q.T @ q / len(q)), q)
     first = _independent(q)
-    core = np.concatenate([first, np.setdiff1d(np.argsort(-size)[:CORE], first)])
+    if begun is None:
+        begun = np.argsort(-_sizes(q, np.linalg.pinv(q.T @ q / len(q))))[:CORE]
+    core = np.concatenate([first, np.setdiff1d(begun, first)])
     for _ in range(ROUNDS):
         u = _best_weights(q[core], 0.3 * tolerance)
-        far = np.einsum("ij,jk,ik->i", q, _inverse(q[core], u), q)
+        far = _sizes(q, _inverse(q[core], u))
         if far.max() <= n * (1.0 + tolerance):
             break
         farthest = np.argsort(-far)[:JOINING]
@@ -86,6 +91,11 @@ def _weights(q: FloatArray, tolerance: float) -> FloatArray:
     result = np.zeros(len(q))
     result[core] = u
     return np.asarray(result / result.sum())
+
+
+def _sizes(q: FloatArray, inner: FloatArray) -> FloatArray:
+    """Return ``q_i^T inner q_i`` of points (m, n)."""
+    return np.asarray(np.einsum("ij,ij->i", q @ inner, q))
 
 
 def _independent(q: FloatArray) -> NDArray[np.intp]:
