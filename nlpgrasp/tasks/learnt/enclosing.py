@@ -1,8 +1,4 @@
-"""Ellipsoids around wrenches, as centre and semi-axes: of least volume, or of a covariance.
-
-Forces and torques have different units, and wrenches may not differ in every direction: both are taken out first, each
-component over its own extent.
-"""
+"""Ellipsoids around wrenches, as centre and semi-axes: of least volume, or of a covariance."""
 
 from __future__ import annotations
 
@@ -16,14 +12,14 @@ from scipy.special import gammaincinv
 from nlpgrasp.common.shown.words import COMPONENTS
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.learnt.min_volume import MinVolume, min_volume_ellipsoid
+from nlpgrasp.tasks.learnt.local import FLAT, Local
+from nlpgrasp.tasks.learnt.min_volume import MinVolume, levels, min_volume_ellipsoid
 
 GAP = 1e-6
-FLAT = 1e-7  # of the largest extent, each component over its own: directions thinner than this have none
-ROUNDING = 1e-12  # of a component's size: an extent this small is none
 SWEEPS = 50  # of leaving out the farthest
 SHRINKS = 2e-3  # relative: a round of leaving out that gains less volume is the last
 MOST_NAMED = 10
+NEAR = 1e-9  # of the size: what is this little outside is inside
 
 
 @dataclass(frozen=True)
@@ -50,46 +46,11 @@ class Enclosing:
     flat: FloatArray
 
 
-@dataclass(frozen=True)
-class _Local:
-    """Wrenches in coordinates in which they differ alike in every direction: ``about + (points @ basis) * unit``.
-
-    Parameters
-    ----------
-    points : (n, r) array
-    about, unit : (d,) array
-    basis : (r, d) array
-    flat : (d - r, d) array
-        The directions left out.
-    """
-
-    points: FloatArray
-    about: FloatArray
-    unit: FloatArray
-    basis: FloatArray
-    flat: FloatArray
-
-    @classmethod
-    def of(cls, rows: FloatArray, middle: FloatArray | None) -> _Local:
-        """Return the coordinates of wrenches (n, d), about their mean or about a given middle."""
-        about = rows[0] + (rows - rows[0]).mean(axis=0) if middle is None else middle  # exact where all are the same
-        extent = np.max(np.abs(rows - about), axis=0)
-        varies = extent > ROUNDING * np.max(np.abs(rows), axis=0)
-        if not np.any(varies):
-            raise InputError("wrenches", f"{len(rows)} wrenches, all {rows[0].tolist()}", "wrenches that differ")
-        unit = np.where(varies, extent, 1.0)
-        scaled = np.where(varies, (rows - about) / unit, 0.0)
-        _, sizes, basis = np.linalg.svd(np.linalg.qr(scaled, mode="r"))
-        sizes = np.append(sizes, np.zeros(max(0, rows.shape[1] - len(sizes)))) / np.sqrt(len(rows))
-        used = sizes > FLAT * sizes[0]
-        return cls(scaled @ basis[used].T, about, unit, basis[used], basis[~used])
-
-
 def enclose(
     wrenches: ArrayLike, outliers: float, probability: float | None, center: ArrayLike | None, gap: float
 ) -> Enclosing:
     """Return the ellipsoid of least volume around wrenches, or that of a probability; see ``fit_ellipsoid``."""
-    rows = _rows(wrenches)
+    rows = wrench_rows(wrenches)
     outliers = number("outliers", outliers, at_least=0.0)
     gap = number("gap", gap, above=0.0)
     if outliers >= 0.5:
@@ -97,23 +58,23 @@ def enclose(
     if probability is not None and (not 0.0 < number("probability", probability) < 1.0 or outliers > 0.0):
         raise InputError("probability", probability, "a share between 0 and 1, without outliers")
     middle = None if center is None else array("center", center, (rows.shape[1],))
-    local = _Local.of(rows, middle)
+    local = Local.of(rows, middle)
     if len(local.flat):
-        warnings.warn(_flat_words(local.flat), UserWarning, stacklevel=3)
+        warnings.warn(flat_words(local.flat), UserWarning, stacklevel=3)
     excess: float | None = None
     if probability is None:
-        found = _trimmed(local.points, outliers, gap, middle is not None)
+        found = trimmed(local.points, outliers, gap, middle is not None)
         offset, axes, excess = found.center, found.axes, found.gap
         if found.gap > gap:
             text = f"the ellipsoid's volume is only known to be within {found.gap:.2g} of the least, not {gap:.2g}"
             warnings.warn(text, UserWarning, stacklevel=3)
     else:
         offset, axes = _covariance(local.points, probability, middle is not None)
-    near = np.linalg.solve(axes.T, (local.points - offset).T)
+    level = levels(local.points, offset, axes)
     return Enclosing(
-        local.about + (offset @ local.basis) * local.unit,
-        (axes @ local.basis) * local.unit,
-        np.sum(near**2, axis=0) <= 1.0 + 1e-9,
+        local.outward(offset),
+        local.outward_axes(axes),
+        level <= 1.0 + NEAR,
         excess,
         local.flat,
     )
@@ -126,7 +87,7 @@ def _covariance(local: FloatArray, probability: float, centred: bool) -> tuple[F
     return np.zeros(local.shape[1]), np.sqrt(quantile * values)[:, None] * vectors.T
 
 
-def _trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolume:
+def trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolume:
     """Return the least ellipsoid around all but the outliers."""
     keep = len(local) - int(outliers * len(local))
     center = np.zeros(local.shape[1]) if centred else None
@@ -147,7 +108,7 @@ def _trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> M
             if volume > (1.0 - SHRINKS) * least:
                 break
             least = volume
-            far = np.sum(np.linalg.solve(found.axes.T, (local - found.center).T) ** 2, axis=0)
+            far = levels(local, found.center, found.axes)
             nearest = np.sort(np.argsort(far, kind="stable")[:keep])
             if np.array_equal(nearest, chosen):
                 break
@@ -165,7 +126,7 @@ def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
     return kept
 
 
-def _rows(wrenches: ArrayLike) -> FloatArray:
+def wrench_rows(wrenches: ArrayLike) -> FloatArray:
     """Return wrenches as an array; refuse rows that are not finite by name."""
     try:
         if np.asarray(wrenches).dtype.kind not in "iuf":
@@ -187,7 +148,7 @@ def bad_rows(rows: NDArray[np.intp]) -> str:
     return f"{len(rows)} row{'s' * (len(rows) > 1)} with NaN or infinity ({named})"
 
 
-def _flat_words(flat: FloatArray) -> str:
+def flat_words(flat: FloatArray) -> str:
     """Return a sentence on the directions in which the wrenches do not differ."""
     names = COMPONENTS[flat.shape[1]]
     words = []

@@ -20,6 +20,7 @@ CORE, JOINING = 60, 60  # points at first, and a round
 ROUNDS, STEPS = 200, 100  # most rounds, most steps of the interior point method
 SHRINK, BACK_OFF = 0.15, 0.95  # of the complementarity a step; of the way to the boundary
 NEGLIGIBLE = 1e-9  # weights this small, over the largest, are none
+IDLE, PRUNED = 1e-5, 20  # points with weights this small, over the largest, leave the core; in so many rounds at most
 ROUNDING = 1e-12  # relative: every point is inside to this
 
 
@@ -73,21 +74,26 @@ def min_volume_ellipsoid(
     return MinVolume(np.asarray(center), axes[::-1], float((reach / d) ** (d / 2.0) - 1.0))
 
 
+def levels(points: FloatArray, center: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return how far points (m, d) are out in an ellipsoid with as many semi-axes: below 1 inside, (m,)."""
+    return np.asarray(np.linalg.norm(np.linalg.solve(axes.T, (points - center).T), axis=0))
+
+
 def _weights(q: FloatArray, tolerance: float, begun: NDArray[np.intp] | None) -> FloatArray:
     """Return the dual's weights for points (m, n), the farthest of them at most ``n (1 + tolerance)`` away."""
     n = q.shape[1]
     first = _independent(q)
     if begun is None:
-        begun = np.argsort(-_sizes(q, np.linalg.pinv(q.T @ q / len(q))))[:CORE]
+        begun = np.argsort(-_sizes(q, np.asarray(np.linalg.pinv(q.T @ q / len(q)))))[:CORE]
     core = np.concatenate([first, np.setdiff1d(begun, first)])
-    for _ in range(ROUNDS):
+    for done in range(ROUNDS):
         u = _best_weights(q[core], 0.3 * tolerance)
         far = _sizes(q, _inverse(q[core], u))
         if far.max() <= n * (1.0 + tolerance):
             break
-        farthest = np.argsort(-far)[:JOINING]
+        farthest = np.argpartition(-far, min(JOINING, len(far)) - 1)[:JOINING]
         fresh = np.setdiff1d(farthest[far[farthest] > n * (1.0 + 0.3 * tolerance)], core)
-        core = np.concatenate([core[u > 0.0], fresh])
+        core = np.concatenate([core[u > (IDLE * u.max() if done < PRUNED else 0.0)], fresh])
     result = np.zeros(len(q))
     result[core] = u
     return np.asarray(result / result.sum())
