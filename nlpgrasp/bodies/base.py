@@ -135,12 +135,13 @@ class Body(StatedPart):
         Returns
         -------
         h : (m,) array
+            Zero on the face, negative inside the body.
         slope : (m,) array
             Size of the gradient: ``h / slope`` is the distance to the surface to first order.
         normals : (m, space) array
-            Outward.
+            Unit, outward.
         extent : (m,) array
-            Largest extent value, ``-inf`` for a face without limits.
+            Largest extent value, at most zero on the face; ``-inf`` for a face without limits.
         """
         function = self._functions[name]
         if not len(points):

@@ -58,7 +58,7 @@ class HandTorques(ForceBudget):
         return self if hand is None else SharedJointTorqueLimits(*_loads(hand, values, points), self.force_limit)
 
     def force_scale(self) -> float:
-        """Return a tenth of the limit on normal force."""
+        """Return a tenth of the limit on normal force, newtons."""
         return 0.1 * self.force_limit
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceSet:

@@ -25,7 +25,7 @@ class JointTorqueLimits(ForceBudget):
     Parameters
     ----------
     jacobians : sequence of k (space, m_i), (3, m_i) or (6, m_i) arrays
-        Body-frame velocity of contact point i per joint rate, (space, m_i); with the rows of the fingertip's
+        Body-frame velocity of contact point i per joint rate, metres a radian; with the rows of the fingertip's
         angular velocity below where moments load the joints too, (3, m_i) in the plane, (6, m_i) in space.
     limits : float, or sequence of k floats or (m_i,) arrays
         Torque limits, newton-metres (newtons for sliding joints), greater than zero.

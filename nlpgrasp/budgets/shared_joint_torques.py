@@ -25,7 +25,7 @@ class SharedJointTorqueLimits(ForceBudget):
     Parameters
     ----------
     jacobians : sequence of k (space, m), (3, m) or (6, m) arrays
-        Body-frame velocity of contact point i per joint rate, (space, m); with the rows of the link's angular
+        Body-frame velocity of contact point i per joint rate, metres a radian; with the rows of the link's angular
         velocity below where moments load the joints too, (3, m) in the plane, (6, m) in space. All have the
         same joints as columns.
     limits : float or (m,) array

@@ -30,7 +30,7 @@ class Constraint(PlacementConstraint):
         ``expression(positions, normals)``: two lists of k CasADi columns, positions in metres and unit
         normals pointing into the body; returns a CasADi expression of any shape, or a list of scalars.
     lower, upper : float or (m,) array
-        Limits of each of the m elements; infinite for none.
+        Limits of each of the m elements, in the expression's own unit; infinite for none.
 
     Examples
     --------

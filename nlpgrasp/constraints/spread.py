@@ -55,7 +55,7 @@ class Spread(PlacementConstraint):
             raise InputError("Spread.min", f"{self.min:g} m", f"at most the body's diagonal, {2.0 * size:.3g} m")
 
     def least_distance(self) -> float:
-        """Return ``min``, where it is about all contacts."""
+        """Return ``min``, metres, where it is about all contacts."""
         return self.min if self.fingers is None else 0.0
 
     def rows(self, placement: Placement) -> list[Row]:

@@ -28,7 +28,7 @@ class Symmetric(PlacementConstraint):
     fingers : (int, int)
         The two contacts.
     normal : (space,) array
-        Of the mirror plane, body frame.
+        Of the mirror plane, body frame; made unit length.
     offset : float
         ``normal . p`` on the plane, for a unit normal, metres.
     tolerance : float

@@ -102,7 +102,7 @@ class Grasp(ContactPlaces):
         Parameters
         ----------
         x : (n,) array
-            Force components in the contact frames, as ``finger_forces`` returns them.
+            Force components in the contact frames, newtons and newton-metres, as ``finger_forces`` returns them.
 
         Returns
         -------

@@ -45,7 +45,7 @@ class GraspProblem:
         ``"hand_torques"`` the torques that the forces ask of the hand's joints in the posture found;
         ``JointTorqueLimits`` is for Jacobians that are known.
     torque_origin : (space,) array, optional
-        Point about which task and grasp map take moments; the body's centroid when left out.
+        Point about which task and grasp map take moments, metres, body frame; the body's centroid when left out.
     name : str
 
     Raises

@@ -19,10 +19,10 @@ class Bounds:
     Parameters
     ----------
     lower, upper : float
-        ``lower <= true value <= upper``.
+        ``lower <= true value <= upper``, in the unit of the measure.
     worst_direction : (d,) array, optional
-        The direction that attains ``upper``; with ``upper == 0`` it proves that the grasp is not force-closed
-        against the task: no force in the contacts' cones does positive work along it.
+        The direction of wrench space that attains ``upper``; with ``upper == 0`` it proves that the grasp is not
+        force-closed against the task: no force in the contacts' cones does positive work along it.
     torque_scale : float, optional
         Metres: the length that turned torques into forces, where the measure needs one.
     """
@@ -69,8 +69,9 @@ class StackBounds:
     Parameters
     ----------
     lower, upper : (b,) array
+        As of ``Bounds``, one entry a grasp.
     worst_directions : (b, d) array
-        NaN where there is none.
+        As of ``Bounds``; NaN for a grasp without one.
     torque_scale : float, optional
         Metres: the length that turned torques into forces, where the measure needs one.
     """

@@ -94,7 +94,7 @@ def mu_1(
     task : Task
         C, any convex set of wrenches.
     center : (d,) array
-        b.
+        b, newtons and newton-metres.
     scale : float
         lambda_0, greater than zero; large enough for the rescaled set to contain the origin if mu_1 > 0 is to
         mean stability.

@@ -71,7 +71,7 @@ def mu(
     seed : int
         Of the search directions; the bounds hold whatever it is.
     deadline : float, optional
-        ``time.monotonic()`` value after which wider bounds are accepted.
+        ``time.monotonic()`` value, seconds, after which wider bounds are accepted.
 
     Returns
     -------

@@ -85,7 +85,7 @@ def allowed_twists(wrenches: Grasp | ArrayLike) -> FloatArray:
     Parameters
     ----------
     wrenches : Grasp or (m, d) array
-        Contact wrenches ``(f, m)``, one a row; of a grasp all that its contacts can exert.
+        Contact wrenches ``(f, m)``, newtons and newton-metres, one a row; of a grasp all that its contacts can exert.
 
     Returns
     -------

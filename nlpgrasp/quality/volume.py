@@ -44,6 +44,8 @@ class Volume(Bounds):
 
     Parameters
     ----------
+    lower, upper, torque_scale
+        As for ``Bounds``; there is no worst direction.
     value : float
         Newtons to the number of forces times, with torques over ``torque_scale``, newtons to that of torques.
     error : float

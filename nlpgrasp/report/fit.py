@@ -26,7 +26,7 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
     ----------
     fit : EllipsoidFit
     wrenches : (m, d) array
-        Those it was fitted to.
+        Those it was fitted to, newtons and newton-metres.
     path : str or Path
         Of the picture; its ending says the format (png, svg, pdf).
 

@@ -62,7 +62,7 @@ class Robustness:
     mu : Bounds
         Certified, of the worst placement found with the least friction: its upper bound is one on the worst there is.
     points, normals : (k, space) array
-        That placement: contacts and inward normals.
+        That placement: contacts, metres, and unit inward normals, body frame.
     """
 
     offset: float
@@ -167,7 +167,7 @@ class WhyNot:
     conflicts : tuple of Conflict
         A least set of constraints that had to be broken; empty where all can be kept.
     direction : (d,) array or None
-        Where the constraints can be kept: a direction y in which no finger force works.
+        Where the constraints can be kept: a direction y of wrench space along which no finger force works.
     reasons, advice : tuple of str
         Sentences.
     locally_infeasible : bool

@@ -49,9 +49,9 @@ class GraspSolution(Asked):
     nu : Volume or None
         With the same torque scale.
     forces : sequence of (wrench, forces)
-        Task wrenches ``mu.lower * (c + semi-axis)`` (d,) and finger forces (k, space) that produce them.
+        Task wrenches ``mu.lower * (c + semi-axis)`` (d,) and finger forces (k, space), newtons.
     moments : sequence of (k, d - space) array
-        The moments about the contact points that go with the forces; empty when no contact exerts any.
+        Newton-metres about the contact points, with the forces; empty when no contact exerts any.
     constraints : tuple of ConstraintReport
     prices : tuple of ShadowPrice
         What limits cost, those that bind first.

@@ -62,7 +62,7 @@ def follow_task(
     problem_at : callable
         The problem for a value of the parameter. Only its task and its name may differ.
     parameters : (m,) array
-        At least 2, in the order in which the task changes.
+        At least 2 values, in the caller's own unit and in the order in which the task changes.
     starts : int
         Cold starts for the first and for the last value; what they find is followed from both ends.
     seed : int

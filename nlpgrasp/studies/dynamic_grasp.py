@@ -17,6 +17,7 @@ class DynamicStep:
     Parameters
     ----------
     parameter : float
+        The value, in the caller's own unit.
     solution : GraspSolution
         Certified; can be saved and verified on its own.
     moved : (k,) array

@@ -27,8 +27,8 @@ class Task(ABC):
     Attributes
     ----------
     about : (space,) array or None
-        Point of the body frame about which moments are taken; ``None`` stands for the torque origin of whatever
-        problem or grasp the task is used with.
+        Point of the body frame, metres, about which moments are taken; ``None`` stands for the torque origin of
+        whatever problem or grasp the task is used with.
     """
 
     kind: ClassVar[str]
@@ -57,11 +57,12 @@ class Task(ABC):
         Parameters
         ----------
         y : (m, d) array
+            Directions of wrench space.
 
         Returns
         -------
         values : (m,) array
-            ``phi(y | A)``.
+            ``phi(y | A)``, the most work of a wrench of the task.
         maximisers : (m, d) array
             Wrenches of the task that attain them; also the gradient where it exists.
         """
@@ -84,7 +85,7 @@ class Task(ABC):
         raise InputError("task.type", data.get("type"), f"a kind that can be read, which {cls.__name__} cannot")
 
     def ends(self) -> FloatArray:
-        """Return some wrenches of the task's boundary that say what it asks for, (m, d)."""
+        """Return some wrenches of the task's boundary that say what it asks for, (m, d), newtons and newton-metres."""
         values, vectors = np.linalg.eigh(self.second_moment())
         along = vectors[:, values > 1e-12 * values[-1]].T
         found = self.support(np.concatenate([along, -along]))[1]

@@ -23,7 +23,7 @@ class CollisionEvent:
     point : (3,) array
         Where the body is hit, body frame, metres.
     direction : (3,) array
-        In which it is pushed.
+        In which it is pushed, body frame.
     likelihood : float
         How likely this is, over the other events: the reach of the task's ellipsoid against it.
     """

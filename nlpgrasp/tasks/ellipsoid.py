@@ -25,7 +25,7 @@ class TaskEllipsoid(Task):
     semi_axes : (m,) array
         Semi-axis lengths, in newtons and newton-metres, at least zero and not all zero.
     center : (d,) array, optional
-        Centre c; the origin when left out.
+        Centre c, newtons and newton-metres; the origin when left out.
     directions : (m, d) array, optional
         Orthonormal directions of the semi-axes, one a row. The coordinate axes when left out: m is then 3
         (planar ``f_x, f_y, m_z``) or 6 (``f_x, f_y, f_z, m_x, m_y, m_z``).
@@ -35,7 +35,7 @@ class TaskEllipsoid(Task):
     center : (d,) array
         Newtons and newton-metres.
     axes : (m, d) array
-        One semi-axis vector a row, length included.
+        One semi-axis vector a row, in the same units.
 
     Raises
     ------
@@ -130,7 +130,7 @@ class TaskEllipsoid(Task):
         probability : float, optional
             Instead, the ellipsoid of the covariance that holds this share of normally distributed wrenches.
         center : (d,) array, optional
-            Where the centre has to be; free when left out.
+            Where the centre has to be, in the same units; free when left out.
         """
         found = enclose(wrenches, outliers, probability, center, GAP)
         return cls.from_axes(found.axes, found.center)
@@ -144,7 +144,7 @@ class TaskEllipsoid(Task):
         axes : (m, d) array
             Newtons and newton-metres.
         center : (d,) array, optional
-            The origin when left out.
+            In the same units; the origin when left out.
         """
         rows = array("task.axes", axes, (None, None))
         if rows.shape[1] not in range(1, 7) or rows.shape[0] < 1 or not np.any(rows):

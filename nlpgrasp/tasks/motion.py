@@ -149,5 +149,5 @@ def motion_task(
     mass: MassProperties,
     gravity: ArrayLike = GRAVITY,
 ) -> TaskPolytope:
-    """Return the hull of ``motion_wrenches``, about the body frame's origin."""
+    """Return the hull of ``motion_wrenches``, with the same arguments, about the body frame's origin."""
     return TaskPolytope(motion_wrenches(times, positions, quaternions, mass, gravity)).given_about(np.zeros(3))

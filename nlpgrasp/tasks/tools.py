@@ -27,7 +27,7 @@ def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float 
     point : (3,) array
         Of the tool, body frame, metres.
     direction : (3,) array
-        In which the tool presses.
+        In which the tool presses, body frame.
     force : float
         Newtons.
     sideways : float
@@ -47,7 +47,7 @@ def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sidew
     point : (3,) array
         Of the blade, body frame, metres.
     down, along : (3,) array
-        In which it presses, and its edge.
+        In which it presses, and its edge, body frame.
     force : float
         Newtons.
     sideways : float
@@ -93,7 +93,7 @@ def write(lead: ArrayLike, axis: ArrayLike, force: float, torque: float) -> Task
     lead : (3,) array
         Body frame, metres.
     axis : (3,) array
-        Along the pencil, in the direction in which the lead is pressed.
+        Along the pencil, body frame, in the direction in which the lead is pressed.
     force : float
         Largest force along the pencil, newtons; a third of it across.
     torque : float
@@ -117,7 +117,7 @@ def insert(point: ArrayLike, direction: ArrayLike, force: float, jam: float, dep
     point : (3,) array
         The end that goes into the hole, body frame, metres.
     direction : (3,) array
-        In which it is pushed.
+        In which it is pushed, body frame.
     force : float
         Newtons.
     jam : float

@@ -142,9 +142,11 @@ class Mesh(Body):
         Returns
         -------
         positions : (m, 3) array
+            Metres, body frame.
         normals : (m, 3) array
-            Of the triangles the positions lie in.
+            Unit, of the triangles the positions lie in.
         distances : (m,) array
+            Metres, at least zero.
         """
         # trimesh's own closest_point is off by up to 0.3 mm on scans with thin triangles
         vertices = np.ascontiguousarray(self.mesh.vertices, dtype=float)

@@ -49,7 +49,7 @@ class LinkedHand(PosedHand):
         return self.tree.contact_motion(variables, rates, points)
 
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
+        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3), metres."""
         quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
         found = self.tree.contact_function(values["palm_position"], quaternion, values["joints"], points.T)
         return np.asarray(found.full()).reshape(self.count, 6, len(self.loaded_joints))

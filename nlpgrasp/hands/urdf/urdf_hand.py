@@ -34,14 +34,21 @@ TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the b
 class URDFHand(LinkedHand):
     """A hand whose palm pose and joints are variables of the program; made by ``load``.
 
+    Parameters
+    ----------
+    tree : LinkTree
+        Where the links are.
+    torque_limits : mapping of str to float, optional
+        By joint, newton-metres (newtons for sliding joints).
+    clearance, spheres_per_link, self_collision
+        As for ``load``.
+
     Attributes
     ----------
     robot : Robot
         The palm and all links below it.
     tips : tuple of (str, Tip)
         Link and patch of each contact, in the order of the contacts.
-    tree : LinkTree
-        Where the links are.
     fits : mapping of str to SphereFit
         Spheres that stand for each link, with their error.
     """

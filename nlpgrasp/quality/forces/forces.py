@@ -33,15 +33,15 @@ class FingerForces:
     Parameters
     ----------
     forces : (m, n) array
-        Force components in the contact frames, contact by contact, normal force first; the solver's last attempt
-        where a wrench cannot be produced.
+        Force components in the contact frames, newtons and newton-metres, contact by contact, normal force first;
+        the solver's last attempt where a wrench cannot be produced.
     feasible : (m,) bool array
         Whether the contacts can produce the wrench, with whatever force.
     residual : (m,) array
         ``||G x - w||`` relative to ``||w||``, torques over the longest arm.
     used : (m,) array
-        Least amount of the force budget: the L2 norm of all forces, the largest normal force, ...; infinite
-        where a wrench cannot be produced.
+        Least amount of the force budget, in its units: the L2 norm of all forces, the largest normal force, ...;
+        infinite where a wrench cannot be produced.
     separating_directions : (m, d) array
         Why not: a unit direction y with ``<w, y> > 0`` along which no force in the contacts' cones does positive work;
         NaN where a wrench can be produced.
@@ -78,7 +78,8 @@ def finger_forces(
     ----------
     grasp : Grasp or GraspStack
     wrenches : (m, d) or (d,) array
-        What the fingers have to produce, about the grasp's torque origin. A load on the body asks for its opposite.
+        What the fingers have to produce, newtons and newton-metres, about the grasp's torque origin. A load on the body
+        asks for its opposite.
     force_budget : str or ForceBudget
         What counts as least.
 

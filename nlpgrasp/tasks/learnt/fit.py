@@ -61,7 +61,7 @@ def fit_ellipsoid(
     Parameters
     ----------
     wrenches : (m, d) array
-        That the fingers are to exert, d = 3 (planar) or 6.
+        That the fingers are to exert, newtons and newton-metres, d = 3 (planar) or 6.
     outliers : float
         Share of the wrenches, below 0.5, that may be left outside: those farthest from the others, left out and
         chosen again until nothing changes (a local choice).
@@ -69,7 +69,7 @@ def fit_ellipsoid(
         Instead, take the wrenches as normally distributed: the ellipsoid of their covariance that holds this share
         of such wrenches.
     center : (d,) array, optional
-        Where the centre has to be: zeros for a task that is the same either way.
+        Where the centre has to be, in the same units: zeros for a task that is the same either way.
     gap : float
         Certified relative excess of volume at which to stop.
 
