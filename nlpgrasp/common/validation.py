@@ -76,7 +76,7 @@ def array(field: str, value: object, shape: tuple[int | None, ...]) -> FloatArra
 
 
 def read_only(values: FloatArray) -> FloatArray:
-    """Return ``values`` with writing switched off, so that frozen objects stay frozen."""
+    """Return ``values``, of any shape, with writing switched off, so that frozen objects stay frozen."""
     values.setflags(write=False)
     return values
 

@@ -165,7 +165,7 @@ class ContactModel(ABC):
 
     @abstractmethod
     def cones(self, space: int) -> list[FloatArray]:
-        """Return matrices M such that K_i is where every ``M x`` is in a second-order cone (one row: at least 0)."""
+        """Return (r, n_i) matrices M: K_i is where every ``M x`` is in a second-order cone (one row: at least 0)."""
 
     @abstractmethod
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:

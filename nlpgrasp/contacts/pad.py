@@ -28,5 +28,5 @@ def friction_coefficients(friction: float | None, torsion: float | None) -> dict
 
 
 def pressing_variables(normal: FloatArray, rough: bool, size: int) -> FloatArray:
-    """Return variables of unit force along the normal: the force itself where there is friction, or its size."""
+    """Return variables (n,) of unit force along the normal: the force itself where there is friction, or its size."""
     return np.concatenate([normal if rough else np.ones(1), np.zeros(size)])[:size]

@@ -67,5 +67,5 @@ def add_membership(
 
 
 def pressing_forces(models: Sequence[ContactModel], normals: FloatArray, size: float) -> FloatArray:
-    """Return force variables of every finger pressing with the same normal force, one column."""
+    """Return force variables (n,) of every finger pressing with the same normal force."""
     return np.concatenate([size * m.pressing(n) for m, n in zip(models, normals, strict=True)])

@@ -57,11 +57,11 @@ class Scaling:
         return self.task / self.force
 
     def position(self, p: FloatArray) -> FloatArray:
-        """Return metres as solver units."""
+        """Return positions (..., space) in metres as solver units."""
         return np.asarray((p - self.origin) / self.length)
 
     def metres(self, p: FloatArray) -> FloatArray:
-        """Return solver units as metres."""
+        """Return positions (..., space) in solver units as metres."""
         return np.asarray(self.origin + self.length * p)
 
 
@@ -128,7 +128,7 @@ def add_placement_rows(
 
 
 def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
-    """Return the parameters that say which face each contact is on."""
+    """Return the parameters (q,) that say which face each contact is on."""
     if problem.body.symbol is ca.MX:
         return np.zeros(0)
     choices = [problem.allowed_faces(i) for i in range(len(faces))]

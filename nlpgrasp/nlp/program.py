@@ -144,12 +144,12 @@ class Program:
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bounds of the variables."""
+        """Lower and upper bounds of the variables, (n,) each, solver units."""
         return _stacked(self._bounds)
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper limits of the rows, face rows last."""
+        """Lower and upper limits of the rows, (m,) each, face rows last."""
         return _stacked(self._limits)
 
 

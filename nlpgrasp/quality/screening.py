@@ -90,7 +90,10 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
 
 
 def screening_score(ratios: FloatArray) -> FloatArray:
-    """Return a score to rank grasps by: the least ratio, and a little of the lowest tenth to break ties at 0."""
+    """Return a score (b,) to rank grasps by, from their ratios (b, m).
+
+    The least ratio, and a little of the lowest tenth to break ties at 0.
+    """
     count = max(1, ratios.shape[1] // 10)
     lowest = np.partition(ratios, count - 1, axis=1)[:, :count]
     return np.asarray(lowest.min(axis=1) + 0.05 * lowest.mean(axis=1))

@@ -29,7 +29,7 @@ def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
 
 
 def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
-    """Return at most ``most`` triangles, or all of them where the surface cannot be simplified."""
+    """Return vertices (n, 3) and at most ``most`` triangles (m, 3), or all of a surface that cannot be simplified."""
     if len(faces) > most:
         simple = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(faces.astype(np.int32)), most)
         if len(simple[1]):

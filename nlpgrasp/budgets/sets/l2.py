@@ -13,7 +13,7 @@ class L2Set(ForceSet):
     """``{x in K : |x| <= 1}``: ``B_1^n n K`` of (2.5-2)."""
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``|P_K(z)|``, attained at ``P_K(z)`` over its norm (Moreau)."""
+        """Return ``|P_K(z)|``, (m, n) to (m,), and where it is attained, (m, n): ``P_K(z)`` over its norm (Moreau)."""
         x = project(z, self.contacts, self.space)
         size = np.linalg.norm(x, axis=1)
         return size, x / np.where(size > 0.0, size, 1.0)[:, None]
@@ -23,5 +23,5 @@ class L2Set(ForceSet):
         return np.asarray(np.linalg.norm(x, axis=1))
 
     def cones(self) -> list[FloatArray]:
-        """Return the one cone ``|x| <= f``."""
+        """Return the one cone ``|x| <= f``, (n + 1, n + 1)."""
         return [np.roll(np.eye(self.size + 1), 1, axis=0)]

@@ -17,7 +17,7 @@ class PerFingerSizeSet(ForceSet):
     power: ClassVar[float] = 1.0
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the sum of the contacts' ``|P_Ki(z_i)|``."""
+        """Return the sum of the contacts' ``|P_Ki(z_i)|``, (m, n) to (m,), and the forces, (m, n)."""
         x = project(z, self.contacts, self.space)
         total = np.zeros(len(z))
         for where in self.ranges:
@@ -31,6 +31,6 @@ class PerFingerSizeSet(ForceSet):
         return np.asarray(np.max([np.linalg.norm(x[:, r], axis=1) for r in self.ranges], axis=0))
 
     def cones(self) -> list[FloatArray]:
-        """Return ``|x_i| <= f`` for every contact."""
+        """Return ``|x_i| <= f`` for every contact, (n_i + 1, n + 1) each."""
         unit = np.eye(self.size + 1)
         return [np.concatenate([unit[-1:], unit[r]]) for r in self.ranges]

@@ -17,7 +17,10 @@ class SharedSet(ForceSet):
     power: ClassVar[float] = 8.0
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest of the contacts' ``max(0, z_n + mu |z_t|)``; that contact presses alone."""
+        """Return the largest of the contacts' ``max(0, z_n + mu |z_t|)``, (m, n) to (m,), and the forces, (m, n).
+
+        That contact presses alone.
+        """
         values, forces = extremes(z, self.contacts, self.space)
         best = np.argmax(values, axis=1)
         chosen = np.zeros_like(forces)
@@ -30,6 +33,6 @@ class SharedSet(ForceSet):
         return np.asarray(np.sum(np.stack([x[:, r.start] for r in self.ranges]), axis=0))
 
     def cones(self) -> list[FloatArray]:
-        """Return the one condition ``f - sum f_n >= 0``."""
+        """Return the one condition ``f - sum f_n >= 0``, (1, n + 1)."""
         unit = np.eye(self.size + 1)
         return [unit[-1:] - unit[[r.start for r in self.ranges]].sum(axis=0, keepdims=True)]

@@ -54,7 +54,7 @@ class TorqueSet(ForceSet):
         return any(isinstance(one, TorqueCone) for _, one in self._groups)
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the sum of the independent contacts' largest works within their limits."""
+        """Return the largest work within the limits, (m, n) to (m,), and the forces, (m, n): sums over independent contacts."""
         total, forces = np.zeros(len(z)), np.zeros_like(z)
         for where, one in self._groups:
             value, forces[:, where] = one.support(z[:, where])
@@ -76,7 +76,7 @@ class TorqueSet(ForceSet):
         return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
 
     def cones(self) -> list[FloatArray]:
-        """Return ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` for every limit."""
+        """Return ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` for every limit, (1, n + 1) each."""
         signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
         return [np.append(row, 1.0)[None, :] for row in signed]
 

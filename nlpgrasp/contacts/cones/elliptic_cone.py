@@ -47,7 +47,7 @@ def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
 
 
 def extreme(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray, FloatArray]:
-    """Return ``max(0, z_n + |(mu z_t, mu_t z_tau)|)`` and the force of unit normal force that attains it."""
+    """Return ``max(0, z_n + |(mu z_t, mu_t z_tau)|)`` for ``z`` (..., 4), and the force that attains it, (..., 4)."""
     r, s = _sizes(z)
     size = np.hypot(mu * r, mu_t * s)
     value = z[..., 0] + size

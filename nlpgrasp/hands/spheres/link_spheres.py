@@ -143,7 +143,7 @@ def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[
 
 
 def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, float]:
-    """Return samples of the union's surface with the shapes' corners, and their spacing."""
+    """Return samples of the union's surface with the shapes' corners, (m, 3), and their spacing, metres."""
     area = sum(float(s.mesh.area) for s in shapes)
     points = []
     for shape in shapes:

@@ -92,7 +92,7 @@ class LinkTree:
         ]
 
     def rigid(self, link: str, other: str) -> FloatArray | None:
-        """Return the transform from a link's frame to another's that is fixed to it, or None."""
+        """Return the transform (4, 4) from a link's frame to another's that is fixed to it, or None."""
         poses = np.asarray(self.link_function(np.zeros(len(self.robot.free_joints))).full())
         groups = self.robot.rigid_groups
         if groups[link] != groups[other]:
@@ -158,7 +158,10 @@ class LinkTree:
     def draw(
         self, count: int, around: FloatArray, rng: np.random.Generator
     ) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Return random palm orientations and joint positions, the fingertips' middle at the points given."""
+        """Return random palm orientations and joints, (count, m) each, and the fingertips' centres, (count, k, 3).
+
+        The fingertips' middle is at the points given, (count, 3).
+        """
         lower, upper = self.joint_limits
         shares = rng.uniform(*MIDDLE, (count, len(lower)))
         joints = lower + shares * (upper - lower)

@@ -18,7 +18,7 @@ def bad(source: Path, given: str, allowed: str) -> NoReturn:
 
 
 def numbers(source: Path, where: str, text: str | None, default: Iterable[float]) -> FloatArray:
-    """Return the numbers of an attribute, or the default where it is left out."""
+    """Return the numbers of an attribute, (m,), or the default where it is left out."""
     wanted = np.array(list(default), dtype=float)
     if text is None:
         return wanted

@@ -60,7 +60,7 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
 
 
 def unreachable(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> FloatArray | None:
-    """Return a unit direction that separates a wrench from the cone ``G K``, or None when it is in the cone.
+    """Return a unit direction (d,) that separates a wrench (d,) from the cone ``G K``, or None when it is in the cone.
 
     The nearest point of ``G K`` is found by non-negative least squares over a growing set of its rays; what is left
     of the wrench is orthogonal to that point and in the polar of the cone.

@@ -56,7 +56,7 @@ class Containment:
         return value, gradient
 
     def original(self, u: FloatArray) -> FloatArray:
-        """Return the direction in the caller's wrench coordinates, scaled to unit length."""
+        """Return a direction (r,) in the caller's wrench coordinates, (d,), scaled to unit length."""
         y = u @ self.matrix
         return y / np.linalg.norm(y)
 

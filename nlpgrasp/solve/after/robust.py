@@ -61,7 +61,7 @@ def worst_displacement(
     budget: ForceBudget,
     rng: np.random.Generator,
 ) -> tuple[list[int], FloatArray]:
-    """Return which of its places each contact slips to at worst, and the weak directions seen.
+    """Return which of its places each contact slips to at worst, and the weak directions seen, (m, d).
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def places_near(bench: Workbench, faces: Sequence[str], points: FloatArray, norm
 def places_around(
     bench: Workbench, face: str, point: FloatArray, normal: FloatArray, offset: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the contact itself and places around it on its own face, with inward normals."""
+    """Return the contact itself and places around it on its own face, with inward normals, (m, space) each."""
     body, space = bench.problem.body, bench.problem.body.space
     across = tangents(normal[None])[0]
     if space == 2:

@@ -15,7 +15,7 @@ SAME = 1.0 - 1e-7  # cosine above which a direction is already among the cuts
 
 
 def with_known(known: FloatArray, directions: FloatArray, task: Task) -> FloatArray:
-    """Return directions together with those known from another task, scaled to ``phi_A = 1`` for this one."""
+    """Return directions (m, d) together with those known from another task, scaled to ``phi_A = 1`` for this one."""
     if not len(known):
         return directions
     reach = task.support(known)[0]
@@ -24,7 +24,7 @@ def with_known(known: FloatArray, directions: FloatArray, task: Task) -> FloatAr
 
 
 def most_relevant(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatArray:
-    """Return as many cuts as the program holds: those nearest to binding where contacts and hand are."""
+    """Return as many cuts (m, d) as the program holds: those nearest to binding where contacts and hand are."""
     if len(cuts) <= bench.exchange.slots:
         return cuts
     support = bench.wrench_set(placed).support(cuts)[0]
@@ -32,7 +32,7 @@ def most_relevant(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatAr
 
 
 def with_new(bench: Workbench, cuts: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return cuts together with the directions that are not yet among them."""
+    """Return cuts (m, d) together with the directions (n, d) that are not yet among them."""
     return np.concatenate([cuts, directions[new_directions(bench, cuts, directions)]])
 
 
@@ -45,12 +45,12 @@ def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) 
 
 
 def no_cuts(bench: Workbench, placed: Placed) -> FloatArray:
-    """Return the program's parameters with every slot empty: for its rows of constraints and hand alone."""
+    """Return the program's parameters (q,) with every slot empty: for its rows of constraints and hand alone."""
     return piece_parameters(bench, placed, np.zeros((0, bench.problem.dimension)))
 
 
 def piece_parameters(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatArray:
-    """Return the program's parameters for cuts, with the contact whose own support is largest along each of them."""
+    """Return the program's parameters (q,) for cuts (m, d), with the contact whose support is largest along each."""
     return slot_parameters(bench, placed.faces, cuts, bench.exchange.pieces(bench.grasp(placed), cuts))
 
 

@@ -38,7 +38,7 @@ class Linearised:
 
     @property
     def violations(self) -> FloatArray:
-        """How far each row is beyond its limits without a step, at least zero."""
+        """How far each row is beyond its limits without a step, (m,), at least zero."""
         return np.maximum(np.maximum(self.lower - self.values, self.values - self.upper), 0.0)
 
     @property
@@ -51,7 +51,7 @@ class Linearised:
 def step_bounds(
     z: FloatArray, bounds: tuple[FloatArray, FloatArray], longest: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return least and most step from z within bounds of the variables and of the step's own length."""
+    """Return least and most step, (n,) each, from z within bounds of the variables and of the step's own length."""
     lower, upper = bounds
     least, most = np.maximum(lower - z, -longest), np.minimum(upper - z, longest)
     return np.minimum(least, 0.0), np.maximum(most, 0.0)  # z may be a little out of bounds

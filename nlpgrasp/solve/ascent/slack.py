@@ -27,7 +27,7 @@ class Slack(Protocol):
         """Return the columns (m, slacks) of the slack variables for these rows of the program."""
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return linear and quadratic prices of so many slack variables."""
+        """Return linear and quadratic prices of so many slack variables, (count,) each."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class NoSlack:
         return sparse.csr_matrix((len(rows), 0))
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return no prices, as there is nothing to price."""
+        """Return no prices, (0,) each, as there is nothing to price."""
         return np.zeros(0), np.zeros(0)
 
 
@@ -67,7 +67,7 @@ class RowSlack:
         return -sparse.identity(len(rows), format="csr")
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return the penalty for each square."""
+        """Return no linear prices and the penalty for each square, (count,) each."""
         return np.zeros(count), np.full(count, self.penalty)
 
 
@@ -94,5 +94,5 @@ class GroupSlack:
         return sparse.csr_matrix((-np.ones(count), (np.arange(count), groups)), (count, len(self.weights)))
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return the groups' weights, and next to nothing for the squares."""
+        """Return the groups' weights, and next to nothing for the squares, (count,) each."""
         return self.weights, np.full(count, LEAST_CURVATURE)

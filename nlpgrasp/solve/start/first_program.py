@@ -81,7 +81,7 @@ def _solve(bench: Workbench, begin: Placed, rng: np.random.Generator) -> FirstRe
 
 
 def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
-    """Return the first program's sampled wrenches or directions, turned at random in the task's own axes.
+    """Return the first program's sampled wrenches or directions, (q,), turned at random in the task's own axes.
 
     Wrenches are ``factor`` times as far from the task's middle.
     """

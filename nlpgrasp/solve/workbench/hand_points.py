@@ -55,7 +55,7 @@ class HandPoints:
         return np.where(np.isnan(centres), otherwise, centres)
 
     def mesh_clearances(self, body: Mesh, values: Values) -> FloatArray:
-        """Return the links' signed distances to the mesh itself, one a clearance row, metres."""
+        """Return the links' signed distances to the mesh itself, (m,), one a clearance row, metres."""
         centres = np.asarray(self._function(*values.values())[1].full()).T
         if not len(centres):
             return np.zeros(0)

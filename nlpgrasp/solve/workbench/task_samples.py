@@ -55,7 +55,7 @@ class TaskSamples:
         return (1.0 / inradius(self._local.shape[1], self._shells), 1.0)
 
     def wrenches(self, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
-        """Return wrenches of the boundary, turned at random in the task's own axes; all of a small polytope's.
+        """Return wrenches of the boundary, (m, d), turned at random in the task's own axes; all of a small polytope's.
 
         Parameters
         ----------

@@ -15,7 +15,7 @@ PRESSING = 0.6  # of the unit of force, shared by the contacts: where forces beg
 
 
 def variables_of(bench: Workbench, program: Program, placed: Placed) -> FloatArray:
-    """Return a vector of starting values with contacts, normals, the hand and pressing forces filled in."""
+    """Return a vector (n,) of starting values with contacts, normals, the hand and pressing forces filled in."""
     normals = bench.inward_normals(placed)
     z = np.zeros(program.variables[-1].stop)
     put_contacts(bench, program, z, placed.points, normals)
