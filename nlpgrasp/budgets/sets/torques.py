@@ -54,7 +54,7 @@ class TorqueSet(ForceSet):
         return any(isinstance(one, TorqueCone) for _, one in self._groups)
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work within the limits, (m, n) to (m,), and the forces, (m, n): sums over independent contacts."""
+        """Return the largest work within the limits, (m, n) to (m,), and the forces, (m, n): sums over the groups."""
         total, forces = np.zeros(len(z)), np.zeros_like(z)
         for where, one in self._groups:
             value, forces[:, where] = one.support(z[:, where])
