@@ -91,6 +91,7 @@ from nlpgrasp.tasks.collision import CollisionEvent, collision_task
 from nlpgrasp.tasks.learnt.fit import EllipsoidFit, fit_ellipsoid
 from nlpgrasp.tasks.learnt.recording import WrenchRecording
 from nlpgrasp.tasks.motion import MassProperties, motion_task, motion_wrenches
+from nlpgrasp.tasks.rigid_motion import RigidMotion, angular_velocity
 from nlpgrasp.tasks.tools import cut, disturbance, gravity, insert, lift, pour, press, turn, write
 from nlpgrasp.verify.check import Verification
 from nlpgrasp.verify.verify import verify
@@ -142,6 +143,7 @@ __all__ = [
     "PointContact",
     "Polygon",
     "Prism",
+    "RigidMotion",
     "Robustness",
     "ShadowPrice",
     "SharedJointTorqueLimits",
@@ -172,6 +174,7 @@ __all__ = [
     "WrenchRecording",
     "__version__",
     "allowed_twists",
+    "angular_velocity",
     "collision_task",
     "combinations",
     "compare",

@@ -94,6 +94,11 @@ class ContactModel(ABC):
         """Return unit tangents at contacts with these inward normals: (b, space) to (b, space - 1, space)."""
         return any_tangents(normals)
 
+    def turned(self, rotation: FloatArray) -> Self:
+        """Return the contact in a body frame of coordinates ``rotation x``, (2.5-4); itself without a direction."""
+        del rotation
+        return self
+
     @abstractmethod
     def project(self, z: FloatArray) -> FloatArray:
         """Return the Euclidean projection of force components ``z`` (..., n_i) onto K_i."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -46,6 +46,10 @@ class BilateralContact(ContactModel):
     def tangents(self, normals: FloatArray) -> FloatArray:
         """Return the model's unit tangents: (b, space) to (b, space - 1, space)."""
         return self.model.tangents(normals)
+
+    def turned(self, rotation: FloatArray) -> Self:
+        """Return the contact with the model turned."""
+        return replace(self, model=self.model.turned(rotation))
 
     def project(self, z: FloatArray) -> FloatArray:
         """Return ``z`` (..., n_i) itself: every force is in K_i."""

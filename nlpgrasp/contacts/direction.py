@@ -24,6 +24,11 @@ def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | 
     return tuple((direction if abs(size - 1.0) < 1e-12 else direction / size).tolist())
 
 
+def turned_direction(direction: tuple[float, ...] | None, rotation: FloatArray) -> tuple[float, ...] | None:
+    """Return a direction in a turned body frame; as it is where there is none, or in the plane, which needs none."""
+    return direction if direction is None or len(rotation) == 2 else tuple((rotation @ direction).tolist())
+
+
 def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, name: str) -> FloatArray:
     """Return right-handed tangents whose first is the direction's part along the surface: (b, 2, 3).
 

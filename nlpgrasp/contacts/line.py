@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts.base import MISSING
 from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.cones.terms import Blocks
-from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
+from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along, turned_direction
 from nlpgrasp.contacts.pad import friction_coefficients, friction_fields, pressing_variables
 
 
@@ -81,6 +81,11 @@ class LineContact(RangeContact):
     def tangents(self, normals: FloatArray) -> FloatArray:
         """Return unit tangents (b, 2, 3), the first along the line, at contacts with inward normals (b, 3)."""
         return tangents_along(normals, self.direction, "LineContact")
+
+    def turned(self, rotation: FloatArray) -> Self:
+        """Return the contact with its direction in the turned frame."""
+        changes: Json = {"direction": turned_direction(self.direction, rotation)}
+        return replace(self, **changes)
 
     def variables(self, space: int) -> int:
         """Return how many NLP variables there are: the force in the body frame (or its size), then the moments."""

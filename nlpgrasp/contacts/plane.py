@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.cones.terms import Blocks
-from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along
+from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along, turned_direction
 from nlpgrasp.contacts.pad import friction_coefficients, friction_fields, pressing_variables
 from nlpgrasp.errors import InputError
 
@@ -106,6 +106,11 @@ class PlaneContact(RangeContact):
         return (
             any_tangents(normals) if self.extents is None else tangents_along(normals, self.direction, "PlaneContact")
         )
+
+    def turned(self, rotation: FloatArray) -> Self:
+        """Return the contact with its direction in the turned frame."""
+        changes: Json = {"direction": turned_direction(self.direction, rotation)}
+        return replace(self, **changes)
 
     def variables(self, space: int) -> int:
         """Return how many variables there are: the force (or its size), the torsion if any, and a vector v (3,).

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import coordinate_size, wrench_transform
-from nlpgrasp.common.validation import FloatArray, array, read_only
+from nlpgrasp.common.spatial import coordinate_size, rigid_transform, wrench_transform
+from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.places import UNIT_TOLERANCE, ContactPlaces
@@ -31,12 +31,14 @@ class Grasp(ContactPlaces):
     tangents : (k, 1, 2) or (k, 2, 3) array, optional
         Unit tangents as rows; chosen when left out. Measures depend on them only where a line or rectangle of
         contact has no direction of its own.
+    force_unit : float
+        lambda of (3.3-6): newtons that a force component of 1 stands for (newton-metres for moments), at least zero.
 
     Raises
     ------
     InputError
-        On shapes that do not match, NaN, normals that are not unit (says by how much), or a line or rectangle of
-        contact without a direction.
+        On shapes that do not match, NaN, a negative force unit, normals that are not unit (says by how much), or a
+        line or rectangle of contact without a direction.
     """
 
     _name = "Grasp"
@@ -50,8 +52,10 @@ class Grasp(ContactPlaces):
         contacts: ContactModel | Sequence[ContactModel],
         torque_origin: ArrayLike | None = None,
         tangents: ArrayLike | None = None,
+        force_unit: float = 1.0,
     ) -> None:
         super().__init__(points, normals, contacts, torque_origin)
+        self.force_unit = number("Grasp.force_unit", force_unit, at_least=0.0)
         n, k, space = self.normals, len(self.contacts), self.space
         if tangents is None:
             t = np.concatenate([m.tangents(n[i : i + 1]) for i, m in enumerate(self.contacts)])
@@ -81,8 +85,8 @@ class Grasp(ContactPlaces):
 
     @cached_property
     def B(self) -> FloatArray:
-        """Constraint matrix (2.3-7), (k d, n), block diagonal: what the contacts are."""
-        blocks = [c.basis(self.space) for c in self.contacts]
+        """Constraint matrix (2.3-7), (k d, n), block diagonal: what the contacts are, times the force unit."""
+        blocks = [self.force_unit * c.basis(self.space) for c in self.contacts]
         result = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
         row = column = 0
         for block in blocks:
@@ -112,9 +116,49 @@ class Grasp(ContactPlaces):
         local = (self.B @ x).reshape(len(self), self.dimension)
         return np.asarray(np.einsum("kij,kj->ki", wrench_transform(np.zeros_like(self.points), self.frames), local))
 
+    def in_frame(self, pose: ArrayLike) -> Grasp:
+        """Return the same grasp in another body frame, (2.5-4): its grasp map is ``blockdiag(A, A) G``, (2.5-6).
+
+        Torque origin, tangents and directions of contacts go along. Qualities stay what they are where the task goes
+        along too (``task.in_frame``), (3.3-7a).
+
+        Parameters
+        ----------
+        pose : (3, 3) array in the plane, (4, 4) in space
+            ``[[A, b], [0, 1]]``: a point x of this grasp's frame is ``A x + b`` in the other, metres.
+
+        Raises
+        ------
+        InputError
+            When the pose is no rotation and translation of this space.
+        """
+        A, b = rigid_transform("pose", pose, self.space)
+        models = [c.turned(A) for c in self.contacts]
+        points, origin = self.points @ A.T + b, self.torque_origin @ A.T + b
+        return Grasp(points, self.normals @ A.T, models, origin, self.tangents @ A.T, self.force_unit)
+
+    def scaled(self, factor: float) -> Grasp:
+        """Return the grasp with this many times the force: its grasp map is ``factor G``, lambda G of (3.3-6).
+
+        Contacts stay where they are: delta, mu, mu-tilde and mu_1 are ``factor`` times as much, nu ``factor^d`` times.
+
+        Parameters
+        ----------
+        factor : float
+            lambda, at least zero.
+
+        Raises
+        ------
+        InputError
+            When the factor is negative or not finite.
+        """
+        unit = self.force_unit * number("factor", factor, at_least=0.0)
+        return Grasp(self.points, self.normals, self.contacts, self.torque_origin, self.tangents, unit)
+
     def __repr__(self) -> str:
         kinds = ", ".join(c.kind for c in self.contacts)
-        return f"Grasp({len(self)} contacts: {kinds}; torque_origin={self.torque_origin.tolist()})"
+        unit = "" if self.force_unit == 1.0 else f"; force_unit={self.force_unit:g}"
+        return f"Grasp({len(self)} contacts: {kinds}; torque_origin={self.torque_origin.tolist()}{unit})"
 
     def __len__(self) -> int:
         return int(self.points.shape[0])

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import coordinate_size, wrench_transform
+from nlpgrasp.common.spatial import coordinate_size, rigid_transform, wrench_transform
 from nlpgrasp.common.validation import FloatArray, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.grasp.grasp import Grasp
@@ -58,6 +58,12 @@ class GraspStack(ContactPlaces):
         full = wrench_transform(self.points - self.torque_origin, frames, size)
         maps = [full[:, i] @ model.basis(self.space) for i, model in enumerate(self.contacts)]
         return read_only(np.concatenate(maps, axis=2))
+
+    def in_frame(self, pose: ArrayLike) -> GraspStack:
+        """Return the same grasps in another body frame, (2.5-4); the pose as in ``Grasp.in_frame``."""
+        A, b = rigid_transform("pose", pose, self.space)
+        models = [c.turned(A) for c in self.contacts]
+        return GraspStack(self.points @ A.T + b, self.normals @ A.T, models, self.torque_origin @ A.T + b)
 
     def __repr__(self) -> str:
         kinds = ", ".join(c.kind for c in self.contacts)

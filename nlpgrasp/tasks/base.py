@@ -15,6 +15,7 @@ from nlpgrasp.common.spatial import move_torque_origin, space_dimension
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.about import change_of_frame, check_alike
 
 
 class Task(ABC):
@@ -105,6 +106,17 @@ class Task(ABC):
         result = copy(self) if np.array_equal(new, old) else self.transformed(move_torque_origin(new - old))
         return result._about(new)
 
+    def in_frame(self, pose: ArrayLike) -> Task:
+        """Return the same wrenches in another body frame, (2.5-5): turned, and ``about`` moves along.
+
+        Parameters
+        ----------
+        pose : (3, 3) array in the plane, (4, 4) in space
+            ``[[A, b], [0, 1]]``: a point x of this frame is ``A x + b`` in the other, metres.
+        """
+        matrix, about = change_of_frame(pose, self.dimension, self.about)
+        return self.transformed(matrix)._about(about)
+
     def given_about(self, origin: ArrayLike) -> Self:
         """Return the task as one whose moments were about this point all along."""
         space = space_dimension(self.dimension)
@@ -118,7 +130,7 @@ class Task(ABC):
         """Return the Minkowski sum: any wrench of this task together with any of the other."""
         if not isinstance(other, Task):
             return NotImplemented
-        self._check_same(other)
+        check_alike(self, other)
         there = other if self.about is None else other.at(self.about)
         simplest = self._plus(there)
         if simplest is None:
@@ -147,17 +159,6 @@ class Task(ABC):
 
     __rmul__ = __mul__
 
-    def _check_same(self, other: Task) -> None:
-        """Refuse a task of another dimension, or with moments about another point or an unknown one."""
-        if self.dimension != other.dimension:
-            raise InputError("task", f"dimensions {self.dimension} and {other.dimension}", "tasks of one dimension")
-        if (self.about is None) != (other.about is None):
-            raise InputError(
-                "task",
-                "a sum of wrenches about a known point and about the problem's torque origin",
-                "task.given_about(origin) for the second",
-            )
-
 
 class TaskSum(Task):
     """``{w_1 + ... + w_m : w_i in A_i}``: gravity in any orientation and a tool's wrench at the same time.
@@ -176,7 +177,7 @@ class TaskSum(Task):
             raise InputError("TaskSum.tasks", tasks, "at least one task")
         first = self.tasks[0]
         for other in self.tasks[1:]:
-            first._check_same(other)
+            check_alike(first, other)
         if first.about is not None:
             self.tasks = (first, *(task.at(first.about) for task in self.tasks[1:]))
         self._about(first.about)

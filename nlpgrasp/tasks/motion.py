@@ -7,15 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
 
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.polytope import TaskPolytope
+from nlpgrasp.tasks.rigid_motion import RigidMotion
 
 GRAVITY = (0.0, 0.0, -9.81)  # m / s^2, world frame
-FEWEST_POSES = 4
 BETWEEN = 4  # times a step that the wrenches are looked at
 
 
@@ -116,30 +114,17 @@ def motion_wrenches(
     InputError
         On times that do not increase (the first such row is named), too few poses, numbers that are not a quaternion.
     """
-    t = array("times", times, (None,))
-    if len(t) < FEWEST_POSES:
-        raise InputError("times", f"{len(t)} poses", f"at least {FEWEST_POSES}")
-    late = np.flatnonzero(np.diff(t) <= 0.0)
-    if len(late):
-        i = int(late[0])
-        raise InputError("times", f"{t[i + 1]:g} s after {t[i]:g} s at row {i + 1}", "increasing times")
-    p, q = array("positions", positions, (len(t), 3)), array("quaternions", quaternions, (len(t), 4))
-    sizes = np.linalg.norm(q, axis=1)
-    if np.any(np.abs(sizes - 1.0) > 1e-3):
-        i = int(np.argmax(np.abs(sizes - 1.0)))
-        raise InputError("quaternions", f"length {sizes[i]:g} at row {i}", "unit quaternions (w, x, y, z)")
+    motion = RigidMotion(times, positions, quaternions)
     if not isinstance(mass, MassProperties):
         raise InputError("mass", mass, "MassProperties")
     down = array("gravity", gravity, (3,))
-    turning = RotationSpline(t, Rotation.from_quat(q, scalar_first=True))
-    moving = CubicSpline(t, p)
-    steps = np.arange(BETWEEN * (len(t) - 1) + 1) / BETWEEN
-    at = np.interp(steps, np.arange(len(t)), t)
-    rotation, spin, change = turning(at).as_matrix(), turning(at, 1), turning(at, 2)
+    t = motion.times
+    at = np.interp(np.arange(BETWEEN * (len(t) - 1) + 1) / BETWEEN, np.arange(len(t)), t)
+    rotation, spin, second = motion.poses(at)[:, :3, :3], motion.body_twists(at)[:, 3:], motion.accelerations(at)
     arm = np.asarray(mass.center_of_mass)
-    inward = np.cross(change, arm) + np.cross(spin, np.cross(spin, arm))
-    acceleration = moving(at, 2) + np.einsum("mij,mj->mi", rotation, inward)
-    return mass.wrenches(rotation, acceleration - down, spin, change)
+    inward = np.cross(second[:, 3:], arm) + np.cross(spin, np.cross(spin, arm))
+    acceleration = second[:, :3] + np.einsum("mij,mj->mi", rotation, inward)
+    return mass.wrenches(rotation, acceleration - down, spin, second[:, 3:])
 
 
 def motion_task(

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nlpgrasp.common.spatial import wrench_transform
-from nlpgrasp.common.validation import LARGEST, FloatArray, array
+from nlpgrasp.common.spatial import rigid_transform, wrench_transform
+from nlpgrasp.common.validation import LARGEST, FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.learnt.enclosing import GAP, bad_rows, enclose
 from nlpgrasp.tasks.learnt.fit import EllipsoidFit
@@ -199,9 +199,6 @@ def _number(row: list[str], column: int) -> float:
 
 def _pose(value: ArrayLike) -> FloatArray:
     """Return a rigid transform."""
-    pose = array("sensor_pose", value, (4, 4))
-    turn = pose[:3, :3]
-    off = float(np.max(np.abs(turn @ turn.T - np.eye(3))))
-    if off > 1e-6 or np.linalg.det(turn) < 0.0 or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
-        raise InputError("sensor_pose", pose.tolist(), "a rigid transform, (4, 4): a rotation and a translation")
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rigid_transform("sensor_pose", value, 3)
     return pose

@@ -1,0 +1,45 @@
+"""The point about which moments are taken: tasks that agree on it, and how it goes along with the body frame."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.spatial import rigid_transform, rotate_body_frame, space_dimension
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+
+
+class Framed(Protocol):
+    """What has wrenches, with moments about a point: a task."""
+
+    about: FloatArray | None
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of wrench space: 3 or 6."""
+
+
+def check_alike(one: Framed, other: Framed) -> None:
+    """Refuse tasks of two dimensions, or with moments about a point and about an unknown one."""
+    if one.dimension != other.dimension:
+        raise InputError("task", f"dimensions {one.dimension} and {other.dimension}", "tasks of one dimension")
+    if (one.about is None) != (other.about is None):
+        raise InputError(
+            "task",
+            "a sum of wrenches about a known point and about the problem's torque origin",
+            "task.given_about(origin) for the second",
+        )
+
+
+def change_of_frame(pose: ArrayLike, dimension: int, about: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
+    """Return the wrench map ``blockdiag(A, A)`` of a change of body frame (2.5-6), (d, d), and the point in that frame.
+
+    Raises
+    ------
+    InputError
+        When the pose is no rotation and translation of this space.
+    """
+    A, b = rigid_transform("pose", pose, space_dimension(dimension))
+    return rotate_body_frame(A), None if about is None else A @ about + b

@@ -1,0 +1,173 @@
+"""Rigid motions: poses over time, and the twists between them (Section 2.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from nlpgrasp.common.spatial import rigid_transform
+from nlpgrasp.common.validation import FloatArray, array, read_only
+from nlpgrasp.errors import InputError
+
+FEWEST_POSES = 4
+UNIT = 1e-3  # how far a quaternion's length may be off 1
+UPRIGHT = 1e-6  # least cos(theta_2) at which Euler angles are coordinates
+
+
+class RigidMotion:
+    """A curve of class C^2 through poses, ``g(t)`` of Section 2.1, and its generalised velocity.
+
+    Twists are ``(v, w)``, in the order that pairs with wrenches ``(f, m)``, so that the power of (2.1-4b) is
+    ``twist @ wrench``; the paper writes ``(w, v)``. Where body frame and inertial frame coincide, as at the paper's m,
+    ``twists``, ``body_twists`` and ``spatial_twists`` are the same.
+
+    Parameters
+    ----------
+    times : (m,) array
+        Seconds, increasing; at least 4.
+    positions : (m, 3) array
+        Of the body frame's origin, inertial frame, metres.
+    quaternions : (m, 4) array
+        (w, x, y, z), body to inertial frame, of unit length to 1e-3.
+
+    Raises
+    ------
+    InputError
+        On two poses at one time, times that do not increase (the first such row is named), too few poses, quaternions
+        that are no rotations.
+    """
+
+    def __init__(self, times: ArrayLike, positions: ArrayLike, quaternions: ArrayLike) -> None:
+        t = array("times", times, (None,))
+        if len(t) < FEWEST_POSES:
+            raise InputError("times", f"{len(t)} poses", f"at least {FEWEST_POSES}")
+        late = np.flatnonzero(np.diff(t) <= 0.0)
+        if len(late):
+            i = int(late[0])
+            raise InputError("times", f"{t[i + 1]:g} s after {t[i]:g} s at row {i + 1}", "increasing times")
+        p, q = array("positions", positions, (len(t), 3)), array("quaternions", quaternions, (len(t), 4))
+        sizes = np.linalg.norm(q, axis=1)
+        if np.any(np.abs(sizes - 1.0) > UNIT):
+            i = int(np.argmax(np.abs(sizes - 1.0)))
+            raise InputError("quaternions", f"length {sizes[i]:g} at row {i}", "unit quaternions (w, x, y, z)")
+        self.times = read_only(t)
+        self._moving = CubicSpline(t, p)
+        self._turning = RotationSpline(t, Rotation.from_quat(q, scalar_first=True))
+
+    @classmethod
+    def of_poses(cls, times: ArrayLike, poses: ArrayLike) -> RigidMotion:
+        """Return the motion through poses ``[[A, b], [0, 1]]``, (m, 4, 4): a body's point x is at ``A x + b``.
+
+        Raises
+        ------
+        InputError
+            As above, and where a pose is no rotation and translation (the first such row is named).
+        """
+        given = array("poses", poses, (None, 4, 4))
+        parts = [rigid_transform(f"poses[{i}]", pose, 3) for i, pose in enumerate(given)]
+        if len(parts) < FEWEST_POSES:
+            raise InputError("poses", f"{len(parts)} poses", f"at least {FEWEST_POSES}")
+        turns = Rotation.from_matrix(np.array([A for A, _ in parts]))
+        return cls(times, given[:, :3, 3], turns.as_quat(scalar_first=True))
+
+    def poses(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,); at the given ones when left out.
+
+        Raises
+        ------
+        InputError
+            On times outside those of the motion, here and in all that follow.
+        """
+        t = self._times(at)
+        result = np.tile(np.eye(4), (len(t), 1, 1))
+        result[:, :3, :3], result[:, :3, 3] = self._turning(t).as_matrix(), self._moving(t)
+        return result
+
+    def twists(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return ``(v, w)`` of (2.1-2), (j, 6): of the body frame's origin, along the inertial axes, m/s and rad/s."""
+        t = self._times(at)
+        return np.concatenate([self._moving(t, 1), self._turning(t).apply(self._turning(t, 1))], axis=1)
+
+    def body_twists(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return ``(v, w)`` of the body frame's origin along the body's own axes, (j, 6), m/s and rad/s."""
+        t = self._times(at)
+        return np.concatenate([self._turning(t).apply(self._moving(t, 1), inverse=True), self._turning(t, 1)], axis=1)
+
+    def spatial_twists(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return ``(v, w)`` along the inertial axes, (j, 6), v of the body's point that is at the inertial origin."""
+        t = self._times(at)
+        found = self.twists(t)
+        found[:, :3] += np.cross(self._moving(t), found[:, 3:])
+        return found
+
+    def euler_angles(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return ``(theta_1, theta_2, theta_3)`` of (2.1-1), (j, 3), radians.
+
+        They turn about the body's z, then its y, then its x; theta_2 is within 90 degrees, the others within 180. No
+        coordinates are global (Remark 1).
+        """
+        R = self._turning(self._times(at)).as_matrix()
+        middle = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
+        return np.stack([np.arctan2(R[:, 1, 0], R[:, 0, 0]), middle, np.arctan2(R[:, 2, 1], R[:, 2, 2])], axis=1)
+
+    def euler_rates(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return the time derivatives of the Euler angles, (j, 3), rad/s: the equations after (2.1-2), solved for them.
+
+        Raises
+        ------
+        InputError
+            Also where theta_2 is 90 degrees, and the angles are no coordinates.
+        """
+        t = self._times(at)
+        angles, w = self.euler_angles(t), self.body_twists(t)[:, 3:]
+        upright = np.cos(angles[:, 1])
+        if np.any(upright < UPRIGHT):
+            when = t[int(np.argmin(upright))]
+            raise InputError("at", f"{when:g} s, with theta_2 at 90 degrees", "times at which Euler angles exist")
+        s, c = np.sin(angles[:, 2]), np.cos(angles[:, 2])
+        first = (w[:, 1] * s + w[:, 2] * c) / upright
+        return np.stack([first, w[:, 1] * c - w[:, 2] * s, w[:, 0] + first * np.sin(angles[:, 1])], axis=1)
+
+    def accelerations(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return the origin's acceleration along the inertial axes and the angular one along the body's, (j, 6)."""
+        t = self._times(at)
+        return np.concatenate([self._moving(t, 2), self._turning(t, 2)], axis=1)
+
+    def _times(self, at: ArrayLike | None) -> FloatArray:
+        """Return times within the motion."""
+        if at is None:
+            return self.times
+        t, first, last = array("at", at, (None,)), self.times[0], self.times[-1]
+        outside = (t < first) | (t > last)
+        if np.any(outside):
+            raise InputError("at", f"{t[outside][0]:g} s", f"times from {first:g} s to {last:g} s")
+        return t
+
+
+def angular_velocity(angles: ArrayLike, rates: ArrayLike) -> FloatArray:
+    """Return the angular velocity of Euler angles that change, along the body's axes: the equations after (2.1-2).
+
+    Parameters
+    ----------
+    angles : (m, 3) array
+        ``(theta_1, theta_2, theta_3)``: turns about z, then y, then x of the body, radians.
+    rates : (m, 3) array
+        Their time derivatives, rad/s.
+
+    Returns
+    -------
+    (m, 3) array
+        rad/s; along the inertial axes too where all angles are zero, as at the paper's m.
+    """
+    a, b, c = array("angles", angles, (None, 3)).T
+    da, db, dc = array("rates", rates, (len(a), 3)).T
+    return np.stack(
+        [
+            dc - da * np.sin(b),
+            db * np.cos(c) + da * np.cos(b) * np.sin(c),
+            da * np.cos(b) * np.cos(c) - db * np.sin(c),
+        ],
+        axis=1,
+    )
