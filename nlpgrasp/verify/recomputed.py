@@ -17,6 +17,7 @@ from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, guarded, no_sense
 from nlpgrasp.verify.claims.drawing import drawing_check
 from nlpgrasp.verify.claims.torques import torque_checks
 from nlpgrasp.verify.hands.unknown import UnknownHand
+from nlpgrasp.verify.ownership import Owner, constraint_owner, hand_owner, links_owner
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
 from nlpgrasp.verify.rows import PROMISE, RowValue, StatedRows, compare, kept
@@ -50,12 +51,13 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
         parts["hand"] = partial(hand.rows, placement)
     if hand is not None and hand.linked:
         parts["links"] = partial(link_rows, hand, surface, placement)
+    owners = _owners(solution, len(grasp))
     rows = [_guarded(name, given, partial(compare, stated=stated, promise=promise)) for name, given in parts.items()]
     if hand is not None and hand.linked:
         rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
     checks += guarded("joint torques", lambda: torque_checks(solution, grasp, hand))
     checks += guarded("drawing", lambda: _drawing_checks(solution, surface))
-    return [*checks, face_check(solution), *rows, *_stated_check(solution, stated)]
+    return [*checks, face_check(solution), *rows, *_stated_check(solution, stated, owners)]
 
 
 def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources) -> HandNumbers | None:
@@ -104,19 +106,33 @@ def _guarded(
 ) -> Check:
     """Return what a comparison of rows says; parts of a file that make no sense fail."""
     try:
-        return judge(name, rows())
+        return judge(name, _each(rows))
     except NotMadeError as reason:
         return Check.not_made(name, str(reason))
     except BROKEN as error:
         return Check(name, False, no_sense(error))
 
 
-def _stated_check(solution: GraspSolution, stated: StatedRows) -> list[Check]:
+def _each(rows: Callable[[], Iterable[RowValue]]) -> Iterator[RowValue]:
+    """Yield the rows; what cannot be had says so at the first."""
+    yield from rows()
+
+
+def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
+    """Return which rows each part of the problem may own, by the part's name."""
+    constraints, hand = solution.problem["constraints"], solution.problem["hand"]
+    found = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
+    return found if hand is None else {**found, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
+
+
+def _stated_check(solution: GraspSolution, stated: StatedRows, owners: Mapping[str, Owner]) -> list[Check]:
     """Return whether the stated values are within the stated limits, and every stated row is some part's own."""
     if not solution.constraints:
         return []
     wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _within(c, stated)]
-    wrong += [f"{name} is nothing that the problem asks" for name in stated.unasked]
+    possible = [owners[part] for part in stated.unknown]
+    unasked = [name for name in stated.left if not any(owns(name) for owns in possible)]
+    wrong += [f"{name} is nothing that the problem asks" for name in unasked]
     detail = f"{len(solution.constraints)} stated values"
     return [Check("constraints", not wrong, f"{detail}: {'; '.join(wrong)}" if wrong else detail)]
 

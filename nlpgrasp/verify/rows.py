@@ -79,14 +79,14 @@ class StatedRows:
 
     Attributes
     ----------
-    some_unknown : bool
-        Whether some part of the problem may have rows that were not recomputed.
+    unknown : list of str
+        Names of the parts of the problem that may have rows which were not recomputed.
     slack : dict
         How far outside its limits the solver may leave a row that was recomputed, by the report's identity.
     """
 
     def __init__(self, reports: Iterable[ConstraintReport]) -> None:
-        self.some_unknown = False
+        self.unknown: list[str] = []
         self.slack: dict[int, float] = {}
         self._left: dict[str, list[ConstraintReport]] = {}
         for report in reports:
@@ -102,9 +102,9 @@ class StatedRows:
         return {name: reports[0].value for name, reports in self._left.items() if reports}
 
     @property
-    def unasked(self) -> list[str]:
-        """Names of the rows that no part of the problem gives, as far as all parts are known."""
-        return [] if self.some_unknown else [name for name, reports in self._left.items() for _ in reports]
+    def left(self) -> list[str]:
+        """Names of the rows that were not taken."""
+        return [name for name, reports in self._left.items() for _ in reports]
 
 
 def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: float) -> Check:
@@ -128,7 +128,7 @@ def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: fl
             worst = max(worst, abs(row.off(said)) / row.scale)
     except NotMadeError as reason:
         why = str(reason)
-        stated.some_unknown |= not reason.every_row
+        stated.unknown += [] if reason.every_row else [name]
     if wrong:
         return Check(name, False, _listed(wrong))
     agree = f"{count} row{'s' if count != 1 else ''} recomputed, relative difference {worst:.1e}"

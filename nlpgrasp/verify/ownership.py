@@ -1,0 +1,61 @@
+"""Which stated rows a part of the problem may own that could not be recomputed: its own, and no others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from nlpgrasp.common.rows import CLEARANCE, ON_FINGERTIP, SELF_COLLISION, UNIT_QUATERNION
+from nlpgrasp.common.types import Json
+
+Owner = Callable[[str], bool]
+"""Whether a part may own a row of this name."""
+
+CONSTRAINTS = {
+    "table": "table, ",
+    "spread": "spread, ",
+    "workspace": "workspace, ",
+    "forbid": "forbidden region, ",
+    "symmetric": "symmetric, ",
+    "approach": "approach, ",
+}
+"""How the rows of the package's constraints begin."""
+HANDS = {
+    "urdf": (f"{ON_FINGERTIP} ", UNIT_QUATERNION),
+    "fingertips": ("reach, ", "fingertip distance, "),
+    "parallel_jaw": ("opening of the jaws", "opposed jaws", "facing, "),
+}
+LINKS = (f"{CLEARANCE}, ", f"{SELF_COLLISION}, ")
+FINGER = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")
+
+
+def constraint_owner(data: Json, contacts: int) -> Owner:
+    """Return which rows a constraint may own; one of another package any row."""
+    kind = str(data["type"])
+    if kind == "obstacle":
+        return _beginning((f"{data['name']}, ",), contacts)
+    if kind == "expression":
+        elements = re.compile(re.escape(str(data["name"])) + r"(?:\[\d+\])?")
+        return lambda row: elements.fullmatch(row) is not None
+    return _beginning((CONSTRAINTS[kind],), contacts) if kind in CONSTRAINTS else anything
+
+
+def hand_owner(data: Json, contacts: int) -> Owner:
+    """Return which rows a hand may own; one of another package any row."""
+    kind = str(data["type"])
+    return _beginning(HANDS[kind], contacts) if kind in HANDS else anything
+
+
+def links_owner(contacts: int) -> Owner:
+    """Return which rows the links of a hand may own."""
+    return _beginning(LINKS, contacts)
+
+
+def anything(row: str) -> bool:
+    """Return that a part of another package, of which nothing is known, may own any row."""
+    return True
+
+
+def _beginning(first: tuple[str, ...], contacts: int) -> Owner:
+    """Return whether a row begins so and is about contacts that there are."""
+    return lambda row: row.startswith(first) and all(int(i) < contacts for i in FINGER.findall(row))
