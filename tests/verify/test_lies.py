@@ -97,6 +97,21 @@ FINGERS = {
     ),
     "a joint past its limit": (put(("hand", "joint_positions"), lambda j: dict.fromkeys(j, 4.0)), "joints"),
     "a joint left out": (put(("hand", "joint_positions"), lambda j: dict(list(j.items())[1:])), "hand"),
+    "the order of the fingertips": (put(("hand", "fingertips"), lambda f: f[::-1]), "joints"),
+    "a pregrasp past the joints' limits": (
+        put(("hand",), lambda h: {**h, "pregrasp": {**h, "joint_positions": dict.fromkeys(h["joint_positions"], 4.0)}}),
+        "joints",
+    ),
+    "a pregrasp's longer quaternion": (
+        put(
+            ("hand",),
+            lambda h: {
+                **h,
+                "pregrasp": {**h, "palm_pose": {**h["palm_pose"], "quaternion_wxyz": [2.0, 0.0, 0.0, 0.0]}},
+            },
+        ),
+        "joints",
+    ),
     "the palm's position": (put(("hand", "palm_pose", "position", 0), a_little), "hand"),
     "the palm's orientation": (
         put(("hand", "palm_pose", "quaternion_wxyz"), lambda q: np.roll(q, 1).tolist()),
@@ -176,13 +191,16 @@ def test_lies_about_a_posed_hand(name):
         {"type": "polygon", "vertices": [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]},
         {"type": "polygon", "vertices": [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]},
         {"type": "prism", "polygon": [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]], "height": 1.0},
+        {"type": "polygon", "vertices": [[0.0, 0.0], [2.0, 2.0], [2.0, 0.0], [0.0, 3.0]]},
+        {"type": "prism", "polygon": [[0.0, 0.0], [2.0, 2.0], [2.0, 0.0], [0.0, 3.0]], "height": 1.0},
+        {"type": "torus", "major_radius": 0.1, "minor_radius": 0.1},
         {"type": "ellipsoid", "semi_axes": [1.0, -1.0, 1.0]},
         {"type": "superquadric", "semi_axes": [1.0, 0.0, 1.0], "exponents": [1.0, 1.0]},
         {"type": "superquadric", "semi_axes": [1.0, 1.0, 1.0], "exponents": [-1.0, 1.0]},
     ],
 )
 def test_bodies_that_are_none_have_no_numbers(body):
-    with pytest.raises(ng.InputError, match=r"above zero|counter-clockwise"):
+    with pytest.raises(ng.InputError, match=r"above zero|counter-clockwise|do not cross|less than"):
         BODIES.of(body)(body, Sources(()))
 
 
@@ -255,3 +273,29 @@ def test_regions_of_a_script_have_limits_alone(rng):
     value = edited(data, row("workspace, finger 1", "value", -0.01))
     assert failures(value) == ["constraint 2, workspace", "constraints"]
     assert failures(edited(data, drop("workspace, finger 1"))) == ["constraint 2, workspace"]
+
+
+def expressions(*constraints):
+    """Return a file of these, none of which can be recomputed."""
+    problem = problem_of(ng.Box([0.08, 0.04, 0.06]), 2, constraints=constraints)
+    points, normals = [[0.04, 0.0, 0.0], [-0.04, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    return stated_file(problem, ["+x", "-x"], points, normals)
+
+
+def test_limits_of_an_expression_say_how_many_rows_there_are():
+    data = expressions(ng.Constraint("low", lambda p, n: p[0], [-1.0] * 3, 1.0))
+    assert failures(data) == []
+    assert failures(edited(data, drop("low[2]"))) == ["constraint 0, expression"]
+    assert failures(edited(data, drop("low[0]"))) == ["constraint 0, expression"]
+
+
+def test_two_expressions_of_one_name():
+    """Several limits tell which rows are whose; one does not."""
+    three = ng.Constraint("low", lambda p, n: p[0], [-1.0] * 3, 1.0)
+    one = ng.Constraint("low", lambda p, n: p[0][2], -2.0, 1.0)
+    for data in (expressions(three, one), expressions(three, three), expressions(one, one)):
+        assert failures(data) == []
+    data = expressions(one, three)
+    assert failures(data) == []
+    assert "constraint 1, expression" in failures(edited(data, drop("low[2]")))
+    assert failures(expressions(one, ng.Constraint("low", lambda p, n: p[0], -1.0, 1.0))) == []

@@ -120,7 +120,21 @@ def _counter_clockwise(field: str, value: object) -> FloatArray:
     after = np.roll(v, -1, axis=0)
     if not float(np.sum(v[:, 0] * after[:, 1] - v[:, 1] * after[:, 0])) > 0.0:
         raise InputError(field, value, "counter-clockwise vertices around some area")
+    if _cross(v, after):
+        raise InputError(field, value, "edges that do not cross")
     return v
+
+
+def _cross(start: FloatArray, end: FloatArray) -> bool:
+    """Return whether some edges cross: each has the ends of the other on different sides of its line."""
+
+    def side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
+        """Return on which side of each line from a to b (n, 2) each point (m, 2) is, (n, m)."""
+        along, there = (b - a)[:, None], p[None] - a[:, None]
+        return np.sign(along[..., 0] * there[..., 1] - along[..., 1] * there[..., 0])
+
+    apart = side(start, end, start) * side(start, end, end) < 0.0
+    return bool(np.any(apart & apart.T))
 
 
 def _edge(v: FloatArray, i: int) -> Piece:

@@ -78,6 +78,8 @@ def ellipsoid(data: Json, sources: Sources) -> SmoothSurface:
 def torus(data: Json, sources: Sources) -> SmoothSurface:
     """Return the distance from the tube's centre line less the minor radius."""
     major, minor = (number(key, data[key], above=0.0) for key in ("major_radius", "minor_radius"))
+    if not minor < major:
+        raise InputError("minor_radius", minor, f"less than the major radius, {major:g}")
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
         around = np.linalg.norm(p[:, :2], axis=1)

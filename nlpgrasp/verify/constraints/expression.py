@@ -14,10 +14,19 @@ from nlpgrasp.verify.rows import RowValue
 
 
 def expression(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the limits of the rows that the file states, then say that their values stay unknown."""
+    """Yield the limits of the rows that the file states, then say that their values stay unknown.
+
+    Several limits say how many rows there are; one limit is that of them all, and of how many stays in the script.
+    """
     name, lower, upper = str(data["name"]), list(data["lower"]), list(data["upper"])
-    numbered = takewhile(placement.stated.__contains__, (f"{name}[{i}]" for i in count()))
-    labels = [name] if name in placement.stated else list(numbered)
+    elements = max(len(lower), len(upper))
+    numbered = list(takewhile(placement.stated.__contains__, (f"{name}[{i}]" for i in count())))
+    if elements > 1:
+        labels = [f"{name}[{i}]" for i in range(elements)]
+    elif numbered and name in placement.stated:
+        raise NotMadeError(f"the file does not say which rows are those of which {name!r}")
+    else:
+        labels = numbered or [name] * (name in placement.stated)
     for i, label in enumerate(labels):
         low, high = (ends[i] if len(ends) > 1 else ends[0] for ends in (lower, upper))
         yield RowValue(label, None, -np.inf if low is None else float(low), np.inf if high is None else float(high))

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.hands.kinematics import Link, jacobian, links_below, loaded, poses, reach
@@ -188,16 +189,26 @@ class URDFNumbers:
         return {joint: np.array([m.get(joint, np.zeros(6)) for m in moved]) for joint in loaded(self.links, ends)}
 
     def limits(self) -> Iterator[RowValue]:
-        """Yield that joints keep the URDF's limits, and that those that follow others do."""
-        positions = self.posture["joint_positions"]
+        """Yield that joints keep the URDF's limits, and that those that follow others do, in the pregrasp as well."""
+        named = [str(tip["link"]) for tip in self.tips]
+        if self.posture.get("fingertips", named) != named:
+            raise InputError("hand.fingertips", self.posture["fingertips"], ", ".join(named))
+        yield from self._joints("joint", self.posture["joint_positions"])
+        before = self.posture.get("pregrasp")
+        if before is not None:
+            unit("hand.pregrasp.palm_pose.quaternion_wxyz", before["palm_pose"]["quaternion_wxyz"], 4)
+            yield from self._joints("pregrasp, joint", before["joint_positions"])
+
+    def _joints(self, name: str, positions: Json) -> Iterator[RowValue]:
+        """Yield the limits of joints in a posture."""
         for link in self.links:
             if link.moves:
                 value = number(f"joint_positions.{link.joint}", positions[link.joint])
-                yield RowValue(f"joint {link.joint}", value, link.lower, link.upper)
+                yield RowValue(f"{name} {link.joint}", value, link.lower, link.upper)
                 follow = link.follow
                 if follow is not None:
                     off = value - follow.multiplier * float(positions[follow.joint]) - follow.offset
-                    yield RowValue(f"joint {link.joint} follows {follow.joint}", off, 0.0, 0.0, 0.0, FOLLOWING)
+                    yield RowValue(f"{name} {link.joint} follows {follow.joint}", off, 0.0, 0.0, 0.0, FOLLOWING)
 
 
 def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> URDFNumbers:
