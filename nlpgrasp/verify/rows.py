@@ -12,6 +12,7 @@ from nlpgrasp.verify.check import Check, NotMadeError
 
 ROUNDING = 1e-6  # of a row's scale: recomputed values differ by rounding alone, by less than a thousandth of this
 LIMITS = 1e-9  # relative: limits are the problem's own numbers, or their squares
+FAR, AT = 1e-2, 1e-8  # of a row's scale: active rows are nearer to a limit than the first, rows on one within the other
 PROMISE = 1e-5  # of a row's scale: how well the solver keeps its rows; on a mesh ten times as much
 
 
@@ -58,8 +59,20 @@ class RowValue:
             return f"{self.name}: stated within [{stated.lower:g}, {stated.upper:g}], the problem says {self._limits}"
         off = self.off(stated)
         if (self.stated_below and off < 0.0) or abs(off) <= ROUNDING * self.scale + self.error:
-            return ""
+            return "" if self.value is None else self._idle(stated)
         return f"{self.name}: stated {stated.value:.9g}, recomputed {self.value:.9g}"
+
+    def _idle(self, stated: ConstraintReport) -> str:
+        """Return what is wrong with a stated row's being active, nothing where it is not far from what its value says.
+
+        A solve calls a row active within a ten thousandth of its scale from a limit, and the scale may be another here.
+        """
+        room = min(stated.value - stated.lower, stated.upper - stated.value)
+        if stated.multiplier != 0.0 and not stated.active:
+            return f"{self.name}: a multiplier of {stated.multiplier:.3g} where no limit is active"
+        if stated.active and room > FAR * self.scale:
+            return f"{self.name}: active, {room:.3g} from its limits"
+        return f"{self.name}: not active at its limit" if not stated.active and room <= AT * self.scale else ""
 
     @property
     def _limits(self) -> str:

@@ -39,7 +39,7 @@ def stated_file(problem, faces, points, normals, hand=None):
     batched = {name: np.asarray(v)[None] for name, v in variables.items()}
     values = rows.values(np.asarray(points)[None], np.asarray(normals)[None], batched)[0]
     reports = [
-        ConstraintReport(r.name, float(v), r.lower, r.upper, 0.0, False)
+        ConstraintReport(r.name, float(v), r.lower, r.upper, 0.0, bool(min(v - r.lower, r.upper - v) <= 1e-4 * r.scale))
         for r, v in zip(rows.named, values, strict=True)
     ]
     solution = ng.GraspSolution(

@@ -28,6 +28,8 @@ BOX = {
     "a stated height": (row("table, finger 1", "value", a_little), "constraint 0, table"),
     "a stated bound": (row("table, finger 1", "bound", [-0.06, None]), "constraint 0, table"),
     "no bound": (row("table, finger 1", "bound", [None, None]), "constraint 0, table"),
+    "a row active far from its limits": (row("table, finger 1", "active", True), "constraint 0, table"),
+    "a multiplier of a row that is not active": (row("table, finger 1", "multiplier", 0.3), "constraint 0, table"),
     "a row that is left out": (drop("table, finger 2"), "constraint 0, table"),
     "the table's height": (put(asked(0, "height"), -0.051), "constraint 0, table"),
     "the table's clearance": (put(asked(0, "clearance"), 0.0), "constraint 0, table"),
@@ -299,3 +301,11 @@ def test_two_expressions_of_one_name():
     assert failures(data) == []
     assert "constraint 1, expression" in failures(edited(data, drop("low[2]")))
     assert failures(expressions(one, ng.Constraint("low", lambda p, n: p[0], -1.0, 1.0))) == []
+
+
+def test_a_row_on_its_limit_is_active():
+    body = ng.Box([0.08, 0.04, 0.06])
+    points, normals = [[0.04, 0.0, 0.0], [-0.04, 0.0, 0.01]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    data = stated_file(problem_of(body, 2, constraints=[ng.Table(0.0)]), ["+x", "-x"], points, normals)
+    assert failures(data) == []
+    assert failures(edited(data, row("table, finger 0", "active", False))) == ["constraint 0, table"]
