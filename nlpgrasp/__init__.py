@@ -90,6 +90,7 @@ from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSet, TaskSum
 from nlpgrasp.tasks.collision import CollisionEvent, collision_task
 from nlpgrasp.tasks.learnt.fit import EllipsoidFit, fit_ellipsoid
 from nlpgrasp.tasks.learnt.recording import WrenchRecording
+from nlpgrasp.tasks.library import TaskEntry, TaskLibrary
 from nlpgrasp.tasks.motion import MassProperties, motion_task, motion_wrenches
 from nlpgrasp.tasks.rigid_motion import RigidMotion, angular_velocity
 from nlpgrasp.tasks.tools import cut, disturbance, gravity, insert, lift, pour, press, turn, write
@@ -161,6 +162,8 @@ __all__ = [
     "Table",
     "Task",
     "TaskEllipsoid",
+    "TaskEntry",
+    "TaskLibrary",
     "TaskPolytope",
     "TaskSet",
     "TaskSum",

@@ -1,4 +1,4 @@
-"""``nlpgrasp solve | quality | verify | experiment | report | export | simulate``.
+"""``nlpgrasp solve | quality | verify | experiment | report | export | simulate | task``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -22,6 +22,7 @@ from nlpgrasp.cli.quality import quality_command
 from nlpgrasp.cli.report import report_command
 from nlpgrasp.cli.script import load_problem
 from nlpgrasp.cli.simulate import simulate_command
+from nlpgrasp.cli.task import task_app
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.interop.registry import formats
@@ -106,6 +107,7 @@ def command_line() -> typer.Typer:
     app.command("report")(report_command)
     app.command("export")(export_command(formats()))
     app.command("simulate")(simulate_command)
+    app.add_typer(task_app(), name="task")
     return app
 
 

@@ -9,7 +9,7 @@ from typing import cast
 import jsonschema
 
 from nlpgrasp.common.files import read_text, write_text
-from nlpgrasp.common.strict_json import check_schema, read_object
+from nlpgrasp.common.stored.strict_json import check_schema, read_object
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema import SCHEMA_NAME, solution_schema
 from nlpgrasp.solution.schema.kinds import EXPECTED, check_kinds

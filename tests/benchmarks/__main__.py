@@ -3,7 +3,19 @@
 import sys
 
 from nlpgrasp.solve.workers.one_thread import one_thread
-from tests.benchmarks import by_hand, ellipsoid, experiments, hands, measures, meshes, power, report, simulation, tasks
+from tests.benchmarks import (
+    by_hand,
+    ellipsoid,
+    experiments,
+    hands,
+    libraries,
+    measures,
+    meshes,
+    power,
+    report,
+    simulation,
+    tasks,
+)
 
 ALL = {
     "ellipsoid": ellipsoid,
@@ -13,6 +25,7 @@ ALL = {
     "hands": hands,
     "power": power,
     "tasks": tasks,
+    "libraries": libraries,
     "experiments": experiments,
     "report": report,
     "simulation": simulation,

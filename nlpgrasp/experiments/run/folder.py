@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TextIO
 
 from nlpgrasp.common.files import file_name, write_text
-from nlpgrasp.common.locks import take
 from nlpgrasp.common.shown.text import plain
+from nlpgrasp.common.stored.locks import take
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.run.plan import Plan, check_same, read_plan

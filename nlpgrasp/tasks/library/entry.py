@@ -1,0 +1,193 @@
+"""An entry of a task library: an ellipsoid with its name, its frame and where it comes from."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.shown.words import FORCE_UNIT, MOMENT_UNIT
+from nlpgrasp.common.spatial import space_dimension
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, read_only
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
+from nlpgrasp.tasks.learnt.growing.base import Learnt
+from nlpgrasp.tasks.learnt.growing.least_volume import LeastVolume
+from nlpgrasp.tasks.learnt.growing.normal import Normal
+
+SCHEMA_NAME = "nlpgrasp-task/1"
+UNITS = {"force": FORCE_UNIT, "torque": MOMENT_UNIT}
+LONGEST_NAME, LONGEST_TEXT = 100, 2000
+LEARNT: dict[str, type[Learnt]] = {kind.kind: kind for kind in (LeastVolume, Normal)}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The frame that an entry's wrenches are in.
+
+    Parameters
+    ----------
+    words : str
+        Of the body frame: where its origin is, what its axes are along.
+    about : (space,) array or None
+        Point of it about which moments are taken; ``None`` stands for the torque origin of whatever problem it is used
+        with.
+    """
+
+    words: str = ""
+    about: FloatArray | None = None
+
+    def check_same(self, other: Frame) -> None:
+        """Refuse another frame, or moments about another point."""
+        if other.words != self.words:
+            raise InputError("frame", other.words or "no words", f"{self.words or 'no words'!r}, that of the entry")
+        if not same_point(self.about, other.about):
+            raise InputError("frame.about", point_words(other.about), f"{point_words(self.about)}, that of the entry")
+
+
+@dataclass(frozen=True)
+class Origin:
+    """One thing that made an entry what it is.
+
+    Parameters
+    ----------
+    did : str
+        ``"added"``, ``"updated"``, ``"merged"`` or ``"forgot"``.
+    source : str
+        From where: a recording's file, a section of a paper, reasoning.
+    wrenches : int
+        How many of them that were.
+    date : str
+        ``"2026-01-31"``; empty where it does not matter.
+    """
+
+    did: str
+    source: str
+    wrenches: int
+    date: str = ""
+
+    def __str__(self) -> str:
+        many = f"{self.wrenches} wrenches" if self.wrenches else ""
+        return ", ".join(part for part in (self.date, self.did, many, self.source) if part)
+
+
+@dataclass(frozen=True)
+class TaskEntry:
+    """A task of a library.
+
+    Parameters
+    ----------
+    name : str
+    learnt : Learnt
+        The ellipsoid, and what it takes to update it.
+    frame : Frame
+    description : str
+    tags : tuple of str
+    provenance : tuple of Origin
+        The oldest first.
+    """
+
+    name: str
+    learnt: Learnt
+    frame: Frame = Frame()
+    description: str = ""
+    tags: tuple[str, ...] = ()
+    provenance: tuple[Origin, ...] = ()
+
+    @property
+    def task(self) -> TaskEllipsoid:
+        """The task, in newtons and newton-metres, in the entry's frame."""
+        task = self.learnt.task
+        return task if self.frame.about is None else task.given_about(self.frame.about)
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of wrench space: 3 or 6."""
+        return self.learnt.dimension
+
+    @property
+    def wrenches(self) -> int:
+        """How many recorded wrenches it is learnt from."""
+        return self.learnt.wrenches
+
+    @property
+    def rank(self) -> int:
+        """Number of directions in which the ellipsoid is not flat."""
+        axes = self.learnt.axes
+        size = np.max(np.abs(axes), axis=0)
+        return int(np.linalg.matrix_rank(axes / np.where(size > 0.0, size, 1.0)))
+
+    def holds(self, words: Iterable[str]) -> bool:
+        """Return whether each of these words, in any case, is in its name, description or tags."""
+        text = " ".join([self.name, self.description, *self.tags]).casefold()
+        return all(unicodedata.normalize("NFC", word).casefold() in text for word in words)
+
+    def summary(self) -> Json:
+        """Return what a person or program wants to know of it, without what only updates need."""
+        return {
+            "name": self.name,
+            "description": self.description,
+            "tags": list(self.tags),
+            "dimension": self.dimension,
+            "units": UNITS,
+            "frame": frame_data(self.frame),
+            "provenance": [dict(vars(origin)) for origin in self.provenance],
+            "task": self.learnt.task.to_dict(),
+            "wrenches": self.wrenches,
+            "forgotten": self.learnt.forgotten,
+        }
+
+    def __str__(self) -> str:
+        flat = "" if self.rank == self.dimension else f", flat: {self.rank} of {self.dimension} directions"
+        lines = [f"{self.name}: ellipsoid {self.learnt.words()}{flat}"]
+        lines += [self.description] if self.description else []
+        lines += [f"frame: {self.frame.words or 'not said'}; moments about {point_words(self.frame.about)}"]
+        lines += [f"tags: {', '.join(self.tags)}"] if self.tags else []
+        return "\n  ".join([*lines, *map(str, self.provenance)])
+
+
+def frame_data(frame: Frame) -> Json:
+    """Return a frame as JSON data."""
+    return {"words": frame.words, "about": None if frame.about is None else frame.about.tolist()}
+
+
+def same_point(a: FloatArray | None, b: FloatArray | None) -> bool:
+    """Return whether two entries take moments about one point."""
+    return (a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
+
+
+def point_words(point: FloatArray | None) -> str:
+    """Return in words about which point moments are."""
+    return "the problem's torque origin" if point is None else str(point.tolist())
+
+
+def entry_name(value: object) -> str:
+    """Return a name that an entry may have; one of several ways to compose its letters."""
+    name = unicodedata.normalize("NFC", value) if isinstance(value, str) else ""
+    if not name or name != " ".join(name.split()) or not name.isprintable() or len(name) > LONGEST_NAME:
+        allowed = f"a name of 1 to {LONGEST_NAME} printable characters, with single spaces"
+        raise InputError("name", repr(value), allowed)
+    return name
+
+
+def text(field: str, value: object) -> str:
+    """Return a line of text."""
+    if not isinstance(value, str) or not value.isprintable() or len(value) > LONGEST_TEXT:
+        raise InputError(field, repr(value), f"one line of at most {LONGEST_TEXT} printable characters")
+    return unicodedata.normalize("NFC", value)
+
+
+def tag_words(value: object) -> tuple[str, ...]:
+    """Return tags from one or several."""
+    several = [value] if isinstance(value, str) else value
+    if not isinstance(several, list | tuple):
+        raise InputError("tags", value, "a word or several")
+    return tuple(text("tags", one) for one in several)
+
+
+def about_point(value: object, dimension: int, field: str = "about") -> FloatArray | None:
+    """Return the point about which moments of wrenches of this dimension are."""
+    return None if value is None else read_only(array(field, value, (space_dimension(dimension),)))

@@ -1,0 +1,102 @@
+"""What may join a library, as an ellipsoid that can be updated: tasks, recordings, wrenches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.spatial import move_torque_origin
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.base import Task
+from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
+from nlpgrasp.tasks.learnt.enclosing import GAP, enclose, wrench_rows
+from nlpgrasp.tasks.learnt.growing.base import Learnt
+from nlpgrasp.tasks.learnt.growing.least_volume import LeastVolume
+from nlpgrasp.tasks.learnt.growing.moments import Moments
+from nlpgrasp.tasks.learnt.growing.normal import Normal
+from nlpgrasp.tasks.learnt.recording import WrenchRecording
+from nlpgrasp.tasks.library.entry import point_words
+from nlpgrasp.tasks.polytope import TaskPolytope
+
+Wrenches = WrenchRecording | TaskPolytope | ArrayLike
+
+
+@dataclass(frozen=True)
+class Given:
+    """Wrenches that were given.
+
+    Parameters
+    ----------
+    rows : (n, d) array
+    about : (space,) array or None
+        Point about which their moments are, ``None`` where that is not known.
+    source : str
+        Where they are from.
+    """
+
+    rows: FloatArray
+    about: FloatArray | None
+    source: str
+
+    @classmethod
+    def of(cls, value: WrenchRecording | Task | ArrayLike, outliers: float) -> Given:
+        """Return the wrenches of a recording, a polytope or an array, but for a share of outliers.
+
+        Raises
+        ------
+        InputError
+            On anything else, and on wrenches that cannot be used.
+        """
+        if isinstance(value, WrenchRecording):
+            found = cls(value.wrenches, np.zeros(3), value.source)
+        elif isinstance(value, TaskPolytope):
+            found = cls(value.wrenches, value.about, "the corners of a TaskPolytope")
+        elif isinstance(value, Task):
+            allowed = "a recording, a TaskPolytope or wrenches (m, d); of other tasks a TaskEllipsoid can be added"
+            raise InputError("wrenches", f"a {type(value).__name__}", allowed)
+        else:
+            found = cls(wrench_rows(value), None, "")
+        rows = wrench_rows(found.rows)
+        if outliers:
+            rows = rows[enclose(rows, outliers, None, None, GAP).inside]
+        return cls(rows, found.about, found.source)
+
+    def learnt(self, probability: float | None) -> Learnt:
+        """Return the least ellipsoid around the wrenches, or that of a probability."""
+        return LeastVolume.of(self.rows) if probability is None else Normal.of(Moments.of(self.rows), probability)
+
+    def at(self, about: FloatArray | None, dimension: int) -> FloatArray:
+        """Return the wrenches for an entry with moments about this point.
+
+        Raises
+        ------
+        InputError
+            When they have another dimension, or one of the points is not known.
+        """
+        if self.rows.shape[1] != dimension:
+            raise InputError("wrenches", f"dimension {self.rows.shape[1]}", f"dimension {dimension}, that of the entry")
+        if self.about is None or (about is not None and np.array_equal(about, self.about)):
+            return self.rows
+        if about is None:
+            given = f"moments about {point_words(self.about)}"
+            raise InputError("wrenches", given, f"moments about {point_words(None)}, as the entry's are")
+        return np.asarray(self.rows @ move_torque_origin(about - self.about).T)
+
+
+def learnt_from(
+    what: TaskEllipsoid | Wrenches, outliers: float, probability: float | None
+) -> tuple[Learnt, FloatArray | None, str]:
+    """Return the ellipsoid that something makes, the point its moments are about, and where it is from."""
+    if isinstance(what, TaskEllipsoid):
+        if outliers:
+            raise InputError("outliers", outliers, "wrenches with it: a TaskEllipsoid is taken as it is")
+        if probability is not None:
+            raise InputError("probability", probability, "wrenches with it: a TaskEllipsoid is taken as it is")
+        return LeastVolume.of_task(what), what.about, ""
+    if outliers and probability is not None:
+        raise InputError("probability", probability, "a share between 0 and 1, without outliers")
+    given = Given.of(what, outliers)
+    return given.learnt(probability), given.about, given.source

@@ -1,0 +1,70 @@
+"""What an entry says of itself and of where it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import TypedDict
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.library.entry import Frame, Origin, TaskEntry, tag_words, text
+
+
+class Notes(TypedDict, total=False):
+    """What an entry says of itself: words for people, and where it comes from."""
+
+    description: str
+    tags: str | list[str] | tuple[str, ...]
+    frame: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Said:
+    """Notes that were checked, with all that was left out."""
+
+    description: str
+    tags: tuple[str, ...]
+    frame: str
+    source: str
+
+    @classmethod
+    def of(cls, notes: Notes) -> Said:
+        """Return notes, checked.
+
+        Raises
+        ------
+        InputError
+            On notes of unknown names, and texts that are no line of words.
+        """
+        unknown = sorted(set(notes) - set(Notes.__annotations__))
+        if unknown:
+            raise InputError("notes", ", ".join(unknown), "some of " + ", ".join(Notes.__annotations__))
+        lines = [text(field, notes.get(field, "")) for field in ("description", "frame", "source")]
+        return cls(lines[0], tag_words(notes.get("tags", ())), lines[1], lines[2])
+
+
+def copied(entry: TaskEntry, name: str, said: Said) -> TaskEntry:
+    """Return an entry under another name, with the notes that are said and its own where they are not."""
+    origin = origin_now("added", said.source or f"a copy of {entry.name}", 0)
+    return replace(
+        entry,
+        name=name,
+        frame=Frame(said.frame or entry.frame.words, entry.frame.about),
+        description=said.description or entry.description,
+        tags=said.tags or entry.tags,
+        provenance=(*entry.provenance, origin),
+    )
+
+
+def origin_now(did: str, source: str, wrenches: int) -> Origin:
+    """Return what is done today."""
+    return Origin(did, source, wrenches, datetime.now(UTC).date().isoformat())
+
+
+def after(entry: TaskEntry, origin: Origin) -> tuple[Origin, ...]:
+    """Return an entry's provenance and what comes after it; the same on the same day is counted together."""
+    *before, last = entry.provenance or (origin,)
+    if not entry.provenance or replace(last, wrenches=origin.wrenches) != origin:
+        return (*entry.provenance, origin)
+    return (*before, replace(origin, wrenches=last.wrenches + origin.wrenches))

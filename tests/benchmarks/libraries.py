@@ -1,0 +1,65 @@
+"""A library's entry updated with 1,000 wrenches: time of the whole call, and volume against a fit of all."""
+
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import nlpgrasp as ng
+
+NEW, SEEDS, BEFORE = 1000, 10, (2000, 10_000, 30_000)
+ALONG = np.array([1.0, 0.5, 0.0, 0.2, 0.0, 1.0])
+
+
+def ball(rng, n):
+    g = rng.standard_normal((n, 6))
+    return g / np.linalg.norm(g, axis=1)[:, None] * rng.uniform(0, 1, (n, 1)) ** (1 / 6)
+
+
+KINDS = {
+    "normal": lambda rng, n, t: rng.standard_normal((n, 6)),
+    "in an ellipsoid": lambda rng, n, t: ball(rng, n) @ np.triu(np.ones((6, 6))),
+    "heavy tails": lambda rng, n, t: rng.standard_t(2, (n, 6)),
+    "in a box": lambda rng, n, t: rng.uniform(-1, 1, (n, 6)),
+    "flat": lambda rng, n, t: ball(rng, n) * [1, 1, 0, 1, 0, 0],
+    "drifting": lambda rng, n, t: ball(rng, n) + 8.0 * t * ALONG,
+    "turning": lambda rng, n, t: ball(rng, n) + 4.0 * np.array([np.cos(3 * t), np.sin(3 * t), 0, 0, 0, t]),
+}
+
+
+def volume(task):
+    return float(np.prod(np.linalg.svd(task.axes)[1][: np.linalg.matrix_rank(task.axes, 1e-6)]))
+
+
+def one(kind, before, seed, folder):
+    """Return seconds of the last update and of a fit of all, the excess of volume and the stated gap."""
+    rng = np.random.default_rng(seed)
+    library = ng.TaskLibrary(folder)
+    given = [KINDS[kind](rng, NEW, i * NEW / before) for i in range(before // NEW + 1)]
+    library.add("task", given[0])
+    for rows in given[1:]:
+        begun = time.perf_counter()
+        entry = library.update("task", rows)
+        seconds = time.perf_counter() - begun
+    begun = time.perf_counter()
+    whole = ng.fit_ellipsoid(np.concatenate(given)).task
+    all_at_once = time.perf_counter() - begun
+    return seconds, all_at_once, volume(entry.task) / volume(whole) - 1.0, entry.learnt.gap
+
+
+def run():
+    warnings.simplefilter("ignore")  # of flat ellipsoids
+    for kind in KINDS:
+        for before in BEFORE:
+            found = []
+            for seed in range(SEEDS if before < BEFORE[-1] else 3):
+                with tempfile.TemporaryDirectory() as folder:
+                    found.append(one(kind, before, seed, Path(folder) / "library"))
+            seconds, whole, excess, gap = np.array(found).T
+            print(
+                f"{kind}, {before} before: {1e3 * np.median(seconds):.0f} ms (most {1e3 * seconds.max():.0f}, aim 50), "
+                f"a fit of all {1e3 * np.median(whole):.0f} ms, volume at most {excess.max():+.1e} (aim 1e-2), "
+                f"stated {gap.max():.1e}"
+            )
