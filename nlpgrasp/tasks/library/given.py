@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import move_torque_origin
+from nlpgrasp.common.spatial import move_torque_origin, space_dimension
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
@@ -32,7 +32,7 @@ class Given:
     ----------
     rows : (n, d) array
     about : (space,) array or None
-        Point about which their moments are, ``None`` where that is not known.
+        Point about which their moments are, ``None`` where nothing says so: they are then the entry's.
     source : str
         Where they are from.
     """
@@ -99,4 +99,6 @@ def learnt_from(
     if outliers and probability is not None:
         raise InputError("probability", probability, "a share between 0 and 1, without outliers")
     given = Given.of(what, outliers)
-    return given.learnt(probability), given.about, given.source
+    stated = isinstance(what, WrenchRecording | TaskPolytope)
+    about = given.about if stated else np.zeros(space_dimension(given.rows.shape[1]))
+    return given.learnt(probability), about, given.source

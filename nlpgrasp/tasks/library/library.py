@@ -91,7 +91,8 @@ class TaskLibrary:
         ----------
         name : str
         what : TaskEllipsoid, TaskEntry, WrenchRecording, TaskPolytope or (m, d) array
-            An ellipsoid or an entry as it is; of wrenches the ellipsoid of least volume.
+            An ellipsoid or an entry as it is; of wrenches the ellipsoid of least volume. Moments of an array are about
+            the frame's origin.
         outliers : float
             Share of the wrenches, below 0.5, that is left out first; see ``fit_ellipsoid``.
         probability : float, optional
@@ -135,7 +136,7 @@ class TaskLibrary:
         ----------
         name : str
         wrenches : WrenchRecording, TaskPolytope or (m, d) array
-            In the entry's frame.
+            In the entry's frame, those of an array about its point.
         outliers : float
             Share of these wrenches, below 0.5, that is left out first.
         source : str
@@ -165,6 +166,7 @@ class TaskLibrary:
             joined = other if isinstance(other, TaskEntry) else self.entry(other)
             if joined.name == old.name and not isinstance(other, TaskEntry):
                 raise InputError("other", repr(other), "another entry: wrenches count once")
+            old.learnt.check_alike(joined.learnt)
             old.frame.check_same(joined.frame)
             origin = origin_now("merged", joined.name, joined.wrenches)
             learnt = old.learnt.merged(joined.learnt)

@@ -79,7 +79,7 @@ class Learnt(ABC):
             With the field, when the data do not fit the task.
         """
 
-    def _alike(self, other: Learnt) -> None:
+    def check_alike(self, other: Learnt) -> None:
         """Refuse to merge with an ellipsoid of another dimension."""
         if other.dimension != self.dimension:
             raise InputError("dimension", other.dimension, f"{self.dimension}, that of the other")

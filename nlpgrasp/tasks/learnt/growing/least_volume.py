@@ -42,7 +42,7 @@ from nlpgrasp.tasks.learnt.growing.moments import Moments
 from nlpgrasp.tasks.learnt.local import ROUNDING, Local
 from nlpgrasp.tasks.learnt.min_volume import levels
 
-MOST, LEAST = 16384, 8192  # wrenches that are kept one by one, and how many of more
+MOST, LEAST = 8192, 4096  # wrenches that are kept one by one, and how many of more
 NUMBERS = np.dtype("<f8")  # of kept wrenches in a file
 
 
@@ -100,7 +100,7 @@ class LeastVolume(Learnt):
 
     def merged(self, other: Learnt) -> LeastVolume:
         """Return the least ellipsoid around all wrenches and given tasks of both."""
-        self._alike(other)
+        self.check_alike(other)
         if not isinstance(other, LeastVolume):
             raise InputError("fit.kind", other.kind, f"{self.kind!r}, that of the other")
         merged = self._with(other.kept, other.covers, other.moments)

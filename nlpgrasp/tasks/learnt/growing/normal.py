@@ -64,7 +64,7 @@ class Normal(Learnt):
 
     def merged(self, other: Learnt) -> Normal:
         """Return the ellipsoid of all wrenches of both, exactly."""
-        self._alike(other)
+        self.check_alike(other)
         if not isinstance(other, Normal) or other.probability != self.probability:
             raise InputError("fit", other.words(), f"probability {self.probability}, that of the other")
         return Normal.of(self.moments.plus(other.moments), self.probability)
