@@ -10,6 +10,8 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.constraints.base import PlacementConstraint
 
+THIN_FINGER = 5e-4  # metres
+
 
 @dataclass(frozen=True)
 class Table(PlacementConstraint):
@@ -20,12 +22,14 @@ class Table(PlacementConstraint):
     height : float
         Height of the table top along the last axis (z, or y for planar bodies), metres, body frame.
     clearance : float
-        Least distance between the table and a fingertip's lowest point, metres, at least zero.
+        Least distance between the table and a fingertip's lowest point, metres, at least zero. By default that of a
+        thin finger, half a millimetre: no contact lies on a face that stands on the table, where no finger gets between
+        the two. With 0 a point finger may, as in the paper's own examples.
     """
 
     kind: ClassVar[str] = "table"
     height: float
-    clearance: float = 0.0
+    clearance: float = THIN_FINGER
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "height", number("Table.height", self.height))

@@ -11,6 +11,7 @@ from nlpgrasp.common.directions import directions
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.screening import sampled_ratios, screening_score
+from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
@@ -20,6 +21,7 @@ POSES_A_CANDIDATE, CHECKED = 8, 48  # random hand poses a candidate; the best of
 BLOCKED = 0.2  # weight of the links' mean overlap, over the body's size
 TRIES = 3  # poses a start may begin from, one after another
 MANY, MANY_TRIES = 6, 32  # contacts from which poses are first moved to where all can touch, and poses then
+RESTORED = 24  # placements that are moved onto the constraints where these leave no room for chance
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 
 
@@ -27,12 +29,14 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
     """Return the best of the screened placements; with a hand that has a pose, the best few.
 
     Face assignments are enumerated where there are few, so that each gets its share of the candidates, and
-    sampled where there are many. Candidates that violate a constraint come after all that do not. For a
-    task that is not centred, which few placements resist and some of them hardly, several times as many are drawn.
+    sampled where there are many. Candidates that violate a constraint come after all that do not; where a constraint
+    leaves next to no room, as an equality does, the nearest of each assignment are moved onto the constraints and join
+    them. For a task that is not centred, which few placements resist and some of them hardly, several times as many
+    are drawn.
     """
     if not bench.follows_contacts:
         return draw_posed_start(bench, rng)
-    batches = 1 if bench.problem.task.is_centred else BATCHES
+    batches = 1 if bench.problem.task.is_centred or bench.rows.narrow else BATCHES
     return [max((_best_placement(bench, rng) for _ in range(batches)), key=lambda found: found[0])[1]]
 
 
@@ -41,15 +45,41 @@ def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, 
     assignments = _assignments(bench, bench.options.candidates, rng)
     points = np.stack([_place(bench, faces, rng) for faces in assignments])
     normals = _normals(bench, assignments, points)
-    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
-    ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
-    score = screening_score(ratios) * bench.scaling.beta
     values = bench.hand_points.start(points, normals)
     violation = bench.rows.violations(points, normals, values)
-    rank = np.where(violation <= FEASIBLE, score, -1.0 - violation)
+    rank = np.where(violation <= FEASIBLE, _scores(bench, points, normals), -1.0 - violation)
+    drawn = [Placed(assignments[i], points[i], {name: v[i] for name, v in values.items()}) for i in range(len(points))]
     best = int(np.argmax(rank))
-    found = Placed(assignments[best], points[best], {name: v[best] for name, v in values.items()})
-    return float(rank[best]), found
+    found = float(rank[best]), drawn[best]
+    restored = _restored(bench, drawn, violation) if bench.rows.narrow else None
+    return found if restored is None or restored[0] <= found[0] else restored
+
+
+def _scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return how well placements (b, k, space) resist the task in sampled directions, (b,)."""
+    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
+    ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
+    return screening_score(ratios) * bench.scaling.beta
+
+
+def _restored(bench: Workbench, drawn: Sequence[Placed], violation: FloatArray) -> tuple[float, Placed] | None:
+    """Return the best placement, and its rank, of those that Newton's method brings onto the constraints, if any.
+
+    Each assignment of faces sends as many of its nearest placements as the others, so that the nearest do not all
+    come from one that resists nothing.
+    """
+    turns: dict[tuple[str, ...], int] = {}
+    order = []
+    for i in np.argsort(violation, kind="stable").tolist():
+        turns[drawn[i].faces] = turn = turns.get(drawn[i].faces, 0) + 1
+        order.append((turn, i))
+    moved = [touching(bench, drawn[i]) for _, i in sorted(order)[:RESTORED]]
+    found = [bench.snapped(placed) for placed, left in moved if left <= TOUCHING]
+    if not found:
+        return None
+    scores = _scores(bench, np.stack([f.points for f in found]), np.stack([bench.inward_normals(f) for f in found]))
+    best = int(np.argmax(scores))
+    return float(scores[best]), found[best]
 
 
 def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
@@ -73,9 +103,7 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
         distance, nearest = cloud.tree.query(tips[:, i])
         points[:, i], normals[:, i], faces[:, i] = cloud.points[nearest], cloud.normals[nearest], cloud.faces[nearest]
         far += np.abs(distance - radius) / size
-    stack = GraspStack(points, normals, problem.models, problem.origin)
-    ratios = sampled_ratios(stack, problem.task, screening_directions(bench), bench.screening_budget)
-    score = screening_score(ratios) * bench.scaling.beta - FAR * far / hand.count
+    score = _scores(bench, points, normals) - FAR * far / hand.count
     order = np.argsort(-score)[:CHECKED]
     chosen = {name: v[order] for name, v in values.items()}
     blocked = bench.rows.blocked(points[order], normals[order], chosen)

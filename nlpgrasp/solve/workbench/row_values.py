@@ -14,6 +14,8 @@ from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import PlacementRows, placement_rows
 
+NARROW = 1e-2  # of a row's scale
+
 
 class RowValues:
     """The rows of a problem's constraints and hand as compiled functions.
@@ -69,6 +71,11 @@ class RowValues:
         return np.asarray(
             np.sum(np.maximum(np.maximum(lower - values[:, rows], values[:, rows] - upper), 0.0) / scale, axis=1)
         )
+
+    @property
+    def narrow(self) -> bool:
+        """Whether some row leaves next to no room between its limits: no random placement keeps it."""
+        return any(row.upper - row.lower <= NARROW * row.scale for row in self.named)
 
     @cached_property
     def clearances(self) -> NDArray[np.intp]:
