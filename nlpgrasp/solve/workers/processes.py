@@ -48,7 +48,11 @@ class Processes:
         BrokenProcessPool
             When a worker has died.
         """
-        return self._executor.submit(task, *args, **kwargs)
+        future = self._executor.submit(task, *args, **kwargs)
+        # where idle workers had ended, loky starts new ones only after its watch has looked at who there is: an empty
+        # task makes it look again, or the end of a new worker would go unseen and its task would never be done
+        self._executor.submit(_nothing)
+        return future
 
     def end(self) -> None:
         """End all workers now, whatever they do."""
@@ -92,6 +96,10 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def _nothing() -> None:
+    """Do nothing, in a worker."""
 
 
 def _prepare(parent: int) -> None:
