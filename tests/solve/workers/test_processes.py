@@ -68,11 +68,15 @@ def test_own_processes_end_with_an_error():
 
 
 def test_the_end_of_a_worker_is_seen_where_idle_ones_had_ended_before():
-    with pytest.raises(BrokenProcessPool), own_processes(1, idle=0.2) as processes:
-        first = processes.submit(os.getpid).result(30)
-        while os.path.exists(f"/proc/{first}/fd/0"):  # until it has ended for want of work
-            time.sleep(0.05)
-        processes.submit(_end_soon).result(30)
+    def twice():
+        with own_processes(1, idle=0.2) as processes:
+            first = processes.submit(os.getpid).result(30)
+            while os.path.exists(f"/proc/{first}/fd/0"):  # until it has ended for want of work
+                time.sleep(0.05)
+            processes.submit(_end_soon).result(30)
+
+    with pytest.raises(BrokenProcessPool):
+        twice()
 
 
 def test_cores_are_those_of_this_process():
