@@ -12,9 +12,13 @@ def cone_of(matrix: FloatArray) -> object:
     return clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix))
 
 
-def quiet_settings(tolerance: float) -> clarabel.DefaultSettings:
+LONG, SHORT = 0.99, 0.9  # of the way to the cones' boundary: Clarabel's own steps, and those that rarely end early
+
+
+def quiet_settings(tolerance: float, step: float = LONG) -> clarabel.DefaultSettings:
     """Return settings that print nothing and stop at this tolerance, in gap and feasibility."""
     options = clarabel.DefaultSettings()
     options.verbose = False
+    options.max_step_fraction = step
     options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = tolerance
     return options

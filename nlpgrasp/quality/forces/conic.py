@@ -10,11 +10,11 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from nlpgrasp.common.conic import cone_of, quiet_settings
+from nlpgrasp.common.conic import LONG, SHORT, cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
-TOLERANCES = (1e-11, 1e-9, 3e-8)  # one after another until the solver reaches it
+TOLERANCES = (1e-11, 1e-9, 3e-8)  # one after another until the solver reaches it; then again with shorter steps
 
 
 def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -36,45 +36,18 @@ def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArra
     A = sparse.csc_matrix(np.concatenate(rows))
     cost = np.zeros(n + 1)
     cost[n] = 1.0
-    solvers = _Solvers(A, cost, cones)
+    settings = [quiet_settings(tolerance, step) for step in (LONG, SHORT) for tolerance in TOLERANCES]
     forces, directions = np.full((len(wrenches), n), np.nan), np.full((len(wrenches), d), np.nan)
+    nothing = sparse.csc_matrix((n + 1, n + 1))
     for i, w in enumerate(wrenches):
-        found = solvers.solve(np.concatenate([w, np.zeros(A.shape[0] - d)]))
-        if found is not None:
-            forces[i], directions[i] = found[0][:n], -found[1][:d]
-    return forces, directions
-
-
-class _Solvers:
-    """One program with many right-hand sides: a solver for each tolerance, set up when it is first needed.
-
-    Parameters
-    ----------
-    A : (m, v) sparse array
-    cost : (v,) array
-    cones : list of Clarabel's cones
-    """
-
-    def __init__(self, A: sparse.csc_matrix, cost: FloatArray, cones: list[object]) -> None:
-        self._data = (sparse.csc_matrix((A.shape[1], A.shape[1])), cost, A)
-        self._cones = cones
-        self._ready: dict[float, clarabel.DefaultSolver] = {}
-
-    def solve(self, b: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return primal and dual solution for ``b - A x`` in the cones; None where no tolerance is reached."""
-        for tolerance in TOLERANCES:
-            found = self._solver(tolerance, b).solve()
+        b = np.zeros(A.shape[0])
+        b[:d] = w
+        for options in settings:
+            found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
             if str(found.status) == "Solved":
-                return np.array(found.x), np.array(found.z)
+                forces[i] = np.array(found.x)[:n]
+                directions[i] = -np.array(found.z)[:d]
+                break
             if "Infeasible" in str(found.status):
-                return None
-        return None
-
-    def _solver(self, tolerance: float, b: FloatArray) -> clarabel.DefaultSolver:
-        if tolerance in self._ready:
-            self._ready[tolerance].update(b=b)
-        else:
-            settings = quiet_settings(tolerance)
-            settings.presolve_enable = False  # which would fix the right-hand side
-            self._ready[tolerance] = clarabel.DefaultSolver(*self._data, b, self._cones, settings)
-        return self._ready[tolerance]
+                break
+    return forces, directions
