@@ -191,3 +191,11 @@ def test_factors_that_are_none_are_refused(factor, rng):
         closed_ellipsoid_grasp(rng).scaled(factor)
     with pytest.raises(ng.InputError, match=r"Grasp\.force_unit: got "):
         ng.Grasp([[0.0, 0.0]], [[1.0, 0.0]], ng.PointContact(), force_unit=factor)
+
+
+def test_volume_grows_with_the_power_of_the_force(rng):
+    """nu(lambda G) = lambda^d nu(G), and another frame changes nothing: the intervals are certified."""
+    grasp = solid(2, rng)
+    here, more = ng.nu(grasp), ng.nu(grasp.scaled(2.0).in_frame(pose_of(2, rng)[2]))
+    assert max(8.0 * here.lower, more.lower) <= min(8.0 * here.upper, more.upper)
+    assert more.value == pytest.approx(8.0 * here.value, rel=0.02)
