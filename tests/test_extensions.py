@@ -23,10 +23,10 @@ from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.registry import register as register_contact
 from nlpgrasp.interop.contacts_csv import contacts_csv
 from nlpgrasp.solve.ascent.ascend import Rules, Step
-from nlpgrasp.solve.ascent.models import registry as models
-from nlpgrasp.solve.ascent.models.registry import ExchangeModel
-from nlpgrasp.solve.ascent.models.registry import register as register_exchange
 from nlpgrasp.solve.ascent.state import Effort
+from nlpgrasp.solve.ascent.steps import registry as models
+from nlpgrasp.solve.ascent.steps.registry import ExchangeModel
+from nlpgrasp.solve.ascent.steps.registry import register as register_exchange
 from nlpgrasp.solve.start import run as start_run
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.tasks import TaskPolytope, task_from_dict

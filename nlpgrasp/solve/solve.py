@@ -18,7 +18,7 @@ from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
-from nlpgrasp.solve.ascent.models.registry import check_name
+from nlpgrasp.solve.ascent.steps.registry import check_name
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.workbench import Workbench

@@ -6,7 +6,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.solve.ascent.models.torque_cuts import torque_cuts
+from nlpgrasp.solve.ascent.steps.torque_cuts import torque_cuts
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import hand_of, points_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench

@@ -13,7 +13,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Fingertips
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve import SolveOptions
-from nlpgrasp.solve.ascent.models.registry import check_name
+from nlpgrasp.solve.ascent.steps.registry import check_name
 
 Changes: TypeAlias = Mapping[str, Any]
 """Fields of a problem by name, and the values that replace them: of any field's type."""

@@ -22,8 +22,8 @@ from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solution.findings import ShadowPrice
 from nlpgrasp.solve.after.limits import Limit, limits_of
 from nlpgrasp.solve.ascent.ascend import Round, Rules, ascend
-from nlpgrasp.solve.ascent.models.nonlinear import NonlinearModel, SolvedStep
 from nlpgrasp.solve.ascent.state import AscentState
+from nlpgrasp.solve.ascent.steps.nonlinear import NonlinearModel, SolvedStep
 from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.workbench.placed import Placed

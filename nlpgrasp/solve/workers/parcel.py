@@ -12,7 +12,7 @@ from typing import Generic, Protocol, TypeVar, cast
 import cloudpickle
 
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.ascent.models.registry import from_outside, know_only
+from nlpgrasp.solve.ascent.steps.registry import from_outside, know_only
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.workbench import Workbench
 

@@ -15,7 +15,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
-from nlpgrasp.solve.ascent.models.registry import model_of
+from nlpgrasp.solve.ascent.steps.registry import model_of
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start

@@ -7,10 +7,10 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.solve.ascent.ascend import Rules, Step, ascend
-from nlpgrasp.solve.ascent.models.linear import LinearModel
-from nlpgrasp.solve.ascent.models.nonlinear import NonlinearModel
-from nlpgrasp.solve.ascent.models.registry import LINEAR, NONLINEAR
 from nlpgrasp.solve.ascent.state import AscentState, Effort
+from nlpgrasp.solve.ascent.steps.linear import LinearModel
+from nlpgrasp.solve.ascent.steps.nonlinear import NonlinearModel
+from nlpgrasp.solve.ascent.steps.registry import LINEAR, NONLINEAR
 from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workers.stop import Stop

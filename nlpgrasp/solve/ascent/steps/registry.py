@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.solve.ascent.ascend import Model, Rules, Step
-from nlpgrasp.solve.ascent.models.linear import LinearModel
-from nlpgrasp.solve.ascent.models.nonlinear import NonlinearModel
+from nlpgrasp.solve.ascent.steps.linear import LinearModel
+from nlpgrasp.solve.ascent.steps.nonlinear import NonlinearModel
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 

@@ -14,10 +14,10 @@ from scipy import sparse
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.ascend import Step
 from nlpgrasp.solve.ascent.cuts import piece_parameters
-from nlpgrasp.solve.ascent.models.torque_cuts import torque_cuts
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
 from nlpgrasp.solve.ascent.quadratic import Linearised, shortest_step, step_bounds
 from nlpgrasp.solve.ascent.state import AscentState, Effort
+from nlpgrasp.solve.ascent.steps.torque_cuts import torque_cuts
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
