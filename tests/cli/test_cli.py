@@ -1,15 +1,19 @@
-"""The command line as a stranger uses it: in its own process."""
+"""The command line as a stranger uses it: each command once in a process of its own, its variants in this one."""
 
+import contextlib
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from unittest import mock
 
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.cli.main import main
 from tests.images import panels_drawn, size
 from tests.verify import honest
 
@@ -24,9 +28,25 @@ def problem():
 
 
 def run(*arguments, cwd, timeout=120):
+    """Run a command in a process of its own."""
     command = [sys.executable, "-m", "nlpgrasp", *map(str, arguments)]
     environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1"}
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=timeout, env=environment)
+
+
+def run_here(*arguments, cwd):
+    """Run a command in this process, which spares it the imports; what comes back is as from ``run``."""
+    line = ["nlpgrasp", *map(str, arguments)]
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.ExitStack() as here:
+        here.enter_context(mock.patch.object(sys, "argv", line))
+        here.enter_context(mock.patch.dict(os.environ, {"COLUMNS": "200", "NO_COLOR": "1"}))
+        here.enter_context(contextlib.chdir(cwd))
+        here.enter_context(contextlib.redirect_stdout(out))
+        here.enter_context(contextlib.redirect_stderr(err))
+        ended = here.enter_context(pytest.raises(SystemExit))
+        main()
+    return subprocess.CompletedProcess(line, ended.value.code, out.getvalue(), err.getvalue())
 
 
 def refused(done):
@@ -85,7 +105,7 @@ def test_verify_looks_for_meshes_where_it_is_told(tmp_path):
     solution.save(tmp_path / "block.json")
 
     def surface(*more):
-        done = run("verify", "block.json", "--rtol", 0.5, "--json", *more, cwd=tmp_path)
+        done = run_here("verify", "block.json", "--rtol", 0.5, "--json", *more, cwd=tmp_path)
         return next(c for c in json.loads(done.stdout)["checks"] if c["name"] == "surface")
 
     assert surface()["made"] is False
@@ -110,7 +130,7 @@ def test_report_writes_a_page_or_pictures(solved):
     done = run("report", "square.json", cwd=folder)
     assert done.stdout == "written to square.html\n", done.stderr
     assert "mu-tilde is certified in [0.37" in (folder / "square.html").read_text()
-    done = run("report", "square.json", "--png", "--out", "pictures.html", cwd=folder)
+    done = run_here("report", "square.json", "--png", "--out", "pictures.html", cwd=folder)
     written = [f"pictures-{name}.png" for name in ("grasp", "wrenches", "convergence")]
     assert done.stdout.splitlines() == [f"written to {name}" for name in written]
     assert size(folder / "pictures-wrenches.png") == (1508, 351)
@@ -123,14 +143,14 @@ def test_exports_and_tables_of_contacts(solved):
         done = run("export", "square.json", "--to", kind, cwd=folder)
         assert done.stdout == f"written to {name}\n", done.stderr
     assert (folder / "square.glb").read_bytes()[:4] == b"glTF"
-    done = run("quality", "square.csv", "--task", "square.json", cwd=folder)
+    done = run_here("quality", "square.csv", "--task", "square.json", cwd=folder)
     assert "mu_tilde certified in [0.37" in done.stdout, done.stderr
-    done = run("quality", "square.csv", cwd=folder)
+    done = run_here("quality", "square.csv", cwd=folder)
     assert "needs a task" in done.stdout
     assert "force-closed" in done.stdout
-    assert "this one states its own" in refused(run("quality", "square.json", "--friction", "0.5", cwd=folder))
-    assert "ng.URDFHand" in refused(run("export", "square.json", "--to", "isaac_grasp", cwd=folder))
-    assert "--to" in refused(run("export", "square.json", "--to", "fbx", cwd=folder))
+    assert "this one states its own" in refused(run_here("quality", "square.json", "--friction", "0.5", cwd=folder))
+    assert "ng.URDFHand" in refused(run_here("export", "square.json", "--to", "isaac_grasp", cwd=folder))
+    assert "--to" in refused(run_here("export", "square.json", "--to", "fbx", cwd=folder))
 
 
 def test_json_lines(script, tmp_path):
@@ -140,7 +160,7 @@ def test_json_lines(script, tmp_path):
     assert lines[-1]["mu"][0] >= 0.376
     assert lines[-1]["file"] == "square.json"
     assert done.stderr == ""
-    done = run("verify", "square.json", "--json", cwd=tmp_path)
+    done = run_here("verify", "square.json", "--json", cwd=tmp_path)
     assert json.loads(done.stdout)["passed"] is True
 
 
@@ -148,7 +168,7 @@ def test_no_grasp_is_exit_code_1_and_spares_the_old_file(tmp_path):
     hopeless = SMALL.replace("FrictionContact(0.5)", "PointContact()")
     (tmp_path / "hopeless.py").write_text(hopeless)
     (tmp_path / "hopeless.json").write_text("earlier result")
-    done = run("solve", "hopeless.py", "--starts", 1, "--workers", 1, cwd=tmp_path)
+    done = run_here("solve", "hopeless.py", "--starts", 1, "--workers", 1, cwd=tmp_path)
     assert done.returncode == 1
     assert "No grasp found" in done.stdout
     assert (tmp_path / "hopeless.json").read_text() == "earlier result"
@@ -175,7 +195,7 @@ BAD_SCRIPTS = {
 def test_bad_scripts_are_one_line_and_write_nothing(tmp_path, text, message):
     (tmp_path / "bad.py").write_text(text)
     (tmp_path / "bad.json").write_text("earlier result")
-    line = refused(run("solve", "bad.py", cwd=tmp_path))
+    line = refused((run if message == BAD_SCRIPTS["fails"][1] else run_here)("solve", "bad.py", cwd=tmp_path))
     assert message in line
     assert (tmp_path / "bad.json").read_text() == "earlier result"
 
@@ -194,7 +214,7 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
     (tmp_path / "bad.py").write_text(text)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("mine")
-    assert message in refused(run("experiment", "bad.py", "--out", "out", cwd=tmp_path))
+    assert message in refused(run_here("experiment", "bad.py", "--out", "out", cwd=tmp_path))
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["mine.txt"]
 
 
@@ -224,14 +244,18 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
     ],
 )
 def test_wrong_use_is_one_line(script, tmp_path, arguments, message):
-    assert message in refused(run(*arguments, cwd=tmp_path))
+    assert message in refused(run_here(*arguments, cwd=tmp_path))
+
+
+def test_wrong_use_in_a_process_of_its_own(tmp_path):
+    assert "a Python file that exists" in refused(run("solve", "none.py", cwd=tmp_path))
 
 
 def test_help_and_version(tmp_path):
     done = run("--help", cwd=tmp_path)
     assert done.returncode == 0
     assert all(command in done.stdout for command in ("solve", "quality", "verify"))
-    assert run("--version", cwd=tmp_path).stdout.startswith("nlpgrasp 0.")
+    assert run_here("--version", cwd=tmp_path).stdout.startswith("nlpgrasp 0.")
 
 
 def test_a_script_may_import_its_neighbours_and_change_folder(tmp_path):
