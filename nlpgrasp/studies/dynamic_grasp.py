@@ -26,6 +26,8 @@ class DynamicStep:
         Whether this is another local optimum, which no sliding leads to.
     stayed : float
         What the contacts of the value before would give for this task (an upper bound on their mu).
+    cold : bool
+        Whether no grasp that was followed held, so that this one comes from a cold solve.
     """
 
     parameter: float
@@ -33,6 +35,19 @@ class DynamicStep:
     moved: FloatArray
     regrasp: bool
     stayed: float
+    cold: bool = False
+
+    @property
+    def how(self) -> str:
+        """What the fingers do, in words."""
+        most = 1e3 * float(np.max(self.moved, initial=0.0))
+        if self.solution.mu.lower <= 0.0:
+            return "no grasp, also by a cold solve"
+        if self.cold:
+            return "found by a cold solve, as none that was followed held"
+        if self.regrasp:
+            return "regrasp"
+        return f"slide by at most {most:.1f} mm" if most > 0.0 else "stay"
 
 
 @dataclass(frozen=True)
@@ -56,9 +71,7 @@ class DynamicGrasp:
     def __str__(self) -> str:
         lines = [f"{self.name}: {len(self.steps)} steps"]
         for step in self.steps:
-            bounds, most = step.solution.mu, 1e3 * float(np.max(step.moved, initial=0.0))
-            what = "regrasp" if step.regrasp else f"slide by at most {most:.1f} mm"
-            kind = step.solution.kind
-            text = f"{step.parameter:10.4g}: {kind} in [{bounds.lower:.4g}, {bounds.upper:.4g}], {what}"
+            bounds, kind = step.solution.mu, step.solution.kind
+            text = f"{step.parameter:10.4g}: {kind} in [{bounds.lower:.4g}, {bounds.upper:.4g}], {step.how}"
             lines.append(f"{text}; staying would give at most {step.stayed:.4g}")
         return "\n".join(lines)

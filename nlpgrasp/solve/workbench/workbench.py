@@ -56,12 +56,16 @@ class Workbench:
         self.surface = SurfaceSamples(problem)
         self.hand_points = HandPoints(problem)
         self.exchange = ExchangeProgram(problem, options)
+        self._first: dict[int, CompiledProgram] = {}  # by the number of samples
 
     def with_task(self, problem: GraspProblem) -> Workbench:
-        """Return the workbench of a problem that differs in its task alone: all but the first program stays."""
+        """Return the workbench of a problem that differs in its task alone: programs and samples are shared.
+
+        The first program is the same for all tasks of which it looks at as many samples.
+        """
         result = Workbench(problem, self.options)
         result.rows, result.surface, result.hand_points = self.rows, self.surface, self.hand_points
-        result.exchange = self.exchange
+        result.exchange, result._first = self.exchange, self._first
         return result
 
     @cached_property
@@ -72,10 +76,13 @@ class Workbench:
             shells = 1 if self.follows_contacts else 0
         return TaskSamples(self.problem.task, self.scaling.wrench, shells)
 
-    @cached_property
+    @property
     def first(self) -> CompiledProgram:
         """The first program of a start."""
-        return first_program(self.problem, self.options, self.task_samples.count)
+        count = self.task_samples.count
+        if count not in self._first:
+            self._first[count] = first_program(self.problem, self.options, count)
+        return self._first[count]
 
     @cached_property
     def virtual_work(self) -> VirtualWork:

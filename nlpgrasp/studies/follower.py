@@ -1,0 +1,154 @@
+"""One step after another: the fingers stay, slide, regrasp, or begin anew."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solve.answer import solver_record
+from nlpgrasp.solve.ascent.state import AscentState
+from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.surface.put import put_on_body
+from nlpgrasp.solve.surface.reports import constraint_reports
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.stop import Stop
+from nlpgrasp.studies.branches import Branches, moved
+from nlpgrasp.studies.dynamic_grasp import DynamicStep
+
+RTOL = 0.005  # of certificates at most: the shares that decide are some percent
+TRIED = 3  # branches that are certified at a step before it begins anew
+
+
+@dataclass(frozen=True)
+class Held:
+    """A grasp on the body, certified for a step's task.
+
+    Parameters
+    ----------
+    state : AscentState
+        The branch that it is on.
+    found : OnBody
+    bounds : Bounds
+    """
+
+    state: AscentState
+    found: OnBody
+    bounds: Bounds
+
+    @property
+    def holds(self) -> bool:
+        """Whether it resists the task and keeps the constraints."""
+        return self.found.allowed and self.bounds.lower > 0.0
+
+    @property
+    def worth(self) -> float:
+        """The certified quality; 0 where constraints are broken."""
+        return self.bounds.lower if self.found.allowed else 0.0
+
+
+class Follower:
+    """What follows a task from step to step.
+
+    Parameters
+    ----------
+    benches : sequence of Workbench
+        One a step.
+    starts : int
+        Of a cold solve.
+    seed : int
+    regrasp_gain, move_gain : float
+        Relative gains for which another local optimum is taken, and for which fingers slide.
+    """
+
+    def __init__(
+        self, benches: Sequence[Workbench], starts: int, seed: int, regrasp_gain: float, move_gain: float
+    ) -> None:
+        self._benches, self._seed = benches, seed
+        self._regrasp_gain, self._move_gain = regrasp_gain, move_gain
+        self._branches = Branches(benches, starts, seed)
+        self._held: Held | None = None
+
+    def step(self, index: int, parameter: float) -> DynamicStep:
+        """Return the grasp for the task of step ``index``; steps are taken in their order."""
+        bench, rng, begun = self._benches[index], np.random.default_rng(0), time.monotonic()
+        before = self._held
+        stayed = None if before is None else self._certified(bench, before.state, before.found)
+        followed = self._followed(bench, stayed, rng)
+        cold = followed is None and index > 0
+        taken = followed or self._anew(bench, rng) or stayed
+        self._held = taken
+        if taken is None:
+            return _without_grasp(bench.problem, parameter, cold)
+        regrasp = before is not None and taken.state is not before.state
+        went = np.zeros(len(taken.found.grasp))
+        if before is not None and taken.found is not before.found:
+            went = moved(before.found.grasp, taken.found.grasp, regrasp)
+        effort = taken.state.effort
+        record = solver_record(bench.options, self._seed, effort, time.monotonic() - begun)
+        solution = replace(_solution(bench, taken), solver=record)
+        staying = taken.bounds.upper if stayed is None else stayed.bounds.upper
+        return DynamicStep(parameter, solution, went, regrasp, staying, cold)
+
+    def _followed(self, bench: Workbench, stayed: Held | None, rng: np.random.Generator) -> Held | None:
+        """Return the grasp that is followed to another task: the one at hand, slid, or another branch's; None if none.
+
+        The search for weak directions may flatter: the certificate decides.
+        """
+        branches = self._branches
+        current = None if stayed is None else stayed.state
+        branches.look(bench, current, rng)
+        branches.improve(bench, current, rng)
+        best = stayed if stayed is not None and stayed.holds else None
+        if best is not None and current is not None and current.value > (1.0 + self._move_gain) * best.worth:
+            slid = self._on_body(bench, current, rng)
+            best = slid if slid.worth > (1.0 + self._move_gain) * best.worth else best
+        for state in branches.ranked()[:TRIED]:
+            if best is not None and (state is current or state.value <= (1.0 + self._regrasp_gain) * best.worth):
+                continue
+            other = self._on_body(bench, state, rng)
+            if other.holds and (best is None or other.worth > (1.0 + self._regrasp_gain) * best.worth):
+                best = other
+        return best
+
+    def _anew(self, bench: Workbench, rng: np.random.Generator) -> Held | None:
+        """Return the best grasp of a cold solve, or None."""
+        found = [self._on_body(bench, state, rng) for state in self._branches.cold(bench, rng)]
+        return max((held for held in found if held.holds), key=lambda held: held.worth, default=None)
+
+    def _on_body(self, bench: Workbench, state: AscentState, rng: np.random.Generator) -> Held:
+        return self._certified(bench, state, put_on_body(bench, state, rng, Stop()))
+
+    def _certified(self, bench: Workbench, state: AscentState, found: OnBody) -> Held:
+        rtol = min(bench.options.final_rtol, RTOL)
+        return Held(state, found, mu(found.grasp, bench.problem.task, rtol, force_budget=bench.budget(found.placed)))
+
+
+def _solution(bench: Workbench, held: Held) -> GraspSolution:
+    """Return a step's grasp as a solution that can be saved and verified on its own."""
+    problem, found, hand = bench.problem, held.found, held.found.placed.hand
+    budget = bench.budget(found.placed)
+    return GraspSolution(
+        Status.SOLVED if held.holds else Status.NO_GRASP,
+        problem.name,
+        problem.unchecked(force_budget=budget).to_dict(),
+        grasp=found.grasp,
+        faces=found.placed.faces,
+        mu=held.bounds,
+        kind=problem.task.measure,
+        constraints=constraint_reports(bench, found, held.state.multipliers),
+        hand=None if problem.hand is None or not hand else problem.hand.describe(hand),
+        surface=found.surface,
+    )
+
+
+def _without_grasp(problem: GraspProblem, parameter: float, cold: bool) -> DynamicStep:
+    """Return a step before any grasp was found."""
+    solution = GraspSolution(Status.NO_GRASP, problem.name, problem.to_dict(), kind=problem.task.measure)
+    return DynamicStep(parameter, solution, np.zeros(len(problem.models)), False, 0.0, cold)
