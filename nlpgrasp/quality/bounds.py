@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -25,17 +25,34 @@ class Bounds:
         force-closed against the task: no force in the contacts' cones does positive work along it.
     torque_scale : float, optional
         Metres: the length that turned torques into forces, where the measure needs one.
+    kind : str
+        The measure, for example ``"mu"`` or, of a task that is not centred, ``"mu_tilde"``; empty where it is not said.
+    task_beta : float, optional
+        Of mu of a centred task ellipsoid: the paper's scale of the task as given (3.3-3).
     """
 
     lower: float
     upper: float
     worst_direction: FloatArray | None = field(default=None, compare=False)
     torque_scale: float | None = field(default=None, compare=False, kw_only=True)
+    kind: str = field(default="", compare=False, kw_only=True)
+    task_beta: float | None = field(default=None, compare=False, kw_only=True)
+
+    @property
+    def beta(self) -> Bounds | None:
+        """The interval in the paper's sense, of the beta of the largest ``A_beta`` (3.3-4a); None of other measures."""
+        if self.task_beta is None:
+            return None
+        return Bounds(self.task_beta * self.lower, self.task_beta * self.upper, kind="beta")
 
     @property
     def gap(self) -> float:
         """``upper - lower`` relative to ``upper`` (0 when both are 0)."""
         return (self.upper - self.lower) / self.upper if self.upper > 0.0 else 0.0
+
+    def of_measure(self, kind: str, task_beta: float | None = None) -> Self:
+        """Return the interval as that of a measure, of a task of this scale in the paper's sense where it has one."""
+        return replace(self, kind=kind, task_beta=task_beta)
 
     def to_dict(self) -> dict[str, float]:
         """Return the interval as JSON data, with its torque scale where there is one and without its direction."""
@@ -74,12 +91,17 @@ class StackBounds:
         As of ``Bounds``; NaN for a grasp without one.
     torque_scale : float, optional
         Metres: the length that turned torques into forces, where the measure needs one.
+    kind : str
+    task_beta : float, optional
+        As of ``Bounds``.
     """
 
     lower: FloatArray
     upper: FloatArray
     worst_directions: FloatArray
     torque_scale: float | None = None
+    kind: str = ""
+    task_beta: float | None = None
 
     @classmethod
     def of(cls, bounds: Sequence[Bounds]) -> StackBounds:
@@ -91,7 +113,7 @@ class StackBounds:
             np.array([b.lower for b in bounds], dtype=float),
             np.array([b.upper for b in bounds], dtype=float),
             np.array(rows).reshape(len(bounds), size),
-            bounds[0].torque_scale if bounds else None,
+            *((bounds[0].torque_scale, bounds[0].kind, bounds[0].task_beta) if bounds else ()),
         )
 
     def __len__(self) -> int:
@@ -100,7 +122,8 @@ class StackBounds:
     def __getitem__(self, index: int) -> Bounds:
         y = self.worst_directions[index]
         worst = None if not y.size or np.isnan(y).any() else y
-        return Bounds(float(self.lower[index]), float(self.upper[index]), worst, torque_scale=self.torque_scale)
+        about = {"torque_scale": self.torque_scale, "task_beta": self.task_beta}
+        return Bounds(float(self.lower[index]), float(self.upper[index]), worst, kind=self.kind, **about)
 
     def __iter__(self) -> Iterator[Bounds]:
         return (self[i] for i in range(len(self)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import overload
 
 import numpy as np
@@ -33,8 +34,8 @@ def mu_tilde(
 ) -> Bounds | StackBounds:
     """Return mu-tilde (3.3-4b): one over the least finger force that resists every wrench of the task.
 
-    The same number as ``mu``, which measures a task by its own size: a centred ellipsoid whose axes are the
-    paper's ``r_i`` has mu = beta, and the ellipsoid ``A_beta`` has mu-tilde = mu / beta.
+    The same number as ``mu``, which measures a task by its own size; the paper's mu of a centred ``A_beta`` is
+    beta times it (``mu(...).beta``).
 
     Parameters
     ----------
@@ -50,7 +51,8 @@ def mu_tilde(
     Bounds
         Certified. For a stack, arrays of them.
     """
-    return mu(grasp, task, rtol, force_budget=force_budget)
+    found = mu(grasp, task, rtol, force_budget=force_budget)
+    return replace(found, kind="mu_tilde", task_beta=None)
 
 
 @overload
@@ -118,15 +120,19 @@ def mu_1(
         shift = y @ b
         return shift + factor * (values - shift), b + factor * (maximisers - b)
 
-    return mu(grasp, TaskSet(support, grasp.dimension), rtol, force_budget=force_budget)
+    found = mu(grasp, TaskSet(support, grasp.dimension), rtol, force_budget=force_budget)
+    return replace(found, kind="mu_1", task_beta=None)
 
 
 def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:
-    """Return K_1 and K_2 of (3.3-8): ``K_1 mu_tilde(c + E) <= mu(E) <= K_2 mu_tilde(c + E)`` for every grasp.
+    """Return K_1 and K_2 of (3.3-8): ``K_1 mu_tilde <= mu <= K_2 mu_tilde`` for every grasp.
 
-    With ``s = ||L^+ c||``, how far the centre c of the task is out in units of its own ellipsoid E, ``(1 - s) E`` is
-    inside ``c + E``, which is inside ``(1 + s) E``: K_1 is ``max(0, 1 - s)`` and K_2 is ``1 + s``. Both are
-    1 for a centred task. K_2 is infinite where c is out of the span of a flat ellipsoid.
+    Here mu is the paper's (3.3-4a), the beta of the largest ``A_beta`` of the task's ellipsoid E about the origin, and
+    mu-tilde that of the task itself, ``c + E`` (3.3-4b). The paper states it for centred tasks: mu is then the task's
+    ``beta`` times mu-tilde, and both constants are ``beta``, which is 1 where none was given. With
+    ``s = ||L^+ c||``, how far the centre c is out in units of E, ``(1 - s) E`` is inside ``c + E``, which is inside
+    ``(1 + s) E``: K_1 is ``beta max(0, 1 - s)`` and K_2 is ``beta (1 + s)``. K_2 is infinite where c is out of the span
+    of a flat ellipsoid.
 
     Parameters
     ----------
@@ -144,4 +150,4 @@ def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:
     if np.linalg.norm(task.axes.T @ local - task.center) > 1e-9 * max(float(np.linalg.norm(task.center)), 1e-300):
         return 0.0, float("inf")
     s = float(np.linalg.norm(local))
-    return max(0.0, 1.0 - s), 1.0 + s
+    return task.beta * max(0.0, 1.0 - s), task.beta * (1.0 + s)

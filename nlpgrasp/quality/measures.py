@@ -57,7 +57,7 @@ def mu(
 
     Both are the largest alpha with ``alpha A`` inside ``G(B n K)``: unit force (in the sense of the force budget)
     then resists every wrench of the task times alpha; the whole task needs force ``1 / alpha``. For a centred
-    ellipsoid alpha is the paper's beta, in units of the semi-axes as given.
+    ellipsoid alpha times the task's ``beta`` is the paper's mu, the beta of the largest ``A_beta`` inside.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ def mu(
     Returns
     -------
     Bounds
-        Certified: ``lower <= mu <= upper``. With ``upper == 0``, ``worst_direction`` is the proof. For a stack,
-        arrays of them.
+        Certified: ``lower <= mu <= upper``. With ``upper == 0``, ``worst_direction`` is the proof. ``kind`` says
+        which of the two measures it is, ``beta`` is the interval in the paper's sense. For a stack, arrays of them.
 
     Raises
     ------
@@ -93,6 +93,14 @@ def mu(
             [mu(g, task, rtol, force_budget=force_budget, seed=seed, deadline=deadline) for g in grasp]
         )
     rtol = number("rtol", rtol, above=0.0)
+    found = _certified(grasp, task, rtol, force_budget, seed, deadline)
+    return found.of_measure(task.measure, task.paper_beta)
+
+
+def _certified(
+    grasp: Grasp, task: Task, rtol: float, force_budget: str | ForceBudget, seed: int, deadline: float | None
+) -> Bounds:
+    """Return the bounds of one grasp."""
     wrenches = WrenchSet.of(grasp, force_budget)
     exact = bilateral_ellipsoid(wrenches, task)
     if exact is not None:
@@ -147,7 +155,7 @@ def delta(
     """
     require_grasp(grasp, stack=True)
     found = mu(grasp, ball(grasp.dimension, torque_scale), rtol, force_budget=force_budget)
-    return replace(found, torque_scale=float(torque_scale))
+    return replace(found, torque_scale=float(torque_scale), kind="delta", task_beta=None)
 
 
 def ball(dimension: int, torque_scale: float) -> TaskEllipsoid:

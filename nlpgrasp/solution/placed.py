@@ -70,6 +70,14 @@ class PlacedGrasp:
     faces: tuple[str, ...]
     surface: SurfaceMatch | None = None
 
+    def lines(self) -> list[str]:
+        """Return the contacts in words, one a line."""
+        result = []
+        for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
+            position, normal = (np.array2string(v, precision=5, suppress_small=True) for v in (p, n))
+            result.append(f"  contact {i} on {face}: position {position} m, inward normal {normal}")
+        return result
+
     def to_dict(self) -> GraspData:
         """Return the grasp as JSON data, contact by contact."""
         return {

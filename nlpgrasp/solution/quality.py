@@ -23,7 +23,7 @@ class Quality:
     Parameters
     ----------
     mu : Bounds
-        ``[0, inf]`` where there is no grasp.
+        ``[0, inf]`` where there is no grasp. Its ``beta`` is stated too where the task's own is not 1.
     kind : {"mu", "mu_tilde"}
         Which measure ``mu`` holds: (3.3-4a) or (3.3-4b).
     delta : Bounds or None
@@ -46,6 +46,9 @@ class Quality:
             "kind": self.kind,
             "worst_direction": None if direction is None else direction.tolist(),
         }
+        paper = self.mu.beta
+        if paper is not None and self.mu.task_beta != 1.0:
+            mu["beta"] = paper.to_dict()
         return {
             "mu": mu if math.isfinite(self.mu.upper) else None,
             "delta": None if self.delta is None else self.delta.to_dict(),
@@ -78,6 +81,23 @@ class Quality:
             None if nu is None else Volume.from_dict(nu, f"{name}.nu"),
             None if robust is None else Robustness.from_dict(robust, f"{name}.robust"),
         )
+
+
+def check_beta(data: QualityData, beta: Bounds | None, name: str) -> None:
+    """Refuse an interval of the paper's beta that is not mu's times the beta of the task.
+
+    Raises
+    ------
+    InputError
+        When the two contradict each other.
+    """
+    stated = None if data["mu"] is None else data["mu"].get("beta")
+    if stated is None:
+        return
+    found = None if beta is None else [beta.lower, beta.upper]
+    if found is None or not np.allclose([stated["lower"], stated["upper"]], found, rtol=1e-9, atol=0.0):
+        allowed = "none for this task" if beta is None else f"mu times the task's beta, {beta}"
+        raise InputError(f"{name}.mu.beta", f"[{stated['lower']:g}, {stated['upper']:g}]", allowed)
 
 
 def _mu_of(data: MuData, dimension: int | None, name: str) -> Bounds:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -178,3 +178,11 @@ def starts_of(solver: SolverData, name: str) -> tuple[tuple[StartRecord, ...], S
 
 def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def winner_of(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
+    """Return the start whose grasp is the answer; the largest certified upper bound where nothing says which."""
+    if best_start is not None:
+        return next((s for s in starts if s.index == best_start), None)
+    solved = [s for s in starts if s.status is Status.SOLVED and s.mu != UNKNOWN]
+    return max(solved, key=lambda s: s.mu.upper, default=None)

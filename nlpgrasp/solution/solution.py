@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
@@ -20,8 +18,8 @@ from nlpgrasp.solution.file import read, write
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.forces import forces_and_moments, held_wrenches
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
-from nlpgrasp.solution.quality import Quality
-from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of
+from nlpgrasp.solution.quality import Quality, check_beta
+from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of, winner_of
 from nlpgrasp.solution.schema import SCHEMA_NAME
 from nlpgrasp.solution.schema.types import SolutionData, SolverData
 
@@ -106,16 +104,22 @@ class GraspSolution(Asked):
         return "mu-tilde" if self.kind == "mu_tilde" else "mu"
 
     @property
+    def beta(self) -> Bounds | None:
+        """Mu in the paper's sense, the beta of the largest ``A_beta`` (3.3-4a), for a centred task ellipsoid."""
+        return self._measured.beta
+
+    @property
+    def _measured(self) -> Bounds:
+        scale = self.task.paper_beta if self.kind == "mu" and self.grasp is not None else None
+        return self.mu.of_measure(self.kind, scale)
+
+    @property
     def winner(self) -> StartRecord | None:
         """The start whose grasp this is; None without a grasp or starts.
 
-        Files of earlier versions do not say which: then the start with the largest certified upper bound, which
-        is another one where the solve went by robustness.
+        Files of earlier versions do not say which: then the start with the largest certified upper bound.
         """
-        if self.best_start is not None:
-            return next((s for s in self.starts if s.index == self.best_start), None)
-        solved = [s for s in self.starts if s.status is Status.SOLVED and s.mu != UNKNOWN]
-        return max(solved, key=lambda s: s.mu.upper, default=None)
+        return winner_of(self.starts, self.best_start)
 
     def require_grasp(self) -> Grasp:
         """Return the grasp that was found.
@@ -155,7 +159,7 @@ class GraspSolution(Asked):
             "problem": dict(self.problem),
             "grasp": None if placed is None else placed.to_dict(),
             "hand": None if self.hand is None else dict(self.hand),
-            "quality": Quality(self.mu, self.kind, self.delta, self.nu, self.robust).to_dict(),
+            "quality": Quality(self._measured, self.kind, self.delta, self.nu, self.robust).to_dict(),
             "forces": [held.to_dict() for held in held_wrenches(self.forces, self.moments)],
             "constraints": [report.to_dict() for report in self.constraints],
             "shadow_prices": [price.to_dict() for price in self.prices],
@@ -214,6 +218,7 @@ class GraspSolution(Asked):
             solver={**solver, "versions": data.get("created_by", {})},
         )
         solution.check_against(grasp, name)
+        check_beta(data["quality"], solution.beta, f"{name}: quality")
         return solution
 
     def save(self, path: str | Path) -> Path:
@@ -234,10 +239,9 @@ class GraspSolution(Asked):
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.status.value}"]
         if self.grasp is not None:
-            lines.append(f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%})")
-            for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
-                position, normal = (np.array2string(v, precision=5, suppress_small=True) for v in (p, n))
-                lines.append(f"  contact {i} on {face}: position {position} m, inward normal {normal}")
+            paper = "" if self.task.paper_beta in (None, 1.0) else f", beta of the paper in {self.beta}"
+            lines.append(f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}){paper}")
+            lines += PlacedGrasp(self.grasp, self.faces, self.surface).lines()
         if self.robust is not None:
             lines.append(f"  {self.robust}")
         lines += [f"  {price}" for price in self.prices[:3]]

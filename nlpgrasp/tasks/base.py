@@ -51,6 +51,11 @@ class Task(ABC):
         """The measure of grasps for this task: ``"mu"``, or ``"mu_tilde"`` where it is not centred."""
         return "mu" if self.is_centred else "mu_tilde"
 
+    @property
+    def paper_beta(self) -> float | None:
+        """The paper's scale beta of a centred ellipsoid (3.3-3), of which mu is a multiple; ``None`` of other tasks."""
+        return None
+
     @abstractmethod
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function and a maximiser for each direction.

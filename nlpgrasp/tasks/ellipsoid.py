@@ -36,6 +36,9 @@ class TaskEllipsoid(Task):
         Newtons and newton-metres.
     axes : (m, d) array
         One semi-axis vector a row, in the same units.
+    beta : float
+        The paper's own scale of the set as it is given, (3.3-3): 1 for semi-axes, what ``from_quadratic`` was told
+        otherwise. ``mu`` is the scale of the task as given, the paper's mu (3.3-4a) is that times this.
 
     Raises
     ------
@@ -46,6 +49,7 @@ class TaskEllipsoid(Task):
     kind: ClassVar[str] = "ellipsoid"
     center: FloatArray
     axes: FloatArray
+    beta: float = 1.0
 
     def __init__(
         self, semi_axes: ArrayLike, center: ArrayLike | None = None, directions: ArrayLike | None = None
@@ -85,7 +89,7 @@ class TaskEllipsoid(Task):
         a : (d,) array, optional
             Zero when left out.
         beta : float
-            Greater than zero.
+            Greater than zero; the task remembers it.
 
         Raises
         ------
@@ -108,7 +112,7 @@ class TaskEllipsoid(Task):
         beta = number("TaskEllipsoid.beta", beta, above=0.0)
         half = vectors @ ((vectors.T @ linear) / values) / 2.0  # Q^-1 a / 2
         radius = np.sqrt(beta**2 + 0.5 * float(linear @ half))
-        return cls.from_axes((radius / np.sqrt(values))[:, None] * vectors.T, -half)
+        return cls.from_axes((radius / np.sqrt(values))[:, None] * vectors.T, -half)._with_beta(beta)
 
     @classmethod
     def fit(
@@ -163,6 +167,11 @@ class TaskEllipsoid(Task):
         """Whether the centre is the origin."""
         return not np.any(self.center)
 
+    @property
+    def paper_beta(self) -> float | None:
+        """Its ``beta`` where it is centred, so that (3.3-4a) applies; ``None`` otherwise."""
+        return self.beta if self.is_centred else None
+
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ``<c, y> + ||L^T y||`` for ``y`` (m, d), (m,), and the boundary wrenches that attain it, (m, d)."""
         local = y @ self.axes.T  # (m, axes)
@@ -172,10 +181,20 @@ class TaskEllipsoid(Task):
 
     def transformed(self, matrix: FloatArray) -> TaskEllipsoid:
         """Return the image: centre and semi-axes are mapped; the map may lower the dimension."""
-        return TaskEllipsoid.from_axes(self.axes @ matrix.T, matrix @ self.center)
+        return TaskEllipsoid.from_axes(self.axes @ matrix.T, matrix @ self.center)._with_beta(self.beta)
+
+    def __mul__(self, factor: float) -> TaskEllipsoid:
+        """Return the task scaled by a positive number, and its beta with it."""
+        scale = number("factor", factor, above=0.0)
+        scaled = self.transformed(scale * np.eye(self.dimension))._about(self.about)
+        return scaled._with_beta(scale * self.beta)
 
     def _moved(self, wrench: FloatArray) -> TaskEllipsoid:
-        return TaskEllipsoid.from_axes(self.axes, self.center + wrench)
+        return TaskEllipsoid.from_axes(self.axes, self.center + wrench)._with_beta(self.beta)
+
+    def _with_beta(self, beta: float) -> TaskEllipsoid:
+        self.beta = beta
+        return self
 
     def second_moment(self) -> FloatArray:
         """Return ``L L^T + c c^T``, (d, d)."""
@@ -191,23 +210,27 @@ class TaskEllipsoid(Task):
         return self.center + directions @ self.axes
 
     def to_dict(self) -> Json:
-        """Return centre and semi-axes as JSON data."""
-        return {"type": self.kind, "center": self.center.tolist(), "axes": self.axes.tolist()}
+        """Return centre and semi-axes as JSON data, and beta where it is not 1."""
+        data = {"type": self.kind, "center": self.center.tolist(), "axes": self.axes.tolist()}
+        return data if self.beta == 1.0 else {**data, "beta": self.beta}
 
     @classmethod
     def from_dict(cls, data: Json) -> TaskEllipsoid:
         """Return the task that ``to_dict`` wrote."""
-        return cls.from_axes(data["axes"], data["center"])
+        beta = number("task.beta", data.get("beta", 1.0), above=0.0)
+        return cls.from_axes(data["axes"], data["center"])._with_beta(beta)
 
     def __repr__(self) -> str:
-        return f"TaskEllipsoid(center={self.center.tolist()}, axes={self.axes.tolist()})"
+        beta = "" if self.beta == 1.0 else f", beta={self.beta:g}"
+        return f"TaskEllipsoid(center={self.center.tolist()}, axes={self.axes.tolist()}{beta})"
 
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, TaskEllipsoid)
             and np.array_equal(self.axes, other.axes)
             and np.array_equal(self.center, other.center)
+            and self.beta == other.beta
         )
 
     def __hash__(self) -> int:
-        return hash((self.axes.tobytes(), self.center.tobytes()))
+        return hash((self.axes.tobytes(), self.center.tobytes(), self.beta))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.studies.follower import Follower
 from problems.filling_cup import center_of_mass, filled
 
 ONE = ng.SolveOptions(workers=1, shadow_prices=False)
@@ -94,6 +95,76 @@ def test_a_regrasp_where_sliding_does_not_help():
     assert found.steps[-1].solution.mu.lower >= 0.99 * cold.mu.lower
 
 
+SIDES = ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]])
+
+
+def swinging(s, fingers=2):
+    """Return a rectangle whose load swings from one side to the other and turns it."""
+    task = ng.TaskEllipsoid([1.0, 1.0, 0.5], center=[1.2 * s, 0.5, 0.15 * s])
+    return ng.GraspProblem(SIDES, [ng.FrictionContact(0.5)] * fingers, task, torque_origin=[0.0, 0.0])
+
+
+def best_of_a_grid(task, count=7):
+    """Return the best quality of two fingers on a grid of places on opposite sides."""
+    best = 0.0
+    for axis, half in ((0, 1.0), (1, 0.5)):
+        along, across = np.eye(2)[axis], np.eye(2)[1 - axis]
+        places = np.linspace(-0.95 * half, 0.95 * half, count)
+        other = 1.5 - half
+        for a in places:
+            for b in places:
+                points = [a * along - other * across, b * along + other * across]
+                grasp = ng.Grasp(points, [across, -across], ng.FrictionContact(0.5), torque_origin=[0.0, 0.0])
+                best = max(best, ng.mu(grasp, task, rtol=0.1).lower)
+    return best
+
+
+@pytest.mark.slow
+def test_no_step_is_lost_where_a_task_turns():
+    found = ng.follow_task(swinging, np.linspace(-1.0, 1.0, 9), starts=8, options=ONE)
+    for step in found.steps:
+        assert step.solution.status is ng.Status.SOLVED
+        assert step.solution.mu.lower >= 0.97 * best_of_a_grid(swinging(step.parameter).task)
+
+
+def swelling(size):
+    return ng.GraspProblem(SIDES, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0 + 0.01 * size, 0.5]))
+
+
+def test_fingers_stay_where_sliding_gains_next_to_nothing():
+    found = ng.follow_task(swelling, [0.0, 0.5, 1.0], starts=2, options=ONE)
+    assert "stay" in str(found)
+    for step in found.steps[1:]:
+        np.testing.assert_array_equal(step.moved, 0.0)
+        np.testing.assert_array_equal(step.solution.grasp.points, found.steps[0].solution.grasp.points)
+        assert not step.regrasp
+        assert step.solution.mu.lower <= step.stayed
+
+
+def test_a_step_that_loses_every_branch_begins_anew_and_says_so(monkeypatch):
+    followed = Follower._followed
+    monkeypatch.setattr(
+        Follower, "_followed", lambda self, bench, stayed, rng: None if stayed else followed(self, bench, stayed, rng)
+    )
+    found = ng.follow_task(swelling, [0.0, 1.0], starts=2, options=ONE)
+    assert [step.cold for step in found.steps] == [False, True]
+    assert "found by a cold solve" in str(found)
+    assert found.steps[1].solution.mu.lower >= 0.97 * found.steps[0].solution.mu.lower
+
+
+def test_where_no_task_has_a_grasp():
+    def frictionless(size):
+        return replace(swelling(size), contacts=[ng.PointContact()] * 2)
+
+    with pytest.raises(ng.InputError, match="no grasp found for any of the parameters"):
+        ng.follow_task(frictionless, [0.0, 1.0], starts=1, options=ONE)
+
+
+def vanishing(size):
+    corners = size * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    return replace(swelling(size), task=ng.TaskPolytope(corners))
+
+
 def growing(size):
     return replace(filled(size), body=ng.Cylinder(0.03, 0.1 + 0.1 * size))
 
@@ -109,6 +180,8 @@ def growing(size):
         ),
         (lambda: ng.follow_task(filled, [0.5, np.nan]), "parameters"),
         (lambda: ng.follow_task(filled, [0.5, 1.0], regrasp_gain=-1.0), "regrasp_gain"),
+        (lambda: ng.follow_task(filled, [0.5, 1.0], move_gain=-1.0), "move_gain"),
+        (lambda: ng.follow_task(vanishing, [0.5, 0.0]), "wrenches that are all zero"),
     ],
 )
 def test_bad_input_is_one_sentence(call, message):

@@ -18,6 +18,7 @@ class MuData(TypedDict):
     upper: float
     kind: str
     worst_direction: NotRequired[Vector | None]
+    beta: NotRequired[Measure]
 
 
 class RobustData(TypedDict):
