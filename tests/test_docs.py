@@ -24,6 +24,11 @@ SLOW = (
     "my_solve_failed",
     "getting_started",
     "architecture",
+    "cli",
+    "certified_bounds",
+    "task_libraries",
+    "05_delta",
+    "10_optimal_grasp",
 )
 BLOCK = re.compile(r"```(python|sh)\n(.*?)```", re.DOTALL)
 SHELL = "\nimport subprocess\nsubprocess.run(['bash', '-euo', 'pipefail', '-c', {!r}], check=True)\n"

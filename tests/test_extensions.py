@@ -177,6 +177,7 @@ def test_a_contact_model_says_what_it_lacks():
         ng.ferrari_canny(ng.Grasp([[0, 0, 1.0]], [[0, 0, -1.0]], contact))
 
 
+@pytest.mark.slow
 def test_a_budget_from_elsewhere(tmp_path):
     found = ng.solve(ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, BALL, force_budget=Weighed(2.0)), starts=2)
     again = passed(found, tmp_path / "weighed.json")
@@ -287,6 +288,7 @@ def test_a_toy_format_writes_a_file_from_the_command_line(toy, tmp_path):
     assert len((tmp_path / "box.faces").read_text().splitlines()) == 3
 
 
+@pytest.mark.slow
 def test_the_command_line_lists_a_toy_format(toy):
     done = toy("export", "--help")
     assert "or faces with their first coordinate" in " ".join(done.stdout.replace("│", " ").split())
@@ -301,6 +303,7 @@ def test_a_toy_format_needs_a_grasp_unless_it_says_otherwise(toy):
     assert done.stderr == "nlpgrasp: solution: got no grasp, expected a solution with a grasp\n"
 
 
+@pytest.mark.slow
 def test_files_of_a_toy_format_are_read(toy, tmp_path):
     (tmp_path / "contacts.faces").write_text("")
     done = toy("quality", "contacts.faces", "--friction", "0.5")

@@ -46,6 +46,9 @@ SLOW_SCRIPTS = {
     "filling_cup",
     "hammer",
     "screwdriver",
+    "ellipsoid",
+    "pencil",
+    "hexagon",
 }
 SCRIPTS = [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW_SCRIPTS else []) for n in VALUES]
 
@@ -127,6 +130,7 @@ SLOW = (
     "ycb_012_strawberry.stl",
     "angle_block.stl",
     "ycb_043_phillips_screwdriver.stl",
+    "featuretype.stl",
 )
 
 

@@ -258,6 +258,7 @@ def test_help_and_version(tmp_path):
     assert run_here("--version", cwd=tmp_path).stdout.startswith("nlpgrasp 0.")
 
 
+@pytest.mark.slow
 def test_a_script_may_import_its_neighbours_and_change_folder(tmp_path):
     (tmp_path / "scripts").mkdir()
     (tmp_path / "elsewhere").mkdir()

@@ -56,6 +56,6 @@ def test_one_coefficient_alone():
 
 
 def test_an_unchecked_copy_steps_over_a_limit():
-    table = ng.Table(0.1)
+    table = ng.Table(0.1, clearance=0.0)
     below = unchecked(table, clearance=-1e-6)
     assert (below.height, below.clearance, table.clearance) == (0.1, -1e-6, 0.0)

@@ -133,6 +133,7 @@ def test_parts_that_cannot_be_sent_are_refused_before_anything_runs(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_crashing_and_failing_solves_cost_only_themselves(tmp_path):
     done = run("--out", "out", "--workers", 2, "--json", kind="troubled", cwd=tmp_path)
     assert done.returncode == 1
@@ -206,6 +207,7 @@ def test_a_run_that_ended_before_its_plan_leaves_a_usable_folder(tmp_path):
     assert ng.run_experiment(experiment(seeds=[0]), folder, workers=1).complete
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_does_not_end_the_run(tmp_path):
     line, environment = command("--out", "out", "--workers", 1, "--json")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -218,6 +220,7 @@ def test_a_reader_that_goes_away_does_not_end_the_run(tmp_path):
     assert (tmp_path / "out" / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_output_that_is_no_terminal_gets_a_line_a_solve(tmp_path):
     done = run("--out", "out", "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0
@@ -251,6 +254,7 @@ def test_one_worker_survives_a_crash_too(tmp_path):
     assert result["fine"].mu.lower > 0.3
 
 
+@pytest.mark.slow
 def test_kill_9_costs_only_what_was_under_way(tmp_path):
     line, environment = command("--out", "out", "--workers", 2, "--json", kind="long")
     process = subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
@@ -269,6 +273,7 @@ def test_kill_9_costs_only_what_was_under_way(tmp_path):
     assert events(done.stdout)[-1]["complete"] is True
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(tmp_path):
     line, environment = command("--out", "out", "--workers", 2, "--json", kind="long")
     process = subprocess.Popen(
@@ -294,6 +299,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
     assert (tmp_path / "out" / "table.csv").is_file()
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_run_and_is_listed(tmp_path, monkeypatch):
     import nlpgrasp.common.files
 
@@ -320,6 +326,7 @@ def test_a_full_disk_ends_the_run_and_is_listed(tmp_path, monkeypatch):
     assert again.complete
 
 
+@pytest.mark.slow
 def test_files_too_large_for_the_system_are_listed(tmp_path):
     line, environment = command("--out", "out", "--workers", "1", "--json")
     limited = ["bash", "-c", 'ulimit -f 4; exec "$@"', "limited", *line]  # the plan fits, solutions of 5 kB do not
@@ -330,6 +337,7 @@ def test_files_too_large_for_the_system_are_listed(tmp_path):
     assert list((tmp_path / "out" / "solves").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_two_runs_do_not_share_a_folder(tmp_path):
     line, environment = command("--out", "out", "--workers", 1, "--json", kind="long")
     process = subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
@@ -343,6 +351,7 @@ def test_two_runs_do_not_share_a_folder(tmp_path):
         process.communicate()
 
 
+@pytest.mark.slow
 def test_a_solve_in_a_progress_callback_leaves_the_run_alone(tmp_path):
     inside = []
 

@@ -34,6 +34,7 @@ def test_planar_grasp_maps(rng):
         np.testing.assert_allclose(stack.G[i], grasp.G, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_measures_of_a_stack_are_those_of_its_grasps(rng):
     stack = stacked(3, rng)
     measures = [

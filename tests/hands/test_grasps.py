@@ -68,6 +68,7 @@ def test_four_fingers_touch_where_the_grasp_says(name, tmp_path):
         assert extent[0] < 1e-6
 
 
+@pytest.mark.slow
 def test_links_stay_off_the_body_and_off_each_other():
     hand = four_finger_hand(clearance=0.001)
     body = BODIES["ellipsoid"]
@@ -84,6 +85,7 @@ def test_links_stay_off_the_body_and_off_each_other():
         assert np.linalg.norm(p - q) > r + s - 1e-6
 
 
+@pytest.mark.slow
 def test_pregrasp_is_open_by_the_clearance_and_free(tmp_path):
     hand, body = four_finger_hand(), BODIES["box"]
     solution = solved(body, hand)
@@ -104,6 +106,7 @@ def test_pregrasp_is_open_by_the_clearance_and_free(tmp_path):
     assert np.all(joints <= upper + 1e-9)
 
 
+@pytest.mark.slow
 def test_table_and_approach_hold_for_the_whole_hand():
     hand = three_finger_hand()
     body = BODIES["cylinder"]
@@ -125,6 +128,7 @@ def test_table_and_approach_hold_for_the_whole_hand():
     assert np.max(np.abs(gaps)) < 1e-6
 
 
+@pytest.mark.slow
 def test_flat_pads_of_a_gripper_with_a_mimic_joint_touch_flat():
     body = ng.Box([0.05, 0.03, 0.08])
     solution = solved(body, gripper(), ng.SoftContact(0.6, 0.005), starts=3)
@@ -139,6 +143,7 @@ def test_flat_pads_of_a_gripper_with_a_mimic_joint_touch_flat():
         assert np.max(np.abs(local[:2])) < 0.01 + 1e-6
 
 
+@pytest.mark.slow
 def test_parallel_jaw_is_no_wider_than_it_opens():
     body = ng.Box([0.08, 0.04, 0.06])
     contact = ng.SoftContact(0.6, 0.005)

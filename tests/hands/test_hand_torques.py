@@ -60,12 +60,14 @@ def test_slopes_of_supports_by_central_differences(hand, contact, rng):
         np.testing.assert_allclose(slopes @ step, measured, rtol=2e-3, atol=2e-6 * np.max(np.abs(value)))
 
 
+@pytest.mark.slow
 def test_the_program_finds_postures_that_its_motors_hold_better(solved):
     other = ng.solve(problem(four_finger_hand(), budget="l2"), 1, options=ONE)
     budget = ng.hand_torque_limits(four_finger_hand(), other.hand, other.grasp.points)
     assert solved.mu.lower > 1.2 * ng.mu(other.grasp, TASK, force_budget=budget).upper
 
 
+@pytest.mark.slow
 def test_the_file_carries_the_limits_in_the_posture_found(solved, tmp_path):
     solved.save(tmp_path / "torques.json")
     again = ng.GraspSolution.load(tmp_path / "torques.json")

@@ -147,6 +147,7 @@ def test_no_shapes_but_missing_meshes(tmp_path):
         load(tmp_path, text + "<parent link='a'/><child link='index_tip'/></joint></robot>")
 
 
+@pytest.mark.slow
 def test_mesh_beside_the_file_and_below_a_package(tmp_path):
     mesh = trimesh.creation.icosphere(radius=9.0)  # millimetres
     (tmp_path / "some_hand" / "meshes").mkdir(parents=True)

@@ -130,6 +130,7 @@ def held():
     return ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))
 
 
+@pytest.mark.slow
 def test_an_isaac_grasp_puts_the_fingertips_on_the_contacts(held, tmp_path):
     path = tmp_path / "held.yaml"
     path.write_text(isaac_grasp({"grasp_0": held}))

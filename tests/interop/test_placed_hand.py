@@ -19,6 +19,8 @@ SCRIPT = """
 import nlpgrasp as ng
 from tests.hands.urdf import three_finger_hand
 
+pytestmark = pytest.mark.slow  # one solve with a hand
+
 def problem():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     return ng.GraspProblem(ng.Ellipsoid([0.05, 0.03, 0.03]), ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand())

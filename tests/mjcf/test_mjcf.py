@@ -103,6 +103,7 @@ def test_a_planar_grasp_stays_in_its_plane():
     np.testing.assert_allclose(data.xpos[:, 2], 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_hand_itself_is_in_its_posture(held):
     """MuJoCo reads the URDF by itself: its fingertips are a radius off the contacts."""
     model, data = loaded(mjcf_with_hand(held, HAND))
@@ -128,6 +129,7 @@ def test_the_hand_itself_is_in_its_posture(held):
     assert np.all(distances() > np.array(radii) + 0.9 * clearance)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_exported(box, held, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="a solution with a grasp, made by this version"):
         mjcf(replace(box, drawing=None))

@@ -27,6 +27,7 @@ def test_tetrahedral_epsilon():
     assert bounds.gap <= 3.001e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("budget", ["shared", "per_finger"])
 @pytest.mark.parametrize("seed", range(3))
 def test_pyramids_are_inside_the_cones_and_close_in(budget, seed):
@@ -110,6 +111,7 @@ def test_friction_does_not_depend_on_where_the_normal_points(seed):
         assert one.upper == pytest.approx(other.upper, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_normals_along_and_against_the_axes_are_alike():
     """A tangent frame picked by the sign or size of a component must not change a grasp's measure."""
     values = []

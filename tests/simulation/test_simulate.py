@@ -49,6 +49,7 @@ def simulated(box):
     return simulate(box, wrenches=2)
 
 
+@pytest.mark.slow
 def test_both_ends_of_the_certificate(simulated):
     assert simulated.confirmed, str(simulated)
     assert 0.95 <= simulated.lost_at <= 1.05 * simulated.gap
@@ -72,6 +73,7 @@ def test_a_planar_grasp(square):
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [pytest.param(f, marks=[] if f == 1.15 else SLOW) for f in (0.6, 0.87, 1.15, 1.4)])
 def test_a_wrong_certificate_is_found_out(box, factor):
     """The verdict can be no: bounds that are too high or too low are refuted."""
@@ -89,6 +91,7 @@ def test_a_wrong_certificate_is_found_out(box, factor):
 QUICK, LONG = ("per_finger", "torques"), ("shared", "per_finger_size", "shared torques")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("budget", [*QUICK, *(pytest.param(name, marks=SLOW) for name in LONG)])
 def test_every_force_budget(budget):
     arms = [np.eye(3)] * 4
@@ -140,6 +143,7 @@ def test_much_less_friction_loses_the_grasp(box, monkeypatch):
     assert found.confirmed  # of the grasp as solved
 
 
+@pytest.mark.slow
 def test_the_answers_produce_the_wrenches_within_the_effort(box):
     grasp, effort = box.grasp, 1.0 / box.mu.lower
     wrenches = 0.8 * np.array([[5, 0, 0, 0, 0, 0], [0, 0, 0, 0, -0.2, 0], [0, 0, 10, 0, 0, 0]], float)
@@ -175,6 +179,7 @@ def test_moments_are_cut_to_the_contact_model():
     np.testing.assert_allclose(torsion.directions, [[0, 0, -1]])
 
 
+@pytest.mark.slow
 def test_contacts_are_put_off_by_what_is_said(box):
     off = displaced(box, 2e-3)
     moved = np.linalg.norm(off.points - box.grasp.points, axis=1)
@@ -209,6 +214,7 @@ def test_the_hardest_wrench_is_found_where_the_file_does_not_say_it(box):
     assert found.confirmed, str(found)
 
 
+@pytest.mark.slow
 def test_a_strip_of_pictures(simulated, box, tmp_path):
     path = write_strip(simulated, box, tmp_path / "strip.png")
     assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"

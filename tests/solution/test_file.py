@@ -23,7 +23,7 @@ def solution():
         [ng.FrictionContact(0.5)] * 2,
         ng.TaskEllipsoid([1.0] * 3, center=[0, 0.5, 0]),
         hand=ng.Fingertips(2, reach=3.0),
-        constraints=[ng.Table(-1.2)],
+        constraints=[ng.Table(-1.2, clearance=0.0)],
         name="square",
     )
     return ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))

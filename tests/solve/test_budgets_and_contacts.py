@@ -90,6 +90,7 @@ CONTACTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONTACTS)
 def test_contacts_with_moments(name, tmp_path):
     problem = ng.GraspProblem(ng.Box([1, 2, 3]), CONTACTS[name], ng.TaskEllipsoid([1, 1, 1, 0.2, 0.2, 0.2]))

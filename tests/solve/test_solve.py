@@ -58,6 +58,7 @@ def test_forces_produce_the_task_scaled_by_the_certified_quality(four_fingers):
         assert np.linalg.norm(forces) <= 1.0 + 1e-8
 
 
+@pytest.mark.slow
 def test_the_answer_does_not_depend_on_the_number_of_workers():
     problem = ellipsoid(3)
     one, two = (
@@ -75,12 +76,14 @@ def test_another_seed_is_another_search():
     assert not np.array_equal(a.grasp.points, b.grasp.points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["vertex", "support"])
 def test_both_transcriptions_lead_to_a_grasp(transcription):
     options = ng.SolveOptions(shadow_prices=False, workers=1, transcription=transcription, rtol=0.05, final_rtol=0.05)
     assert ng.solve(ellipsoid(), starts=1, options=options).mu.upper == pytest.approx(0.73193, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_elliptic_torsion_goes_through_the_exchange_with_forces():
     options = ng.SolveOptions(shadow_prices=False, workers=1, exchange_rounds=4, rtol=0.1, final_rtol=0.1)
     solution = ng.solve(ellipsoid(3, ng.SoftContact(0.5, 0.3, "elliptic")), starts=1, options=options)
@@ -172,6 +175,7 @@ print("mu", ng.solve(problem, starts=2, options=options).mu.lower > 0.1)
 """
 
 
+@pytest.mark.slow
 def test_a_script_without_a_main_guard_may_use_workers(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(SCRIPT)
@@ -179,6 +183,7 @@ def test_a_script_without_a_main_guard_may_use_workers(tmp_path):
     assert (done.returncode, done.stdout) == (0, "mu True\n"), done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_interrupt_keeps_the_best_grasp_so_far(tmp_path, workers):
     script = tmp_path / "script.py"
@@ -225,6 +230,7 @@ print([start.mu for start in ng.solve(problem, starts=2, options=ng.SolveOptions
 """
 
 
+@pytest.mark.slow
 def test_the_answer_does_not_depend_on_the_number_of_threads():
     """IPOPT's own OpenBLAS is limited like numpy's: the same bits whatever the environment says."""
     answers = set()

@@ -32,6 +32,7 @@ OTHERS = [("polytope", "support"), pytest.param("sum", "support", marks=pytest.m
 VERTEX = [pytest.param(name, "vertex", marks=[pytest.mark.slow] if name == "sum" else []) for name in KINDS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "transcription"), [*VERTEX, *OTHERS])
 def test_every_kind_of_task_is_solved_and_verified_from_its_file(name, transcription, tmp_path):
     options = ng.SolveOptions(workers=1, shadow_prices=False, transcription=transcription, rtol=0.05, final_rtol=0.02)

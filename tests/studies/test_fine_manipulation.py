@@ -70,6 +70,7 @@ def carried_from_below(space, half_width):
     return ng.GraspProblem(body, [ng.FrictionContact(0.5, faces=below)] * 4, task, constraints=[middle])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("space", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_fingers_below_a_body_carry_it(space):
     """Four normal forces of 1 / 2 carry 2 N; a tenth of the weight in any direction leaves at most 2 / 1.1 of it."""

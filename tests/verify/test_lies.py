@@ -235,7 +235,7 @@ def test_a_row_that_a_longer_quaternion_explains_is_no_lie():
 def test_a_row_that_a_large_body_leaves_within_its_promise_is_no_lie():
     """Limits are kept to a share of the body's size: here 7.2e-6 m of the 1.2 m of a long box, past 1e-6 m."""
     body = ng.Box([1.2, 0.4, 0.4])
-    problem = problem_of(body, 2, constraints=[ng.Table(0.0)])
+    problem = problem_of(body, 2, constraints=[ng.Table(0.0, clearance=0.0)])
     normals = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
 
     def lowest(z):
@@ -306,6 +306,6 @@ def test_two_expressions_of_one_name():
 def test_a_row_on_its_limit_is_active():
     body = ng.Box([0.08, 0.04, 0.06])
     points, normals = [[0.04, 0.0, 0.0], [-0.04, 0.0, 0.01]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
-    data = stated_file(problem_of(body, 2, constraints=[ng.Table(0.0)]), ["+x", "-x"], points, normals)
+    data = stated_file(problem_of(body, 2, constraints=[ng.Table(0.0, clearance=0.0)]), ["+x", "-x"], points, normals)
     assert failures(data) == []
     assert failures(edited(data, row("table, finger 0", "active", False))) == ["constraint 0, table"]

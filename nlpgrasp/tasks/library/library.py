@@ -41,7 +41,7 @@ class TaskLibrary:
 
     @property
     def path(self) -> Path:
-        """The folder."""
+        """Folder that the entries are in."""
         return self._folder.path
 
     def __getitem__(self, name: str) -> TaskEllipsoid:

@@ -52,6 +52,7 @@ def test_contacts_stay_on_their_faces():
     np.testing.assert_allclose(found.robust.normals, found.grasp.normals, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_less_friction_alone():
     """No offset: the same contacts with friction 0.6 * 0.8."""
     options = ng.SolveOptions(workers=1, shadow_prices=False, robust_offset=0.0, robust_friction=0.2)

@@ -14,6 +14,7 @@ def solve(contacts, starts=2, body=BODY, **fields):
     return ng.solve(ng.GraspProblem(body, contacts, TASK, **fields), starts, options=OPTIONS)
 
 
+@pytest.mark.slow
 def test_one_constraint_that_cannot_be_kept():
     """Four points of the ellipsoid are at most 60 mm apart from each other (two of them at the ends, two across)."""
     solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
@@ -49,6 +50,7 @@ def test_relaxing_by_what_is_advised_gives_a_grasp():
     assert again.status is not ng.Status.LOCALLY_INFEASIBLE
 
 
+@pytest.mark.slow
 def test_torque_about_an_axis_of_symmetry_without_friction():
     solution = solve([ng.PointContact()] * 7)
     assert solution.status is ng.Status.NO_GRASP
@@ -68,6 +70,7 @@ def test_more_friction_is_advised_where_it_helps():
     assert "With friction 2 times as large" in solution.why_not.advice[0]
 
 
+@pytest.mark.slow
 def test_diagnosis_survives_the_file(tmp_path):
     solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
     path = solution.save(tmp_path / "none.json")
@@ -81,6 +84,7 @@ def test_solved_problems_have_no_diagnosis():
     assert solve([ng.FrictionContact(0.6)] * 4, 1).why_not is None
 
 
+@pytest.mark.slow
 def test_jaws_that_open_too_little():
     """The ellipsoid is 60 mm thick."""
     body = ng.Ellipsoid([0.04, 0.03, 0.035])

@@ -41,6 +41,7 @@ def test_ended_workers_are_gone():
         os.kill(worker, 0)
 
 
+@pytest.mark.slow
 def test_own_processes_are_nobody_elses_and_are_kept_for_the_next_that_asks_for_as_many():
     with own_processes(1, 30.0) as outer:
         first = outer.submit(os.getpid).result()
