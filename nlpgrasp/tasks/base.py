@@ -22,8 +22,7 @@ class Task(ABC):
     """A convex set of wrenches the grasp has to resist, known by its support function (Section 3.3).
 
     The wrenches are those that the fingers exert on the body: against a load w of the surroundings, ``-w``. A kind that
-    can be written to a file has a ``kind``, its name there, and ``from_dict``, and is registered
-    (``nlpgrasp.tasks.registry``).
+    can be written has a ``kind``, its name in files, and ``from_dict``, and is registered (``tasks.registry``).
 
     Attributes
     ----------
@@ -67,10 +66,8 @@ class Task(ABC):
 
         Returns
         -------
-        values : (m,) array
-            ``phi(y | A)``, the most work of a wrench of the task.
-        maximisers : (m, d) array
-            Wrenches of the task that attain them; also the gradient where it exists.
+        values, maximisers : (m,) and (m, d) arrays
+            ``phi(y | A)``, the most work of a wrench of the task, and wrenches that attain it (the gradient).
         """
 
     @abstractmethod
