@@ -29,7 +29,6 @@ def follow_task(
     seed: int = 0,
     options: SolveOptions | None = None,
     regrasp_gain: float = 0.02,
-    move_gain: float = 0.02,
 ) -> DynamicGrasp:
     """Return the grasps for a task that changes with a parameter, each found from the one before.
 
@@ -45,9 +44,8 @@ def follow_task(
     seed : int
     options : SolveOptions, optional
     regrasp_gain : float
-        How much better, relatively, another local optimum has to be before it is taken; at least zero.
-    move_gain : float
-        How much better, relatively, the fingers have to be elsewhere before they slide there; at least zero.
+        How much better, relatively, the fingers have to be elsewhere before they move, be it that they slide there or
+        that they regrasp to another local optimum; at least zero.
 
     Returns
     -------
@@ -67,7 +65,7 @@ def follow_task(
     if len(values) < 2:
         raise InputError("parameters", f"{len(values)} values", "at least 2")
     starts, seed = integer("starts", starts, at_least=1), integer("seed", seed, at_least=0)
-    gains = number("regrasp_gain", regrasp_gain, at_least=0.0), number("move_gain", move_gain, at_least=0.0)
+    gain = number("regrasp_gain", regrasp_gain, at_least=0.0)
     options = SolveOptions() if options is None else options
     problems = [_problem(problem_at, value) for value in values.tolist()]
     for problem, value in zip(problems[1:], values[1:].tolist(), strict=True):
@@ -75,7 +73,7 @@ def follow_task(
     first = Workbench(problems[0], options)
     benches = [first, *(first.with_task(problem) for problem in problems[1:])]
     with one_thread():
-        follower = Follower(benches, starts, seed, *gains)
+        follower = Follower(benches, starts, seed, gain)
         steps = tuple(follower.step(i, value) for i, value in enumerate(values.tolist()))
     if not any(step.solution.mu.lower > 0.0 for step in steps):
         raise InputError("problem_at", "no grasp found for any of the parameters", "tasks with a grasp")

@@ -63,15 +63,12 @@ class Follower:
     starts : int
         Of a cold solve.
     seed : int
-    regrasp_gain, move_gain : float
-        Relative gains for which another local optimum is taken, and for which fingers slide.
+    gain : float
+        Relative gain for which the fingers move.
     """
 
-    def __init__(
-        self, benches: Sequence[Workbench], starts: int, seed: int, regrasp_gain: float, move_gain: float
-    ) -> None:
-        self._benches, self._seed = benches, seed
-        self._regrasp_gain, self._move_gain = regrasp_gain, move_gain
+    def __init__(self, benches: Sequence[Workbench], starts: int, seed: int, gain: float) -> None:
+        self._benches, self._seed, self._worthwhile = benches, seed, 1.0 + gain
         self._branches = Branches(benches, starts, seed)
         self._held: Held | None = None
 
@@ -106,14 +103,14 @@ class Follower:
         branches.look(bench, current, rng)
         branches.improve(bench, current, rng)
         best = stayed if stayed is not None and stayed.holds else None
-        if best is not None and current is not None and current.value > (1.0 + self._move_gain) * best.worth:
+        if best is not None and current is not None and current.value > self._worthwhile * best.worth:
             slid = self._on_body(bench, current, rng)
-            best = slid if slid.worth > (1.0 + self._move_gain) * best.worth else best
+            best = slid if slid.worth > self._worthwhile * best.worth else best
         for state in branches.ranked()[:TRIED]:
-            if best is not None and (state is current or state.value <= (1.0 + self._regrasp_gain) * best.worth):
+            if best is not None and (state is current or state.value <= self._worthwhile * best.worth):
                 continue
             other = self._on_body(bench, state, rng)
-            if other.holds and (best is None or other.worth > (1.0 + self._regrasp_gain) * best.worth):
+            if other.holds and (best is None or other.worth > self._worthwhile * best.worth):
                 best = other
         return best
 

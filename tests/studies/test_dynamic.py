@@ -180,7 +180,6 @@ def growing(size):
         ),
         (lambda: ng.follow_task(filled, [0.5, np.nan]), "parameters"),
         (lambda: ng.follow_task(filled, [0.5, 1.0], regrasp_gain=-1.0), "regrasp_gain"),
-        (lambda: ng.follow_task(filled, [0.5, 1.0], move_gain=-1.0), "move_gain"),
         (lambda: ng.follow_task(vanishing, [0.5, 0.0]), "wrenches that are all zero"),
     ],
 )
