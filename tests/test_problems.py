@@ -49,6 +49,7 @@ SLOW_SCRIPTS = {
     "ellipsoid",
     "pencil",
     "hexagon",
+    "cube",
 }
 SCRIPTS = [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW_SCRIPTS else []) for n in VALUES]
 

@@ -189,6 +189,8 @@ class TaskEllipsoid(Task):
         scaled = self.transformed(scale * np.eye(self.dimension))._about(self.about)
         return scaled._with_beta(scale * self.beta)
 
+    __rmul__ = __mul__
+
     def _moved(self, wrench: FloatArray) -> TaskEllipsoid:
         return TaskEllipsoid.from_axes(self.axes, self.center + wrench)._with_beta(self.beta)
 

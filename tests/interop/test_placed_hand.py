@@ -15,11 +15,11 @@ from nlpgrasp.interop import grasp_of_posture, isaac_grasp, read_isaac_grasps
 from nlpgrasp.interop.placed_hand import nearest
 from tests.hands.urdf import gripper, three_finger_hand
 
+pytestmark = pytest.mark.slow  # a solve with a hand
+
 SCRIPT = """
 import nlpgrasp as ng
 from tests.hands.urdf import three_finger_hand
-
-pytestmark = pytest.mark.slow  # one solve with a hand
 
 def problem():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])

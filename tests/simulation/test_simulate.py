@@ -223,6 +223,7 @@ def test_a_strip_of_pictures(simulated, box, tmp_path):
     assert min(panels_drawn(path, width // 330)) > 0.02  # every frame shows something
 
 
+@pytest.mark.slow
 def test_bad_input(box, monkeypatch):
     for share in (0.0, -1.0, 1.0, float("nan")):
         with pytest.raises(InputError, match="share"):

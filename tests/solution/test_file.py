@@ -135,7 +135,11 @@ def paths_of(value, prefix=()):
         yield from paths_of(item, (*prefix, key))
 
 
-@pytest.mark.parametrize("wrong", [None, "text", [], {}, -1.0, True, 1e300, [[["x"]]]], ids=repr)
+QUICK, MORE = (None, "text", 1e300), ([], {}, -1.0, True, [[["x"]]])
+WRONG = [*QUICK, *(pytest.param(value, marks=pytest.mark.slow) for value in MORE)]
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=repr)
 def test_a_wrong_value_anywhere_is_refused_or_read_never_a_crash(data, wrong):
     """Every entry of a good file replaced in turn."""
     messages = [message_of(changed) for changed in replaced(data, wrong)]

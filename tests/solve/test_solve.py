@@ -25,6 +25,7 @@ def four_fingers():
     return ng.solve(ellipsoid(), starts=4, options=ng.SolveOptions(shadow_prices=False, workers=2))
 
 
+@pytest.mark.slow
 def test_ellipsoid_with_four_fingers_beats_the_best_known(four_fingers):
     """Best known before: 0.7309, by the exchange with forces in the program."""
     assert four_fingers.status is ng.Status.SOLVED
@@ -40,6 +41,7 @@ def test_ellipsoid_with_three_fingers():
     assert solution.mu.lower >= 0.4825
 
 
+@pytest.mark.slow
 def test_contacts_are_on_the_body_with_its_normals(four_fingers):
     grasp = four_fingers.grasp
     np.testing.assert_allclose(np.sum((grasp.points / [2.0, 1.0, 1.0]) ** 2, axis=1), 1.0, atol=1e-12)
@@ -48,6 +50,7 @@ def test_contacts_are_on_the_body_with_its_normals(four_fingers):
     np.testing.assert_allclose(grasp.normals, inward, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_forces_produce_the_task_scaled_by_the_certified_quality(four_fingers):
     grasp = four_fingers.grasp
     assert len(four_fingers.forces) == 12

@@ -47,7 +47,11 @@ def said(data):
         return error
 
 
-@pytest.mark.parametrize(("make", "edits"), [(honest.planar, 60), (honest.solved, 25)], ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("make", "edits"),
+    [(honest.planar, 60), pytest.param(honest.solved, 25, marks=pytest.mark.slow)],
+    ids=["plane", "space"],
+)
 def test_no_edit_ends_in_a_traceback(make, edits):
     rng, data = np.random.default_rng(5), make()
     ways = places(data)
