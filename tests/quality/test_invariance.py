@@ -76,6 +76,23 @@ def test_the_grasp_map_in_another_frame(space, contact, rng):
     np.testing.assert_allclose(back.G, grasp.G, atol=1e-12)
 
 
+@pytest.mark.parametrize("space", [2, 3])
+def test_changes_of_frame_are_a_group(space, rng):
+    """Remark 2: (A_1, b_1)(A_2, b_2) = (A_1 A_2, A_1 b_2 + b_1), and the identity changes nothing."""
+    grasp = placed(space, ng.FrictionContact(0.5), rng)
+    task = task_of("off centre", grasp.dimension, rng).given_about(rng.standard_normal(space))
+    (A1, b1, first), (A2, b2, second) = pose_of(space, rng), pose_of(space, rng)
+    both = np.eye(space + 1)
+    both[:space, :space], both[:space, space] = A1 @ A2, A1 @ b2 + b1
+    y = rng.standard_normal((20, grasp.dimension))
+    for one, other in ((second, first), (np.eye(space + 1), both)):
+        there, asked = grasp.in_frame(one).in_frame(other), task.in_frame(one).in_frame(other)
+        np.testing.assert_allclose(there.G, grasp.in_frame(both).G, atol=1e-12)
+        np.testing.assert_allclose(there.points, grasp.points @ (A1 @ A2).T + A1 @ b2 + b1, atol=1e-12)
+        np.testing.assert_allclose(asked.about, task.in_frame(both).about, atol=1e-12)
+        np.testing.assert_allclose(asked.support(y)[0], task.in_frame(both).support(y)[0], atol=1e-12)
+
+
 @pytest.mark.parametrize(("space", "contact"), CASES)
 @pytest.mark.parametrize("kind", TASKS)
 def test_every_ratio_of_supports_is_invariant(space, contact, kind, rng):
@@ -115,6 +132,16 @@ def test_mu_is_invariant(space, kind, rng):
     task = task_of(kind, grasp.dimension, rng)
     pose = pose_of(space, rng)[2]
     here, there = ng.mu(grasp, task, 0.05), ng.mu(grasp.in_frame(pose), task.in_frame(pose), 0.05, seed=7)
+    assert here.lower > 0.0
+    assert max(here.lower, there.lower) <= min(here.upper, there.upper) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("space", [2, 3])
+def test_delta_is_invariant_under_body_frames(space, rng):
+    """Section 3.1: the torque origin goes along; (2.5-6) is orthogonal."""
+    grasp = solid(space, rng)
+    here = ng.delta(grasp, 1.0, 0.05)
+    there = ng.delta(grasp.in_frame(pose_of(space, rng)[2]), 1.0, 0.05)
     assert here.lower > 0.0
     assert max(here.lower, there.lower) <= min(here.upper, there.upper) * (1 + 1e-9)
 

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 import nlpgrasp as ng
 from nlpgrasp.quality import WrenchSet
+from tests.memberships import inside
 from tests.samples import CONTACTS, closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation
 
 
@@ -100,6 +102,35 @@ def test_force_domains_are_convex_cones(seed, name):
     x, y = contact.project(rng.standard_normal((2, 200, contact.components(3))))
     for z in (x + y, 3.7 * x):
         np.testing.assert_allclose(contact.project(z), z, atol=1e-9)
+
+
+def test_products_of_cones_are_convex_cones(rng):
+    """Corollary 2-6: of projections onto K, each part of a sum or a multiple is in its own cone by definition."""
+    kinds = [contact for name, contact in CONTACTS.items() if name != "bilateral"]
+    k = len(kinds)
+    K = WrenchSet.of(ng.Grasp(rng.standard_normal((k, 3)), np.tile([0.0, 0.0, 1.0], (k, 1)), kinds))
+    x, y = K.project(rng.standard_normal((2 * 300, K.G.shape[1]))).reshape(2, 300, -1)
+    for z in (x, x + y, 3.7 * x):
+        for contact, where in zip(kinds, K.ranges, strict=True):
+            assert inside(contact, z[:, where], 1e-10).all()
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_measures_are_positive_for_stable_grasps_alone(seed):
+    """Sections 3.1 and 3.3.2: delta > 0 and mu > 0 exactly where wrenches span the plane's, by a linear program."""
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(0.0, 2.0 * np.pi, 2 + seed % 2)
+    points, mu = np.stack([np.cos(angles), np.sin(angles)], axis=1), rng.uniform(0.2, 1.0)
+    grasp = ng.Grasp(points, -points, ng.FrictionContact(mu))
+    edges = np.concatenate([grasp.G[:, ::2] + s * mu * grasp.G[:, 1::2] for s in (1.0, -1.0)], axis=1)
+    count = edges.shape[1]  # 0 is inside their hull: positive weights, the least of them as large as it may be
+    A = np.vstack([np.hstack([edges, np.zeros((3, 1))]), [*np.ones(count), 0.0]])
+    least = np.hstack([-np.eye(count), np.ones((count, 1))])
+    found = linprog([*np.zeros(count), -1.0], least, np.zeros(count), A, [0.0, 0.0, 0.0, 1.0])
+    closed = found.status == 0 and -found.fun > 1e-6 and np.linalg.matrix_rank(edges) == 3
+    measures = ng.delta(grasp), ng.mu(grasp, ng.TaskEllipsoid([2.0, 1.0, 0.5]))
+    assert bool(ng.is_stable(grasp)) == closed
+    assert all((bounds.lower > 0.0) == (bounds.upper > 1e-9) == closed for bounds in measures)
 
 
 @settings(max_examples=30, deadline=None)

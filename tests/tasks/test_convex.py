@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.common.spatial import move_torque_origin, rotate_body_frame
 from tests.samples import closed_ellipsoid_grasp, random_rotation
 
 
@@ -56,6 +57,25 @@ def test_mu_1_of_a_box(rng):
     other = ng.mu(grasp, ng.TaskSet(box_support(2.0 * half)))
     assert one.lower <= other.upper
     assert other.lower <= one.upper
+
+
+def test_mu_1_is_homogeneous_and_invariant(rng):
+    """(3.3-6), (3.3-7a) and (3.3-7b) of a box of wrenches about b, as Example 3-7 says."""
+    angles = 2.0 * np.pi * np.arange(3) / 3.0
+    points = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    grasp, half, b = ng.Grasp(points, -points, ng.FrictionContact(0.5)), np.array([1.0, 0.5, 0.3]), np.full(3, 0.1)
+    box = ng.TaskPolytope(b + half * np.array(np.meshgrid(*[[1, -1]] * 3)).reshape(3, -1).T)
+    pose, origin = np.eye(3), np.array([0.4, -0.3])
+    pose[:2, :2], pose[:2, 2] = random_rotation(rng, 2), [0.2, 0.5]
+    about = ng.Grasp(points, -points, grasp.contacts, origin)
+    here = ng.mu_1(grasp, box, b, 0.8, 1e-3)
+    assert here.lower > 0.0
+    for other, factor in (
+        (ng.mu_1(grasp.scaled(2.5), box, b, 0.8, 1e-3), 2.5),
+        (ng.mu_1(grasp.in_frame(pose), box.in_frame(pose), rotate_body_frame(pose[:2, :2]) @ b, 0.8, 1e-3), 1.0),
+        (ng.mu_1(about, box.given_about([0.0, 0.0]), move_torque_origin(origin) @ b, 0.8, 1e-3), 1.0),
+    ):
+        assert max(factor * here.lower, other.lower) <= min(factor * here.upper, other.upper) * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -31,6 +31,32 @@ def test_centred_quadratic_has_semi_axes_beta_over_root_of_eigenvalue():
     assert task.is_centred
 
 
+def test_ellipsoids_of_the_peg_and_the_pencil(rng):
+    """(3.3-1), (3.3-2) as they are printed: semi-axes are r_i beta (docs/corrections.md), whatever the centre."""
+    r, beta, c1, c2, c = np.sort(rng.uniform(0.1, 2.0, 6))[::-1], 1.6, 3.0, 0.5, 0.7
+    u = rng.standard_normal((50, 6))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    peg = ng.TaskEllipsoid(beta * r[[4, 0, 3, 2, 5, 1]], center=[0, -c1, c2, 0, 0, 0])
+    fx, fy, fz, tx, ty, tz = peg.boundary(u).T
+    squares = np.array([fy + c1, tz, tx, fz - c2, fx, ty]) ** 2
+    np.testing.assert_allclose(np.sum(squares / r[:, None] ** 2, axis=0), beta**2)
+    pencil = ng.TaskEllipsoid(beta * r[[2, 3, 4, 5, 1, 0]], center=[c, 0, 0, 0, 0, 0])
+    fx, fy, fz, tx, ty, tz = pencil.boundary(u).T
+    squares = np.array([tz, ty, fx - c, fy, fz, tx]) ** 2
+    np.testing.assert_allclose(np.sum(squares / r[:, None] ** 2, axis=0), beta**2)
+
+
+def test_the_printed_support_is_that_of_half_the_quadratic_form(rng):
+    """(3.4-4), by hand; that of (3.3-3) is less in every direction (docs/corrections.md)."""
+    root, a, beta = rng.standard_normal((6, 6)), rng.standard_normal(6), 1.3
+    Q, y = root @ root.T + 0.1 * np.eye(6), rng.standard_normal((50, 6))
+    inverse = np.linalg.inv(Q)
+    sigma = 0.5 * a @ inverse @ a + beta**2
+    printed = -y @ inverse @ a + np.sqrt(2.0 * sigma * np.einsum("mi,ij,mj->m", y, inverse, y))
+    np.testing.assert_allclose(ng.TaskEllipsoid.from_quadratic(Q / 2.0, a, beta).support(y)[0], printed)
+    assert np.all(ng.TaskEllipsoid.from_quadratic(Q, a, beta).support(y)[0] < printed)
+
+
 def test_units_far_apart_are_still_positive_definite():
     task = ng.TaskEllipsoid.from_quadratic(np.diag([1e-4] * 3 + [1e8, 1e8, 1e9]))
     assert np.linalg.norm(task.axes, axis=1).max() == pytest.approx(100.0)
