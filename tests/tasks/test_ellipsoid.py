@@ -46,6 +46,17 @@ def test_ellipsoids_of_the_peg_and_the_pencil(rng):
     np.testing.assert_allclose(np.sum(squares / r[:, None] ** 2, axis=0), beta**2)
 
 
+def test_offsets_within_the_ellipsoid_alone_are_of_the_form_3_3_3(rng):
+    """With another beta; a set of that form has the origin inside, which is not so where the offset is larger."""
+    r, beta, y = rng.uniform(0.1, 2.0, 6), 1.6, rng.standard_normal((500, 6))
+    Q, c = np.diag(r**-2.0), 0.3 * r * rng.uniform(-1.0, 1.0, 6)
+    same = ng.TaskEllipsoid.from_quadratic(Q, -2.0 * Q @ c, np.sqrt(beta**2 - c @ Q @ c))
+    np.testing.assert_allclose(ng.TaskEllipsoid(beta * r, c).support(y)[0], same.support(y)[0])
+    assert np.min(same.support(y)[0]) > 0.0
+    far = beta * r * [2.0, 0, 0, 0, 0, 0]
+    assert ng.TaskEllipsoid(beta * r, far).support(-far[None])[0][0] < 0.0
+
+
 def test_the_printed_support_is_that_of_half_the_quadratic_form(rng):
     """(3.4-4), by hand; that of (3.3-3) is less in every direction (docs/corrections.md)."""
     root, a, beta = rng.standard_normal((6, 6)), rng.standard_normal(6), 1.3
