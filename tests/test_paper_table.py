@@ -84,7 +84,7 @@ def found(name):
 
 
 @cache
-def tests_of(path):
+def assertions_of(path):
     """Return the test functions of a file, each with the number of its assertions."""
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     return {
@@ -133,7 +133,7 @@ def test_what_a_row_names_is_there(row):
         assert found(name) is not None
     for node in names(row["test"]):
         path, function = node.split("::")
-        assert tests_of(path).get(function, 0) > 0, f"{node}: no such test, or one that asserts nothing"
+        assert assertions_of(path).get(function, 0) > 0, f"{node}: no such test, or one that asserts nothing"
 
 
 @pytest.fixture(scope="module")
