@@ -23,7 +23,7 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.stop import Stop
 
 SAME = 0.02  # of the body's size: contacts this close, in whatever order, are the same grasp
-SHARE = 0.13  # of the starts that cold solves of all steps would take: so many look for branches, along the whole path
+SHARE = 0.13  # of the starts that cold solves of all steps would take look for branches, those of both ends at least
 FOLLOWED = 10  # branches at most: the best at hand
 HOPEFUL, REST = 0.9, 3  # another is improved from this share of the best's quality, and then rests for so many steps
 NEAR_RADIUS, NEAR_GAIN, NEAR_ROUNDS = 0.05, 2e-3, 8  # of the exchange: the task changes a little, and so do contacts
@@ -46,8 +46,10 @@ class Branches:
         self.states: list[AscentState] = []
         self._improved: dict[int, int] = {}  # when a branch, by its identity, was improved last
         self._steps = 0
-        count = max(2, int(np.ceil(SHARE * starts * len(benches))))
-        for number, where in enumerate(np.round(np.linspace(0, len(benches) - 1, count)).astype(int)):
+        more = max(0, int(np.ceil(SHARE * starts * len(benches))) - 2 * starts)
+        ends = [(i, number) for i in (0, len(benches) - 1) for number in range(starts)]  # those of cold solves there
+        between = np.round(np.linspace(0, len(benches) - 1, more + 2)[1:-1]).astype(int).tolist()
+        for where, number in [*ends, *((i, starts + n) for n, i in enumerate(between))]:
             found = run_start(benches[where], number, seed, Stop())
             if isinstance(found, StartGrasp) and found.solved:
                 self.add(benches[where], found.found.placed)
