@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
@@ -13,6 +14,8 @@ from typing import ParamSpec, TypeVar
 
 from loky import ProcessPoolExecutor, get_reusable_executor
 
+# loky renews a worker that has grown by hundreds of megabytes, which is wanted and costs no task
+warnings.filterwarnings("ignore", "A worker was restarted while some jobs", UserWarning)
 P = ParamSpec("P")
 T = TypeVar("T")
 IDLE = 300.0  # seconds after which workers that have nothing to do end
