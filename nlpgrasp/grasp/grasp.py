@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import coordinate_size, rigid_transform, wrench_transform
+from nlpgrasp.common.spatial import UNIT_TOLERANCE, coordinate_size, rigid_transform, wrench_transform
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.places import UNIT_TOLERANCE, ContactPlaces
+from nlpgrasp.grasp.places import ContactPlaces
 
 
 class Grasp(ContactPlaces):

@@ -8,12 +8,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import wrench_dimension
+from nlpgrasp.common.spatial import UNIT_TOLERANCE, wrench_dimension
 from nlpgrasp.common.validation import FloatArray, array, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
-UNIT_TOLERANCE = 1e-6
 ROUNDING = 1e-15
 
 

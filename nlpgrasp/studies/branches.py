@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -29,6 +29,21 @@ HOPEFUL, REST = 0.9, 3  # another is improved from this share of the best's qual
 NEAR_RADIUS, NEAR_GAIN, NEAR_ROUNDS = 0.05, 2e-3, 8  # of the exchange: the task changes a little, and so do contacts
 
 
+@dataclass
+class Branch(AscentState):
+    """A local optimum that is followed.
+
+    Parameters
+    ----------
+    placed, value, cuts, multipliers, effort, rounds, history
+        As for ``AscentState``.
+    improved : int
+        The step at which it was slid to its best last.
+    """
+
+    improved: int = -REST
+
+
 class Branches:
     """Local optima that are followed through tasks, each slid to where it is best for the task at hand.
 
@@ -43,8 +58,7 @@ class Branches:
 
     def __init__(self, benches: Sequence[Workbench], starts: int, seed: int) -> None:
         self._starts, self._seed = starts, seed
-        self.states: list[AscentState] = []
-        self._improved: dict[int, int] = {}  # when a branch, by its identity, was improved last
+        self.states: list[Branch] = []
         self._steps = 0
         more = max(0, int(np.ceil(SHARE * starts * len(benches))) - 2 * starts)
         ends = [(i, number) for i in (0, len(benches) - 1) for number in range(starts)]  # those of cold solves there
@@ -54,17 +68,20 @@ class Branches:
             if isinstance(found, StartGrasp) and found.solved:
                 self.add(benches[where], found.found.placed)
 
-    def add(self, bench: Workbench, placed: Placed) -> AscentState:
+    def add(self, bench: Workbench, placed: Placed) -> Branch:
         """Return the branch that contacts, and hand, are on; a new one where none is there."""
-        size = SAME * bench.scaling.length
-        for state in self.states:
-            if np.max(distances(placed.points, state.placed.points)) <= size:
-                return state
-        unknown = np.zeros(len(bench.rows.named))  # multipliers, until a step is accepted
-        self.states.append(AscentState(bench.snapped(placed), multipliers=unknown))
-        return self.states[-1]
+        there = self._there(bench, placed)
+        if there is None:
+            there = _branch(bench, placed)
+            self.states.append(there)
+        return there
 
-    def look(self, bench: Workbench, current: AscentState | None, rng: np.random.Generator) -> None:
+    def _there(self, bench: Workbench, placed: Placed) -> Branch | None:
+        size = SAME * bench.scaling.length
+        near = (b for b in self.states if np.max(distances(placed.points, b.placed.points)) <= size)
+        return next(near, None)
+
+    def look(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
         """Compute the quality of every branch for another task, and drop what has become the same; the best stay.
 
         The directions known of a branch say little of a task that has turned: they may not reach it at all. So each is
@@ -75,10 +92,10 @@ class Branches:
         best = max((state.value for state in self.states), default=0.0)
         drawn = draw_start(bench, rng)[0]
         if bench.violation(drawn) <= FEASIBLE:
-            fresh = AscentState(bench.snapped(drawn), multipliers=np.zeros(len(bench.rows.named)))
+            fresh = _branch(bench, drawn)
             _look(bench, fresh, rng)
-            if fresh.value > HOPEFUL * best and self.add(bench, drawn) is self.states[-1]:
-                self.states[-1] = fresh
+            if fresh.value > HOPEFUL * best and self._there(bench, drawn) is None:
+                self.states.append(fresh)
         kept = [] if current is None else [current]
         for state in sorted((s for s in self.states if s is not current), key=lambda s: -s.value):
             apart = [np.max(distances(state.placed.points, other.placed.points)) for other in kept]
@@ -86,28 +103,28 @@ class Branches:
                 kept.append(state)
         self.states = kept
 
-    def improve(self, bench: Workbench, current: AscentState | None, rng: np.random.Generator) -> None:
+    def improve(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
         """Slide the current branch to where it is best, and then one that may be better."""
         self._steps += 1
         for state in [] if current is None else [current]:
             self._slide(bench, state, rng)
         best = max((state.value for state in self.states), default=0.0)
         for state in self.ranked():
-            rests = self._steps - self._improved.get(id(state), -REST) < REST and state.value < best
+            rests = self._steps - state.improved < REST and state.value < best
             if state is not current and state.value >= HOPEFUL * best and not rests:
                 self._slide(bench, state, rng)
                 return
 
-    def _slide(self, bench: Workbench, state: AscentState, rng: np.random.Generator) -> None:
+    def _slide(self, bench: Workbench, state: Branch, rng: np.random.Generator) -> None:
         if len(state.cuts):
             exchange(bench, state, rng, Stop(), _near(bench))
-            state.rounds, self._improved[id(state)] = 0, self._steps
+            state.rounds, state.improved = 0, self._steps
 
-    def ranked(self) -> list[AscentState]:
+    def ranked(self) -> list[Branch]:
         """Return the branches that resist the task, as far as is known, the best first."""
         return sorted((state for state in self.states if state.value > 0.0), key=lambda s: -s.value)
 
-    def cold(self, bench: Workbench, rng: np.random.Generator) -> Iterator[AscentState]:
+    def cold(self, bench: Workbench, rng: np.random.Generator) -> Iterator[Branch]:
         """Yield the branches that a cold solve finds for a task, the best first."""
         results = [run_start(bench, i, self._seed, Stop()) for i in range(self._starts)]
         solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
@@ -119,7 +136,13 @@ class Branches:
             yield state
 
 
-def _look(bench: Workbench, state: AscentState, rng: np.random.Generator) -> None:
+def _branch(bench: Workbench, placed: Placed) -> Branch:
+    """Return where contacts and hand are as a branch that was not looked at yet."""
+    unknown = np.zeros(len(bench.rows.named))  # multipliers, until a step is accepted
+    return Branch(bench.snapped(placed), multipliers=unknown)
+
+
+def _look(bench: Workbench, state: Branch, rng: np.random.Generator) -> None:
     """Compute quality and weakest directions of a branch for the task at hand."""
     known = None
     if len(state.cuts):

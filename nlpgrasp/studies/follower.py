@@ -13,13 +13,12 @@ from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.answer import solver_record
-from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.stop import Stop
-from nlpgrasp.studies.branches import Branches, moved
+from nlpgrasp.studies.branches import Branch, Branches, moved
 from nlpgrasp.studies.dynamic_grasp import DynamicStep
 
 RTOL = 0.005  # of certificates at most: the shares that decide are some percent
@@ -32,20 +31,20 @@ class Held:
 
     Parameters
     ----------
-    state : AscentState
+    state : Branch
         The branch that it is on.
     found : OnBody
     bounds : Bounds
     """
 
-    state: AscentState
+    state: Branch
     found: OnBody
     bounds: Bounds
 
     @property
     def holds(self) -> bool:
         """Whether it resists the task and keeps the constraints."""
-        return self.found.allowed and self.bounds.lower > 0.0
+        return self.worth > 0.0
 
     @property
     def worth(self) -> float:
@@ -119,10 +118,10 @@ class Follower:
         found = [self._on_body(bench, state, rng) for state in self._branches.cold(bench, rng)]
         return max((held for held in found if held.holds), key=lambda held: held.worth, default=None)
 
-    def _on_body(self, bench: Workbench, state: AscentState, rng: np.random.Generator) -> Held:
+    def _on_body(self, bench: Workbench, state: Branch, rng: np.random.Generator) -> Held:
         return self._certified(bench, state, put_on_body(bench, state, rng, Stop()))
 
-    def _certified(self, bench: Workbench, state: AscentState, found: OnBody) -> Held:
+    def _certified(self, bench: Workbench, state: Branch, found: OnBody) -> Held:
         rtol = min(bench.options.final_rtol, RTOL)
         return Held(state, found, mu(found.grasp, bench.problem.task, rtol, force_budget=bench.budget(found.placed)))
 

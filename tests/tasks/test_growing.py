@@ -11,25 +11,16 @@ from nlpgrasp.tasks.learnt.growing.least_volume import LeastVolume
 from nlpgrasp.tasks.learnt.growing.moments import Moments
 from nlpgrasp.tasks.learnt.growing.normal import Normal
 from nlpgrasp.tasks.learnt.min_volume import MinVolume
+from tests.tasks.clouds import CLOUDS
 
 UNITS = np.array([4.0, 1.0, 9.0, 0.05, 0.2, 0.01])
-ALONG = np.array([1.0, 0.5, 0.0, 0.2, 0.0, 1.0])
 BATCHES, SIZE = 8, 250
 
 
-def ball(rng, n):
-    g = rng.standard_normal((n, 6))
-    return g / np.linalg.norm(g, axis=1)[:, None] * rng.uniform(0, 1, (n, 1)) ** (1 / 6)
-
-
 KINDS = {
-    "normal": lambda rng, n, t: rng.standard_normal((n, 6)),
-    "in an ellipsoid": lambda rng, n, t: ball(rng, n) @ np.triu(np.ones((6, 6))),
-    "heavy tailed": lambda rng, n, t: rng.standard_t(2, (n, 6)),
-    "flat": lambda rng, n, t: ball(rng, n) * [1, 1, 0, 1, 0, 0] + [0, 0, 1, 0, 0, 0],
-    "drifting": lambda rng, n, t: ball(rng, n) + 8.0 * t * ALONG,
-    "turning": lambda rng, n, t: ball(rng, n) + 4.0 * np.array([np.cos(3 * t), np.sin(3 * t), 0, 0, 0, t]),
-    "steps of a sensor": lambda rng, n, t: np.round(rng.standard_normal((n, 6)), 1),
+    **CLOUDS,
+    "flat": lambda rng, n, t: CLOUDS["flat"](rng, n, t) + np.eye(6)[2],
+    "steps of a sensor": lambda rng, n, t: np.round(CLOUDS["normal"](rng, n, t), 1),
 }
 
 
