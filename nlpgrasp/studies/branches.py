@@ -60,13 +60,20 @@ class Branches:
         self._starts, self._seed = starts, seed
         self.states: list[Branch] = []
         self._steps = 0
-        more = max(0, int(np.ceil(SHARE * starts * len(benches))) - 2 * starts)
-        ends = [(i, number) for i in (0, len(benches) - 1) for number in range(starts)]  # those of cold solves there
-        between = np.round(np.linspace(0, len(benches) - 1, more + 2)[1:-1]).astype(int).tolist()
-        for where, number in [*ends, *((i, starts + n) for n, i in enumerate(between))]:
-            found = run_start(benches[where], number, seed, Stop())
-            if isinstance(found, StartGrasp) and found.solved:
-                self.add(benches[where], found.found.placed)
+        for where in (0, len(benches) - 1):
+            for number in range(starts):  # those of cold solves there
+                self._begin(benches[where], number)
+        more = int(np.ceil(SHARE * starts * len(benches))) - 2 * starts
+        more = max(more, 0 if self.states else starts)  # tasks between may be easier than both ends
+        between = np.linspace(0, len(benches) - 1, more + 2)[1:-1]
+        for n, where in enumerate(np.round(between).astype(int).tolist()):
+            self._begin(benches[where], starts + n)
+
+    def _begin(self, bench: Workbench, number: int) -> None:
+        """Add what a start finds."""
+        found = run_start(bench, number, self._seed, Stop())
+        if isinstance(found, StartGrasp) and found.solved:
+            self.add(bench, found.found.placed)
 
     def add(self, bench: Workbench, placed: Placed) -> Branch:
         """Return the branch that contacts, and hand, are on; a new one where none is there."""

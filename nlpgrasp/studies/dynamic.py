@@ -39,8 +39,8 @@ def follow_task(
     parameters : (m,) array
         At least 2, in the order in which the task changes.
     starts : int
-        Of a cold solve. As many look for local optima to follow at both ends of the path, and on a long path some in
-        between; a step at which none of them has a grasp takes as many too, and says so.
+        Of a cold solve. As many look for local optima to follow at both ends of the path, and some in between on a long
+        path or where neither end has any; a step at which none of them has a grasp takes as many too, and says so.
     seed : int
     options : SolveOptions, optional
     regrasp_gain : float
