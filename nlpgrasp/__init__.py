@@ -78,13 +78,18 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve import SolveOptions, solve
 from nlpgrasp.studies import (
+    BlockedDirection,
     ContactCurve,
     DynamicGrasp,
     DynamicStep,
     FineManipulation,
+    FingerMove,
+    FingerPath,
+    PalmPath,
     fine_manipulation,
     follow_task,
     how_many_contacts,
+    palm_path,
 )
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSet, TaskSum
 from nlpgrasp.tasks.collision import CollisionEvent, collision_task
@@ -101,6 +106,7 @@ from nlpgrasp.version import __version__
 __all__ = [
     "Approach",
     "BilateralContact",
+    "BlockedDirection",
     "Bounds",
     "Box",
     "BoxRegion",
@@ -119,6 +125,8 @@ __all__ = [
     "ExperimentResult",
     "FineManipulation",
     "FingerForces",
+    "FingerMove",
+    "FingerPath",
     "Fingertips",
     "FlatTip",
     "Forbid",
@@ -138,6 +146,7 @@ __all__ = [
     "NlpgraspError",
     "NoGraspError",
     "Obstacle",
+    "PalmPath",
     "ParallelJaw",
     "PlanarImplicit",
     "PlaneContact",
@@ -206,6 +215,7 @@ __all__ = [
     "mu_1",
     "mu_tilde",
     "nu",
+    "palm_path",
     "pour",
     "press",
     "pyramid_volume",

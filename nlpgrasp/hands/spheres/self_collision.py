@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.rows import SELF_COLLISION, LinkSphere, Row
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
@@ -22,6 +23,20 @@ def colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple
 
     Neighbours in the chain are left out, as are links that overlap in nearly all positions.
     """
+    return [
+        (f"{a}/{i}", f"{b}/{j}")
+        for a, b, shares in _meetings(tree, fits)
+        for i, j in zip(*np.nonzero(shares > NEVER), strict=True)
+    ]
+
+
+def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple[str, str]]:
+    """Return the pairs of links that are neither neighbours in the chain nor overlap in nearly all positions."""
+    return [(a, b) for a, b, _ in _meetings(tree, fits)]
+
+
+def _meetings(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str, FloatArray]]:
+    """Yield pairs of links and the share of random positions in which each two of their spheres meet."""
     robot, names, limits = tree.robot, tree.used_links, tree.joint_limits
     rng = np.random.default_rng(0)
     joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
@@ -31,17 +46,13 @@ def colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple
         pose = poses[:3, :, names.index(name)]  # (3, samples, 4)
         centres[name] = np.einsum("xsa,ma->smx", pose[..., :3], fit.centres) + pose[..., 3].T[:, None]
     groups = robot.rigid_groups
-    result = []
     for a, b in combinations(fits, 2):
         if groups[a] == groups[b] or robot.adjacent(a, b):
             continue
         apart = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
         meet = apart < fits[a].radii[:, None] + fits[b].radii
-        if np.mean(meet.any(axis=(1, 2))) > ALWAYS:
-            continue
-        for i, j in zip(*np.nonzero(meet.mean(axis=0) > NEVER), strict=True):
-            result.append((f"{a}/{i}", f"{b}/{j}"))
-    return result
+        if np.mean(meet.any(axis=(1, 2))) <= ALWAYS:
+            yield a, b, meet.mean(axis=0)
 
 
 def apart(pairs: Sequence[tuple[str, str]], spheres: Sequence[LinkSphere], span: float) -> list[Row]:

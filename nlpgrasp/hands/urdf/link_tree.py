@@ -64,11 +64,16 @@ class LinkTree:
         found = self.link_function(variables["joints"])
         return {name: ca.mtimes(base, pose) for name, pose in zip(self.used_links, ca.horzsplit(found, 4), strict=True)}
 
+    def palm_frame(self, values: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the palm's frame in the body's, (4, 4), for values of the hand's variables."""
+        frame = np.eye(4)
+        frame[:3, :3] = Rotation.from_quat(values["palm_quaternion"], scalar_first=True).as_matrix()
+        frame[:3, 3] = values["palm_position"]
+        return frame
+
     def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return the used links' poses in the body's frame, (4, 4), for values of the hand's variables."""
-        base = np.eye(4)
-        base[:3, :3] = Rotation.from_quat(values["palm_quaternion"], scalar_first=True).as_matrix()
-        base[:3, 3] = values["palm_position"]
+        base = self.palm_frame(values)
         found = np.asarray(self.link_function(values["joints"]).full())
         return {name: base @ found[:, 4 * i : 4 * i + 4] for i, name in enumerate(self.used_links)}
 

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.studies.fine_motion.paths.footpath import Station
 
 SAMPLES, NEIGHBOURS = 3000, 14
 OFF = 0.3  # of an edge's length: its middle is no farther from the surface, or the edge cuts through the body
@@ -30,6 +31,7 @@ class SurfaceGraph:
         samples = {name: body.sample(name, each, rng) for name in body.face_names}
         self.points = np.concatenate(list(samples.values()))
         self.normals = np.concatenate([-body.evaluate(name, p)[2] for name, p in samples.items()])
+        self.faces = np.repeat(list(samples), [len(p) for p in samples.values()])
         self._tree: Any = cKDTree(self.points)
         found: Any = self._tree.query(self.points, NEIGHBOURS + 1)
         rows = np.repeat(np.arange(len(self.points)), NEIGHBOURS)
@@ -50,14 +52,23 @@ class SurfaceGraph:
 
         Both ends are included; their normals are those of the nearest sample points.
         """
+        nodes = self._nodes(start, end)
+        points = np.concatenate([start[None], self.points[nodes[1:-1]], end[None]])
+        return points, self.normals[nodes]
+
+    def stations(self, start: Station, end: Station) -> list[Station]:
+        """Return the same path with the ends as they are and the face of each point."""
+        between = self._nodes(start.point, end.point)[1:-1]
+        return [start, *(Station(self.points[i], self.normals[i], str(self.faces[i])) for i in between), end]
+
+    def _nodes(self, start: FloatArray, end: FloatArray) -> list[int]:
+        """Return the sample points of the path, those nearest to its ends included."""
         a, b = self._nearest(start), self._nearest(end)
         _, before = dijkstra(self._edges, False, a, True)
         nodes = [b]
         while nodes[-1] != a and before[nodes[-1]] >= 0:
             nodes.append(int(before[nodes[-1]]))
-        nodes = nodes[::-1] if len(nodes) > 1 else [a, b]
-        points = np.concatenate([start[None], self.points[nodes[1:-1]], end[None]])
-        return points, self.normals[nodes]
+        return nodes[::-1] if len(nodes) > 1 else [a, b]
 
     def _nearest(self, p: FloatArray) -> Any:
         return self._tree.query(p)[1]

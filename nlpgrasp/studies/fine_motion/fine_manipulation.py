@@ -1,0 +1,144 @@
+"""Fine manipulation (Section 3.5.1): pick up under constraints, then move to the grasp that these excluded."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from nlpgrasp.common.validation import number
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.solve import solve
+from nlpgrasp.studies.fine_motion.fingers.contact_motions import ContactMotions
+from nlpgrasp.studies.fine_motion.fingers.linked_motions import LinkedMotions
+from nlpgrasp.studies.fine_motion.holding import Holding
+from nlpgrasp.studies.fine_motion.order import ordered_moves
+from nlpgrasp.studies.fine_motion.paths.footpath import Station
+from nlpgrasp.studies.fine_motion.paths.surface_paths import SurfaceGraph
+from nlpgrasp.studies.fine_motion.records import FineManipulation, FingerMove
+from nlpgrasp.tasks import TaskEllipsoid
+
+UNEVEN = 0.1  # of the weight: forces in any direction while a finger moves
+LIFT = 5e-3  # metres
+
+
+def fine_manipulation(
+    pick: GraspProblem,
+    goal: GraspProblem,
+    hold: TaskEllipsoid | None = None,
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    lift: float = LIFT,
+) -> FineManipulation:
+    """Solve a pick-up problem and the problem in the hand, and plan the fingers' moves between their grasps.
+
+    Fingers move one after another along shortest paths over the body, in the order that keeps the weakest of the
+    intermediate grasps as strong as possible. Fingers with equal contact models may take each other's places,
+    unless a hand with a pose says which finger is which.
+
+    Parameters
+    ----------
+    pick : GraspProblem
+        With the constraints of the place where the body is, for example a table.
+    goal : GraspProblem
+        The same body and contacts, without them.
+    hold : TaskEllipsoid, optional
+        What the other fingers exert on the body while one moves, body frame, N and N m. When left out they carry a
+        unit weight: 1 N up along the body frame's last axis, with a tenth of it in any direction.
+    starts, seed, options
+        As in ``solve``.
+    lift : float
+        How high a finger that is lifted off goes above the body on its way, metres.
+
+    Raises
+    ------
+    InputError
+        When the two problems are about different bodies or contacts, or the lift is not above zero.
+
+    Notes
+    -----
+    With a hand each move is checked along its path, and of all orders of moves those that the hand does not do are left
+    out (docs/hands.md says how, and what is certain). A URDF hand's palm stays where the pick-up left it: joint limits,
+    links against the body, against what the goal's constraints keep links away from, and against each other. Free
+    fingertips and parallel jaws keep their own limits. A move that is not found is a local statement: postures near the
+    last waypoint were looked at.
+    """
+    hold = _checked(pick, goal, hold)
+    lift = number("lift", lift, above=0.0)
+    first, second = (solve(problem, starts, seed, options) for problem in (pick, goal))
+    if first.grasp is None or second.grasp is None:
+        return FineManipulation(first, second)
+    graph = SurfaceGraph(pick.body)
+    order = _matched(pick, graph, first.grasp, second.grasp)
+    holding = Holding(pick, graph, first.grasp, second.grasp, order, hold)
+    return FineManipulation(first, second, order, _moves(goal, graph, (first, second), order, holding, lift))
+
+
+def _checked(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
+    """Refuse problems that are about different things; return what is held while a finger moves."""
+    for name, problem in (("pick", pick), ("goal", goal)):
+        if not isinstance(problem, GraspProblem):
+            raise InputError(name, problem, "a GraspProblem")
+    if pick.body.to_dict() != goal.body.to_dict():
+        raise InputError("goal.body", "another body", "the body of the pick-up problem")
+    if pick.models != goal.models or len(pick.models) < 2:
+        raise InputError("goal.contacts", "other contacts, or one", "the contacts of the pick-up problem, two at least")
+    if (pick.hand and pick.hand.to_dict()) != (goal.hand and goal.hand.to_dict()):
+        raise InputError("goal.hand", "another hand", "the hand of the pick-up problem")
+    if np.any(pick.origin != goal.origin):
+        raise InputError(
+            "goal.torque_origin", goal.origin.tolist(), f"{pick.origin.tolist()}, as in the pick-up problem"
+        )
+    space, d = pick.body.space, pick.dimension
+    if hold is None:
+        carried = np.where(np.arange(d) == space - 1, 1.0, 0.0)  # up: what the fingers exert against a weight
+        hold = TaskEllipsoid(np.where(np.arange(d) < space, UNEVEN, 0.0), center=carried)
+    if not isinstance(hold, TaskEllipsoid) or hold.dimension != d:
+        raise InputError("hold", hold, f"a TaskEllipsoid of dimension {d}")
+    return hold
+
+
+def _moves(
+    problem: GraspProblem,
+    graph: SurfaceGraph,
+    solutions: tuple[GraspSolution, GraspSolution],
+    order: tuple[int, ...],
+    holding: Holding,
+    lift: float,
+) -> tuple[FingerMove, ...]:
+    """Return the moves in the best order that the hand allows, if its limits are known."""
+    first, second = solutions
+    here, there, hand = first.require_grasp(), second.require_grasp(), problem.hand
+    paths = [
+        graph.stations(
+            Station(here.points[i], here.normals[i], first.faces[i]),
+            Station(there.points[j], there.normals[j], second.faces[j]),
+        )
+        for i, j in enumerate(order)
+    ]
+    if isinstance(hand, URDFHand):
+        values = hand.values_of(first.hand or {})
+        return ordered_moves(holding, LinkedMotions(problem, hand, values, paths, lift))
+    if hand is not None and hand.follows_contacts:
+        return ordered_moves(holding, ContactMotions(problem, hand, (here.points, here.normals), paths, lift))
+    return ordered_moves(holding)
+
+
+def _matched(problem: GraspProblem, graph: SurfaceGraph, here: Grasp, there: Grasp) -> tuple[int, ...]:
+    """Return which new contact each finger takes, the paths together as short as possible."""
+    k = len(here)
+    fixed = problem.hand is not None and not problem.hand.follows_contacts
+    cost = np.full((k, k), np.inf)
+    for i in range(k):
+        lengths = graph.distances(here.points[i], there.points)
+        for j in range(k):
+            if i == j or (not fixed and problem.models[i] == problem.models[j]):
+                cost[i, j] = lengths[j]
+    largest = np.max(cost[np.isfinite(cost)])
+    return tuple(int(j) for j in linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e3 * largest + 1.0))[1])

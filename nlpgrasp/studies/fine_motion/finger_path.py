@@ -1,0 +1,77 @@
+"""How one finger gets along its path, and where it does not: plain, frozen data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class FingerPath:
+    """The waypoints of a finger that moves while the palm and the other fingers stay.
+
+    Parameters
+    ----------
+    feasible : bool
+        Whether the hand gets to the end of the path.
+    reason : str
+        Why not, with the place; empty where it does.
+    points : (m, space) array
+        Where the fingertip touches, or the point of it that will, metres, body frame: waypoints up to the end, or up to
+        the last that the hand gets to.
+    along : (m,) array
+        Metres of the path over the surface up to each waypoint.
+    phases : tuple of m str
+        ``"sliding"``, ``"lifting off"``, ``"lifted"`` or ``"setting down"``; ``"moving"`` for hands without links.
+    clearances : (m,) array
+        Least distance of what moves of the hand to anything that it must not touch, metres; inf where nothing is.
+    joint_names : tuple of n str
+        The finger's own joints; empty for hands without joints.
+    joints : (m, n) array
+        Their positions, radians or metres; between waypoints on straight lines.
+    stopped_at : float or None
+        Where the hand gets no farther, metres along the path.
+    tolerance : float
+        How deep links may be in anything between waypoints, metres.
+    """
+
+    feasible: bool
+    reason: str
+    points: FloatArray
+    along: FloatArray
+    phases: tuple[str, ...]
+    clearances: FloatArray
+    joint_names: tuple[str, ...] = ()
+    joints: FloatArray | None = None
+    stopped_at: float | None = None
+    tolerance: float = 0.0
+
+    @property
+    def clearance(self) -> float:
+        """Least clearance of all waypoints, metres."""
+        return float(np.min(self.clearances, initial=np.inf))
+
+    def to_dict(self) -> Json:
+        """Return the path as JSON data; a clearance from nothing is None."""
+        return {
+            "feasible": self.feasible,
+            "reason": self.reason,
+            "points": self.points.tolist(),
+            "along": self.along.tolist(),
+            "phases": list(self.phases),
+            "clearances": [float(c) if np.isfinite(c) else None for c in self.clearances],
+            "joint_names": list(self.joint_names),
+            "joints": None if self.joints is None else self.joints.tolist(),
+            "stopped_at": self.stopped_at,
+            "tolerance": self.tolerance,
+        }
+
+    def __str__(self) -> str:
+        if not self.feasible:
+            return f"the hand does not get there: {self.reason}"
+        least = f", least clearance {1e3 * self.clearance:.1f} mm" if np.isfinite(self.clearance) else ""
+        return f"within the hand's limits ({len(self.points)} waypoints{least})"

@@ -1,0 +1,1 @@
+"""A finger on its path: its joints, its waypoints, and what stops it."""

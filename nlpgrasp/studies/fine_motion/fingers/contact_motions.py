@@ -1,0 +1,109 @@
+"""What a hand without links states of its fingers on their way: free fingertips, parallel jaws.
+
+Such a hand says where its contacts may be together. Its rows are asked at waypoints as far apart as ``STEP``: between
+two, no distance of two contacts and none from an obstacle changes by more than half of it beyond what both ends have.
+A palm point is not where the pick-up left it: any point does that all fingertips reach, and the set of these is
+convex and changes continuously with the fingertips, so that the palm can follow.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.base import Hand
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.studies.fine_motion.finger_path import FingerPath
+from nlpgrasp.studies.fine_motion.fingers.smallest_ball import smallest_ball
+from nlpgrasp.studies.fine_motion.fingers.stopped import place
+from nlpgrasp.studies.fine_motion.paths.footpath import Footpath, Station
+from nlpgrasp.studies.fine_motion.paths.strides import Foothold, Stride
+from nlpgrasp.studies.space.fields import fields_of
+
+STEP = 5e-3  # of the body's size
+ENOUGH = 1e-6  # of a row's scale: how well a grasp keeps its rows
+PALM = "palm"
+
+Contacts = tuple[FloatArray, FloatArray]  # points and inward unit normals
+
+
+class ContactMotions:
+    """The ways of fingers that are known by their contacts alone; arguments as of ``LinkedMotions``."""
+
+    def __init__(
+        self, problem: GraspProblem, hand: Hand, contacts: Contacts, paths: Sequence[Sequence[Station]], lift: float
+    ) -> None:
+        self.body, self.hand, self.paths, self.lift, self._first = problem.body, hand, paths, lift, contacts
+        self.fields = fields_of(problem.body, problem.constraints, hand.count)[1:]
+        size, space, k = problem.body.size, problem.body.space, hand.count
+        p, n = ([ca.SX.sym(f"{name}{i}", space) for i in range(k)] for name in "pn")
+        variables = hand.symbols(problem.body.bounds)
+        self.rows = list(hand.rows(Placement(p, n, hand.tip_radii, size), variables))
+        inputs = [ca.horzcat(*p), ca.horzcat(*n), ca.vertcat(ca.SX(0, 1), *variables.values())]
+        self._values = ca.Function("rows", inputs, [ca.vertcat(ca.SX(0, 1), *[row.expression for row in self.rows])])
+        self.palmed = list(variables) == [PALM]
+
+    def start(self) -> Contacts:
+        """Return points and normals of the first grasp."""
+        return self._first
+
+    def taken(self, posture: Contacts, finger: int, slides: bool) -> tuple[FingerPath, Contacts]:
+        """Return the way of a finger to its new contact, and all contacts then."""
+        lift, step = 0.0 if slides else self.lift, STEP * self.body.size
+        radius = self.hand.tip_radii[finger]
+        stride = Stride(Footpath(self.body, self.paths[finger], radius + lift, step), lift)
+        edges = np.unique([0.0, *stride.turns])
+        counts = [max(int(np.ceil((b - a) / step)), 1) for a, b in itertools.pairwise(edges)]
+        ways = [np.linspace(a, b, c + 1)[1:] for a, b, c in zip(edges[:-1], edges[1:], counts, strict=True)]
+        holds, clearances, reason = list[Foothold](), list[float](), ""
+        for way in np.concatenate([[0.0], *ways]):
+            hold = stride.at(float(way))
+            clear, reason = self._broken(posture, finger, hold)
+            if reason:
+                reason = f"{reason}, {place(hold)}"
+                break
+            holds.append(hold)
+            clearances.append(clear)
+        points = np.array([h.point for h in holds]).reshape(len(holds), -1)
+        along, phases = np.array([h.along for h in holds]), tuple(h.phase for h in holds)
+        stopped = (holds[-1].along if holds else 0.0) if reason else None
+        path = FingerPath(
+            not reason, reason, points, along, phases, np.array(clearances), stopped_at=stopped, tolerance=step / 2.0
+        )
+        return path, posture if reason else self._with(posture, finger, hold)
+
+    def _with(self, posture: Contacts, finger: int, hold: Foothold) -> Contacts:
+        """Return the contacts with one finger at a foothold."""
+        points, normals = (part.copy() for part in posture)
+        points[finger], normals[finger] = hold.point, hold.normal
+        return points, normals
+
+    def _broken(self, posture: Contacts, finger: int, hold: Foothold) -> tuple[float, str]:
+        """Return the fingertip's clearance, and what is broken with it at a foothold, in words."""
+        points, normals = self._with(posture, finger, hold)
+        radii = np.asarray(self.hand.tip_radii)
+        tips = points - radii[:, None] * normals
+        clearances = [float(field.distance(tips[finger][None])[0] - radii[finger]) for field in self.fields]
+        for field, clear in zip(self.fields, clearances, strict=True):
+            if clear < -ENOUGH * self.body.size:
+                return clear, f"fingertip {finger} against {field.name}"
+        palm = smallest_ball(tips)[0] if self.palmed else np.zeros(0)
+        values = np.asarray(self._values(points.T, normals.T, palm).full()).ravel()
+        for row, value in zip(self.rows, values, strict=True):
+            if max(row.lower - value, value - row.upper) > ENOUGH * row.scale:
+                return min(clearances, default=np.inf), _said(row, float(value))
+        return min(clearances, default=np.inf), ""
+
+
+def _said(row: Row, value: float) -> str:
+    """Return what a broken row says, in words."""
+    low = value < row.lower
+    limit, side = (row.lower, "at least") if low else (row.upper, "at most")
+    if row.unit == "m2":
+        return f"{row.name} would be {1e3 * np.sqrt(value):.1f} mm, {side} {1e3 * np.sqrt(limit):.1f} mm"
+    return f"{row.name} would be {value:.4g}, {side} {limit:.4g}"

@@ -1,0 +1,71 @@
+"""What a URDF hand can do from the posture of its grasp: the fingers' ways, one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.studies.fine_motion.finger_path import FingerPath
+from nlpgrasp.studies.fine_motion.fingers.finger_joints import FingerJoints
+from nlpgrasp.studies.fine_motion.fingers.walk import Walk
+from nlpgrasp.studies.fine_motion.paths.footpath import Footpath, Station
+from nlpgrasp.studies.fine_motion.paths.strides import SLIDING, Foothold, Stride
+from nlpgrasp.studies.space import Surroundings
+
+SLIDES = np.linspace(0.0, 1.0, 201)  # of a tip's own coordinate, which a solution does not state
+
+
+class LinkedMotions:
+    """The ways of a URDF hand's fingers.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+        Whose constraints are in the way.
+    hand : URDFHand
+    values : dict
+        Of the hand's variables in the first grasp.
+    paths : sequence of k sequences of Station
+        From each finger's contact to its new one.
+    lift : float
+        Metres that a lifted finger is above the surface.
+    """
+
+    def __init__(
+        self, problem: GraspProblem, hand: URDFHand, values: Values, paths: Sequence[Sequence[Station]], lift: float
+    ) -> None:
+        self.body, self.hand, self.paths, self.lift = problem.body, hand, paths, lift
+        self.around = Surroundings(problem, hand)
+        self.fingers = [FingerJoints(hand, i, self.around, problem.body.size) for i in range(hand.count)]
+        self._first = self._with_slides(values)
+
+    def start(self) -> Values:
+        """Return the values of the hand's variables in the first grasp."""
+        return self._first
+
+    def taken(self, posture: Values, finger: int, slides: bool) -> tuple[FingerPath, Values]:
+        """Return the way of a finger from a posture to its new contact, and the posture that it ends with."""
+        lift = 0.0 if slides else self.lift
+        arm = self.hand.tips[finger][1].standoff + lift
+        footpath = Footpath(self.body, self.paths[finger], arm, self.around.tolerance)
+        return Walk(self.fingers[finger], Stride(footpath, lift)).taken(posture)
+
+    def _with_slides(self, values: Values) -> Values:
+        """Return the values with the coordinates of tips that have one, where these are nearest to their contacts."""
+        count = sum(tip.slides for _, tip in self.hand.tips)
+        if not count:
+            return values
+        result = {**values, "slides": np.full(count, 0.5)}
+        for joints, path in zip(self.fingers, self.paths, strict=True):
+            if joints.slide is not None:
+                hold = Foothold(path[0].point, path[0].normal, 0.0, SLIDING)
+                off = []
+                for share in SLIDES:
+                    result["slides"][joints.slide] = share
+                    off.append(joints.off(result, hold))
+                result["slides"][joints.slide] = SLIDES[int(np.argmin(off))]
+        return result

@@ -1,0 +1,1 @@
+"""Paths over a body, and how a finger takes them."""

@@ -1,0 +1,153 @@
+"""Where a contact goes from point to point over the body: stations as close together as the surface bends.
+
+Between two stations the contact is taken on the chord. Where the surface bends with radius rho, a chord of length h
+is off the surface by at most ``h^2 / (8 rho)``. Instead of rho the middle itself is asked: the chord's middle is put
+onto the surface, and chords whose middle is off by more than a share of the tolerance, or over which the normal turns
+by more than ``MOST_TURN``, are halved; the error falls to a quarter each time. At an edge between two faces the
+contact stops, and its normal turns from one face's to the other's: the fingertip rolls over the edge.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.validation import FloatArray
+
+MOST_TURN = np.radians(10.0)
+LEVELS = 8  # of halving
+SHARE = 0.25  # of the tolerance
+NEWTON_STEPS = 20
+
+
+@dataclass(frozen=True)
+class Station:
+    """A place of the contact: point, inward unit normal, and the face it is on."""
+
+    point: FloatArray
+    normal: FloatArray
+    face: str
+
+
+class Footpath:
+    """The way of a contact over a body.
+
+    Parameters
+    ----------
+    body : Body
+    stations : sequence of Station
+        Two at least: the first and the last are the contacts themselves.
+    arm : float
+        Metres that a radian of the normal counts: the radius of the fingertip and how high it is lifted.
+    tolerance : float
+        Metres.
+
+    Attributes
+    ----------
+    points, normals : (m, space) arrays
+    steps : (m,) array
+        The way up to each station, metres, turns of the normal counted.
+    lengths : (m,) array
+        The same along the surface alone.
+    """
+
+    def __init__(self, body: Body, stations: Sequence[Station], arm: float, tolerance: float) -> None:
+        found = _refined(body, _over_edges(body, stations), SHARE * tolerance)
+        self.points = np.array([s.point for s in found])
+        self.normals = np.array([s.normal for s in found])
+        along = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        cosines = np.clip(np.sum(self.normals[1:] * self.normals[:-1], axis=1), -1.0, 1.0)
+        self.lengths = np.concatenate([[0.0], np.cumsum(along)])
+        self.steps = np.concatenate([[0.0], np.cumsum(along + arm * np.arccos(cosines))])
+
+    @property
+    def total(self) -> float:
+        """The whole way, metres, turns of the normal counted."""
+        return float(self.steps[-1])
+
+    def at(self, way: float) -> tuple[FloatArray, FloatArray, float]:
+        """Return point and inward unit normal after so much of the way, and how far along the surface that is."""
+        i = int(np.clip(np.searchsorted(self.steps, way, side="right") - 1, 0, len(self.steps) - 2))
+        span = self.steps[i + 1] - self.steps[i]
+        share = float(np.clip((way - self.steps[i]) / span, 0.0, 1.0)) if span > 0.0 else 1.0
+        p, n, length = ((1.0 - share) * a[i] + share * a[i + 1] for a in (self.points, self.normals, self.lengths))
+        return p, n / np.linalg.norm(n), float(length)
+
+
+def _over_edges(body: Body, stations: Sequence[Station]) -> list[Station]:
+    """Return the stations with two at each edge that is crossed, one with either face's normal."""
+    result = [stations[0]]
+    for a, b in itertools.pairwise(stations):
+        if a.face != b.face:
+            result += _edge(body, a, b)
+        result.append(b)
+    return result
+
+
+def _edge(body: Body, a: Station, b: Station) -> list[Station]:
+    """Return the point near two stations that is on both faces, by Newton; none where they do not meet there."""
+    p, far = (a.point + b.point) / 2.0, float(np.linalg.norm(a.point - b.point))
+    start = p
+    for _ in range(NEWTON_STEPS):
+        h, normals = _on(body, (a.face, b.face), p)
+        step = np.linalg.lstsq(normals, h, rcond=1e-6)[0]
+        p = p - step
+        if np.linalg.norm(step) < 1e-12 * body.size:
+            break
+    h, normals = _on(body, (a.face, b.face), p)
+    if np.max(np.abs(h)) > 1e-6 * body.size or np.linalg.norm(p - start) > 2.0 * far:
+        return []
+    return [Station(p, -n, s.face) for n, s in zip(normals, (a, b), strict=True)]
+
+
+def _on(body: Body, faces: Sequence[str], p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return distance (to first order) and outward normal of each face at a point."""
+    found = [body.evaluate(face, p[None]) for face in faces]
+    return np.array([h[0] / max(slope[0], 1e-12) for h, slope, _, _ in found]), np.array([n[0] for _, _, n, _ in found])
+
+
+def _refined(body: Body, stations: list[Station], enough: float) -> list[Station]:
+    """Return the stations with others between them until chords are near the surface and normals turn little."""
+    done = [False] * (len(stations) - 1)
+    for _ in range(LEVELS):
+        open_ones = [i for i, known in enumerate(done) if not known]
+        if not open_ones:
+            break
+        middles = _middles(body, [(stations[i], stations[i + 1]) for i in open_ones])
+        longer, known = [stations[0]], []
+        for i, finished in enumerate(done):
+            a, b = stations[i], stations[i + 1]
+            if not finished:
+                middle = middles[open_ones.index(i)]
+                off = float(np.linalg.norm(middle.point - (a.point + b.point) / 2.0))
+                turned = float(np.arccos(np.clip(a.normal @ b.normal, -1.0, 1.0)))
+                straight = off <= enough and turned <= MOST_TURN
+                if not straight:
+                    longer.append(middle)
+                    known.append(False)
+                known.append(straight)
+            else:
+                known.append(True)
+            longer.append(b)
+        stations, done = longer, known
+    return stations
+
+
+def _middles(body: Body, pairs: Sequence[tuple[Station, Station]]) -> list[Station]:
+    """Return the station half way between two: on the surface, or where the two are in one place, half way turned."""
+    middles = np.array([(a.point + b.point) / 2.0 for a, b in pairs])
+    apart = np.array([np.linalg.norm(a.point - b.point) for a, b in pairs])
+    normals = np.array([a.normal + b.normal for a, b in pairs])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+    faces = [a.face for a, _ in pairs]
+    same = np.array([a.face == b.face for a, b in pairs]) & (apart > 1e-9 * body.size)
+    for face in set(faces):
+        own = np.flatnonzero(same & np.array([f == face for f in faces]))
+        if len(own):
+            middles[own] = body.snap(face, middles[own])
+            normals[own] = -body.evaluate(face, middles[own])[2]
+    return [Station(p, n, face) for p, n, face in zip(middles, normals, faces, strict=True)]

@@ -1,0 +1,6 @@
+"""The palm's way to the grasp (Section 1.2): straight, with open fingers, then closing."""
+
+from nlpgrasp.studies.palm.palm_path import palm_path
+from nlpgrasp.studies.palm.records import BlockedDirection, PalmPath
+
+__all__ = ["BlockedDirection", "PalmPath", "palm_path"]

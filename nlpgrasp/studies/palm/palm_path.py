@@ -1,0 +1,185 @@
+"""A collision-free way of the palm to the final grasp (Section 1.2): straight, the fingers open, then closing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.validation import FloatArray, array, integer, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.studies.palm.opened import Opened, opened
+from nlpgrasp.studies.palm.records import APPROACHING, CLOSING, BlockedDirection, PalmPath
+from nlpgrasp.studies.space import Surroundings
+from nlpgrasp.studies.space.straight import Place, StraightWay, straight_way
+
+DIRECTIONS = 100
+LIMIT_ROUNDING = 1e-6  # radians or metres
+
+
+def palm_path(
+    solution: GraspSolution,
+    problem: GraspProblem,
+    direction: ArrayLike | None = None,
+    distance: float = 0.1,
+    *,
+    directions: int = DIRECTIONS,
+) -> PalmPath:
+    """Return a straight way of the palm to a grasp, on which the hand touches nothing but the body it grasps.
+
+    The palm moves straight with the fingers as in the solution's pregrasp, or as far open as they can be; then they
+    close. Without a direction the one in which the palm faces comes first, then others around it, the nearest first,
+    until one is free. Links (as balls that enclose them) stay off the body, off what the constraints keep links away
+    from, such as tables and obstacles, and off each other; joints keep their limits. Waypoints are so near each other
+    that nothing can be between them, however thin (docs/hands.md).
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With a grasp and a hand that has a pregrasp.
+    problem : GraspProblem
+        Whose solution it is: it has the body and the hand.
+    direction : (3,) array, optional
+        In which the palm is to move, body frame; of any length.
+    distance : float
+        How far it moves straight, metres.
+    directions : int
+        How many directions are looked at where none is given.
+
+    Raises
+    ------
+    InputError
+        Where the solution is not the problem's, has no grasp or no pregrasp, or the hand has no links.
+    """
+    hand = _hand(solution, problem)
+    distance = number("distance", distance, above=0.0)
+    directions = integer("directions", directions, at_least=1, at_most=10_000)
+    grasp, pregrasp = hand.values_of(solution.hand or {}), hand.values_of((solution.hand or {})["pregrasp"])
+    around = Surroundings(problem, hand)
+    ways = _given(direction) if direction is not None else _around(_facing(hand, grasp), directions)
+    reason = _beyond_limits(hand, grasp, pregrasp)
+    if reason:
+        return _none(around, distance, reason, ())
+    fingers = opened(around, grasp, pregrasp)
+    if fingers.blocked_by:
+        return _none(around, distance, f"the fingers cannot open: {fingers.blocked_by}", ())
+    blocked: list[BlockedDirection] = []
+    for way in ways:
+        found = _approach(around, fingers, way, distance)
+        if not found.blocked_by:
+            return _found(around, fingers, found, way, distance, tuple(blocked))
+        blocked.append(BlockedDirection(way, found.free * distance, found.blocked_by))
+    best = max(blocked, key=lambda b: b.free)
+    which = np.array2string(best.direction, precision=2, suppress_small=True)
+    said = f"the longest, along {which}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
+    count = "the direction is not" if len(blocked) == 1 else f"none of {len(blocked)} directions is"
+    return _none(around, distance, f"{count} free for {1e3 * distance:.0f} mm; {said}", tuple(blocked))
+
+
+def _hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
+    """Return the hand; refuse a solution that is not the problem's or has no pregrasp."""
+    if not isinstance(solution, GraspSolution):
+        raise InputError("solution", solution, "a GraspSolution")
+    if not isinstance(problem, GraspProblem):
+        raise InputError("problem", problem, "the GraspProblem of the solution")
+    if not isinstance(problem.hand, URDFHand):
+        raise InputError("problem.hand", problem.hand, "a URDFHand: other hands have no palm that moves")
+    solution.require_grasp()
+    if problem.to_dict() != dict(solution.problem):
+        raise InputError("problem", "another problem", "the problem of the solution")
+    if not solution.hand or "pregrasp" not in solution.hand:
+        raise InputError("solution.hand", "no pregrasp", "a solution whose hand has a pregrasp")
+    return problem.hand
+
+
+def _given(direction: ArrayLike) -> list[FloatArray]:
+    """Return the direction that was asked for, of unit length."""
+    vector = array("direction", direction, (3,))
+    size = float(np.linalg.norm(vector))
+    if size == 0.0:
+        raise InputError("direction", vector.tolist(), "a direction that is not zero")
+    return [vector / size]
+
+
+def _facing(hand: URDFHand, values: Values) -> FloatArray:
+    """Return the direction in which the palm faces, body frame."""
+    return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
+
+
+def _around(first: FloatArray, count: int) -> list[FloatArray]:
+    """Return a direction and others, spread over the sphere by the golden angle about it, the nearest first."""
+    i = np.arange(count)
+    cosine = 1.0 - 2.0 * i / max(count - 1, 1)
+    angle, sine = i * np.pi * (3.0 - np.sqrt(5.0)), np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    least = np.eye(3)[int(np.argmin(np.abs(first)))]
+    u = np.cross(first, least) / np.linalg.norm(np.cross(first, least))
+    v = np.cross(first, u)
+    return list(cosine[:, None] * first + sine[:, None] * (np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v))
+
+
+def _beyond_limits(hand: URDFHand, *postures: Values) -> str:
+    """Return which joint is beyond its limits in any of the postures; those between are within if these are."""
+    lower, upper = hand.tree.joint_limits
+    for values in postures:
+        over = np.maximum(lower - values["joints"], values["joints"] - upper)
+        if np.max(over) > LIMIT_ROUNDING:
+            return f"joint {hand.robot.free_joints[int(np.argmax(over))].name} is beyond its limits"
+    return ""
+
+
+def _approach(around: Surroundings, fingers: Opened, way: FloatArray, distance: float) -> StraightWay:
+    """Return how far out a direction is free, from the open hand at the grasp on."""
+    start = fingers.values
+
+    def away(share: float) -> Values:
+        return {**start, "palm_position": start["palm_position"] - share * distance * way}
+
+    def allowed(first: Place) -> FloatArray:
+        least = around.allowed()
+        tips = around.of_tips()
+        least[tips] = np.minimum(first.clearances[tips], 0.0)
+        return least
+
+    return straight_way(around, away, allowed)
+
+
+def _found(
+    around: Surroundings,
+    fingers: Opened,
+    found: StraightWay,
+    way: FloatArray,
+    distance: float,
+    blocked: tuple[BlockedDirection, ...],
+) -> PalmPath:
+    """Return the record of a way, from afar to the grasp."""
+    tree, others = around.hand.tree, ~around.of_tips()
+    outside, inside = list(reversed(found.places)), list(reversed(fingers.places))[1:]
+    values = [place.values for place in (*outside, *inside)]
+    positions = [tree.joint_positions(v["joints"]) for v in values]
+    clear = [float(np.min(p.clearances)) for p in outside]
+    clear += [float(np.min(p.clearances[others])) for p in inside]
+    return PalmPath(
+        reason="",
+        direction=way,
+        distance=distance,
+        opening=fingers.share,
+        phases=(APPROACHING,) * len(outside) + (CLOSING,) * len(inside),
+        poses=np.array([tree.palm_frame(v) for v in values]),
+        joint_names=tuple(positions[0]),
+        joints=np.array([list(p.values()) for p in positions]),
+        clearances=np.array(clear),
+        blocked=blocked,
+        tolerance=around.tolerance,
+    )
+
+
+def _none(around: Surroundings, distance: float, reason: str, blocked: tuple[BlockedDirection, ...]) -> PalmPath:
+    """Return the record of no way."""
+    names = tuple(around.hand.tree.joint_positions(np.zeros(len(around.hand.robot.free_joints))))
+    nothing = np.zeros((0, len(names)))
+    return PalmPath(
+        reason, None, distance, 0.0, (), np.zeros((0, 4, 4)), names, nothing, np.zeros(0), blocked, around.tolerance
+    )

@@ -1,0 +1,112 @@
+"""A way of the palm to a grasp: plain, frozen data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+
+APPROACHING, CLOSING = "approaching", "closing"
+
+
+@dataclass(frozen=True)
+class BlockedDirection:
+    """A direction that is not free.
+
+    Parameters
+    ----------
+    direction : (3,) array
+        Of the palm towards the grasp, unit, body frame.
+    free : float
+        Metres before the grasp from which on it is free.
+    reason : str
+        What is in the way farther out.
+    """
+
+    direction: FloatArray
+    free: float
+    reason: str
+
+    def to_dict(self) -> Json:
+        """Return the direction as JSON data."""
+        return {"direction": self.direction.tolist(), "free": self.free, "reason": self.reason}
+
+
+@dataclass(frozen=True)
+class PalmPath:
+    """Waypoints of a hand from away from the body to its grasp.
+
+    Parameters
+    ----------
+    reason : str
+        Why there is none; empty where there is one.
+    direction : (3,) array or None
+        In which the palm moves, unit, body frame; None where no direction is free.
+    distance : float
+        How far it moves straight, metres.
+    opening : float
+        Share of the pregrasp's opening that the fingers have on the way: 1 unless something is in the way of it.
+    phases : tuple of m str
+        ``"approaching"`` or ``"closing"``.
+    poses : (m, 4, 4) array
+        The palm's frame in the body's at each waypoint, from afar to the grasp.
+    joint_names : tuple of n str
+        All joints that move, those that follow others included.
+    joints : (m, n) array
+        Their positions, radians or metres. Between waypoints palm and joints are on straight lines.
+    clearances : (m,) array
+        Least distance of the hand to anything it must not touch, metres; while the fingers close, fingertips and body
+        are not counted.
+    blocked : tuple of BlockedDirection
+        The directions that were looked at before one was free.
+    tolerance : float
+        How deep links may be in anything between waypoints, metres.
+    """
+
+    reason: str
+    direction: FloatArray | None
+    distance: float
+    opening: float
+    phases: tuple[str, ...]
+    poses: FloatArray
+    joint_names: tuple[str, ...]
+    joints: FloatArray
+    clearances: FloatArray
+    blocked: tuple[BlockedDirection, ...]
+    tolerance: float
+
+    @property
+    def success(self) -> bool:
+        """Whether there is a way."""
+        return not self.reason
+
+    @property
+    def clearance(self) -> float:
+        """Least clearance of all waypoints, metres; inf without any."""
+        return float(np.min(self.clearances, initial=np.inf))
+
+    def to_dict(self) -> Json:
+        """Return the way as JSON data."""
+        return {
+            "reason": self.reason,
+            "direction": None if self.direction is None else self.direction.tolist(),
+            "distance": self.distance,
+            "opening": self.opening,
+            "phases": list(self.phases),
+            "poses": self.poses.tolist(),
+            "joint_names": list(self.joint_names),
+            "joints": self.joints.tolist(),
+            "clearances": self.clearances.tolist(),
+            "blocked": [b.to_dict() for b in self.blocked],
+            "tolerance": self.tolerance,
+        }
+
+    def __str__(self) -> str:
+        if not self.success or self.direction is None:
+            return f"no way of the palm: {self.reason}"
+        along = np.array2string(self.direction, precision=3, suppress_small=True)
+        way = f"{1e3 * self.distance:.0f} mm along {along}, then closing"
+        return f"{way}: {len(self.phases)} waypoints, least clearance {1e3 * self.clearance:.1f} mm"

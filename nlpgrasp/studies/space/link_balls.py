@@ -1,0 +1,121 @@
+"""The balls that stand for a hand's links, as numbers: where they are, and how far they can have moved.
+
+A ball's centre is fixed to its link. While the joints go from q to q + d on a straight line, parameter t from 0 to 1,
+a turning joint j moves the centre with a speed of at most ``|d_j| R_j``, where R_j is the most that the centre can be
+away from the joint's axis: the lengths of all links between them, with what sliding joints add, and the centre's own
+distance from its link's origin (triangle inequality). A sliding joint moves it with ``|d_j|``. The centre's way is then
+at most ``sum_j |d_j| R_j``, in whatever posture the hand is.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.spheres.link_spheres import SphereFit
+from nlpgrasp.hands.spheres.self_collision import watched_links
+
+IntArray = NDArray[np.intp]
+
+
+class LinkBalls:
+    """Balls around the links, those of round fingertips last.
+
+    Parameters
+    ----------
+    hand : URDFHand
+
+    Attributes
+    ----------
+    links : tuple of str
+        The link of each ball.
+    radii : (s,) array
+        Metres.
+    fingers : (s,) int array
+        Whose fingertip a ball is; -1 for balls of links.
+    """
+
+    def __init__(self, hand: URDFHand) -> None:
+        self.hand = hand
+        links, centres, radii, fingers = list[str](), list[FloatArray](), list[float](), list[int]()
+        for link, fit in hand.fits.items():
+            links += [link] * len(fit.radii)
+            centres += list(fit.centres)
+            radii += fit.radii.tolist()
+            fingers += [-1] * len(fit.radii)
+        for finger, (link, tip) in enumerate(hand.tips):
+            if tip.standoff > 0.0:
+                links.append(link)
+                centres.append(tip.centre)
+                radii.append(tip.standoff)
+                fingers.append(finger)
+        self.links, self.radii, self.fingers = tuple(links), np.array(radii), np.array(fingers)
+        self._centres = np.array(centres).reshape(-1, 3)
+        self._where = [hand.tree.used_links.index(link) for link in links]
+        self._sliding = np.array([f >= 0 and hand.tips[f][1].slides for f in fingers])
+
+    def places(self, values: Values) -> FloatArray:
+        """Return the centres (s, 3), metres, body frame, for values of the hand's variables."""
+        tree = self.hand.tree
+        base = tree.palm_frame(values)
+        frames = np.asarray(tree.link_function(values["joints"]).full()).reshape(4, -1, 4)[:3, self._where]  # (3, s, 4)
+        in_palm = np.einsum("isj,sj->si", frames[..., :3], self._own_centres(values)) + frames[..., 3].T
+        return np.asarray(in_palm @ base[:3, :3].T + base[:3, 3])
+
+    def _own_centres(self, values: Values) -> FloatArray:
+        """Return the centres in their links' frames: that of a tip with a coordinate of its own is where this says."""
+        if "slides" not in values:
+            return self._centres
+        result, slides = self._centres.copy(), iter(values["slides"])
+        for finger, (_, tip) in enumerate(self.hand.tips):
+            if tip.slides:
+                result[self.fingers == finger] = np.asarray(tip.ball_centre(np.eye(4), next(slides))).ravel()
+        return result
+
+    @cached_property
+    def reach(self) -> FloatArray:
+        """Metres that each ball moves at most per unit of each free joint, (s, joints)."""
+        robot = self.hand.robot
+        index = {joint.name: i for i, joint in enumerate(robot.free_joints)}
+        result = np.zeros((len(self.links), len(index)))
+        for s, link in enumerate(self.links):
+            length = float(np.linalg.norm(self._centres[s])) + (self.hand.tree.span if self._sliding[s] else 0.0)
+            for joint in reversed(robot.chain(link)):
+                if joint.moves:
+                    driver, multiplier, _ = robot.follows(joint)
+                    result[s, index[driver]] += abs(multiplier) * (length if joint.turns else 1.0)
+                    length += 0.0 if joint.turns else max(abs(joint.lower), abs(joint.upper))
+                length += float(np.linalg.norm(joint.xyz))
+        return result
+
+    def swept(self, before: Values, after: Values) -> FloatArray:
+        """Return the most that each centre moves, (s,), metres, from one posture to another on a straight line.
+
+        The palm may move along, but not turn.
+        """
+        shift = float(np.linalg.norm(after["palm_position"] - before["palm_position"]))
+        turned = np.abs(after["joints"] - before["joints"])
+        slid = float(np.max(np.abs(after["slides"] - before["slides"]))) if "slides" in after else 0.0
+        return np.asarray(self.reach @ turned + shift + self._sliding * slid * self.hand.tree.span)
+
+    @cached_property
+    def pairs(self) -> IntArray:
+        """Pairs of balls that are kept apart, (m, 2): of links that no single joint joins and that can be apart."""
+        if not self.hand.self_collision:
+            return np.zeros((0, 2), int)
+        fits = {}
+        for link in self.hand.tree.used_links:
+            own = np.array([name == link for name in self.links])
+            if own.any():
+                fits[link] = SphereFit(self._centres[own], self.radii[own], 0.0)
+        numbers = {link: np.flatnonzero([name == link for name in self.links]) for link in fits}
+        found = [
+            np.stack(np.meshgrid(numbers[a], numbers[b], indexing="ij"), axis=-1).reshape(-1, 2)
+            for a, b in watched_links(self.hand.tree, fits)
+        ]
+        return np.concatenate(found) if found else np.zeros((0, 2), int)

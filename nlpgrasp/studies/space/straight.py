@@ -1,0 +1,95 @@
+"""A hand on a straight way in the space of its variables, as far as it is free."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.base import Values
+from nlpgrasp.studies.space.surroundings import Surroundings
+
+LARGEST = 1.0 / 8.0  # of the whole way: the first step
+
+
+@dataclass(frozen=True)
+class Place:
+    """One posture of the way.
+
+    Parameters
+    ----------
+    share : float
+        Of the way, from 0 to 1.
+    values : dict
+        Of the hand's variables.
+    clearances : (n,) array
+        All clearances there, metres.
+    """
+
+    share: float
+    values: Values
+    clearances: FloatArray
+
+
+@dataclass(frozen=True)
+class StraightWay:
+    """How far a way is free.
+
+    Parameters
+    ----------
+    places : tuple of Place
+        From the start on; empty where the start is not free.
+    blocked_by : str
+        What is in the way after the last place; empty where the way is free to its end.
+    """
+
+    places: tuple[Place, ...]
+    blocked_by: str
+
+    @property
+    def free(self) -> float:
+        """Share of the way that is free."""
+        return self.places[-1].share if self.places else 0.0
+
+
+def straight_way(
+    around: Surroundings, posture: Callable[[float], Values], allowed: Callable[[Place], FloatArray]
+) -> StraightWay:
+    """Return the places of a way, as near each other as it takes to be certain that nothing is between them.
+
+    Parameters
+    ----------
+    around : Surroundings
+    posture : callable
+        Share of the way, from 0 to 1, to values of the hand's variables, linear in it; the palm does not turn.
+    allowed : callable
+        The first place to the least of each clearance, (n,), metres.
+    """
+
+    def at(share: float) -> Place:
+        values = posture(share)
+        return Place(share, values, around.clearances(values))
+
+    first = at(0.0)
+    least = allowed(first)
+    worst = int(np.argmin(first.clearances - least))
+    if first.clearances[worst] < least[worst] - around.tolerance / 2.0:
+        return StraightWay((), around.say(worst))
+    done, step = [first], LARGEST
+    while done[-1].share < 1.0:
+        here = done[-1]
+        there = at(min(here.share + step, 1.0))
+        swept = around.swept(here.values, there.values)
+        bound = around.between(here.values, there.values, (here.clearances, there.clearances)) - least
+        ends = there.clearances - least + around.tolerance / 2.0
+        spare = np.where(swept > 0.0, np.minimum(bound + around.tolerance, ends), np.inf)
+        if np.min(spare) >= 0.0:
+            done.append(there)
+            step = min(2.0 * step, LARGEST)
+        elif np.max(swept) <= around.tolerance / 2.0:  # the bound holds where both ends do: it is the end that does not
+            return StraightWay(tuple(done), around.say(int(np.argmin(spare))))
+        else:
+            step = (there.share - here.share) / 2.0
+    return StraightWay(tuple(done), "")

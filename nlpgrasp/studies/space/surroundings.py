@@ -1,0 +1,109 @@
+"""What a hand must not touch on its way, and what is certain between two postures.
+
+The distance to a thing changes by no more than a ball's centre moves. Where a ball has the clearances a and b in two
+postures, and its centre moves along a way of length l from one to the other, then after a part s of the way the
+clearance is at least ``max(a - s, b - (l - s)) >= (a + b - l) / 2``. Two balls that are kept apart count with the sum
+of their ways. So nothing is jumped over, however thin it is: to get past a plate a ball's centre must be in it, and
+the bound is then below the ball's radius below zero. A step is made smaller until the bound says that no ball is
+deeper in anything than a tolerance; where both ends are clear, any step with ``l`` up to twice the tolerance does.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.studies.space.fields import fields_of
+from nlpgrasp.studies.space.link_balls import LinkBalls
+
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+TOLERANCE = 1e-3  # of the hand's span: how deep a ball may be in anything
+TIP_SHARE = 0.2  # of its radius: how far a round tip may be in the way of the body it touches, as in the program
+
+
+class Surroundings:
+    """A hand among the body, what the constraints keep links away from, and its own links.
+
+    Clearances are one array: those of each ball from each thing, one thing after another, then those of pairs of balls.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+        With a URDF hand; its constraints that speak of links, such as tables and obstacles, are in the way.
+    hand : URDFHand
+
+    Attributes
+    ----------
+    tolerance : float
+        Metres.
+    seen : (m,) int array
+        The balls whose clearances from things are looked at: all.
+    pairs : (r, 2) int array
+        The pairs of balls that are looked at.
+    """
+
+    def __init__(self, problem: GraspProblem, hand: URDFHand) -> None:
+        self.hand, self.balls = hand, LinkBalls(hand)
+        self.fields = fields_of(problem.body, problem.constraints, hand.count)
+        self.tolerance = TOLERANCE * hand.tree.span
+        self.seen, self.pairs = np.arange(len(self.balls.radii)), self.balls.pairs
+
+    def of_joints(self, joints: IntArray) -> Surroundings:
+        """Return the same with the balls alone that some of the free joints move."""
+        result = copy(self)
+        moves = np.any(self.balls.reach[:, joints] > 0.0, axis=1)
+        result.seen = np.flatnonzero(moves)
+        result.pairs = self.balls.pairs[np.any(moves[self.balls.pairs], axis=1)]
+        return result
+
+    def clearances(self, values: Values) -> FloatArray:
+        """Return all clearances, (n,), metres."""
+        places, radii = self.balls.places(values), self.balls.radii
+        found = [field.distance(places[self.seen]) - radii[self.seen] for field in self.fields]
+        found[0] -= np.where(self.balls.fingers[self.seen] < 0, self.hand.clearance, 0.0)
+        i, j = self.pairs.T
+        return np.concatenate([*found, np.linalg.norm(places[i] - places[j], axis=1) - radii[i] - radii[j]])
+
+    def swept(self, before: Values, after: Values) -> FloatArray:
+        """Return how much each of the clearances can change at most between two postures, (n,), metres."""
+        ways = self.balls.swept(before, after)
+        shift = float(np.linalg.norm(after["palm_position"] - before["palm_position"]))
+        i, j = self.pairs.T
+        return np.concatenate([*[ways[self.seen]] * len(self.fields), ways[i] + ways[j] - 2.0 * shift])
+
+    def between(self, before: Values, after: Values, ends: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """Return what each clearance is at least on the way between two postures that have those of ``ends``."""
+        a, b = ends
+        return np.asarray((a + b - self.swept(before, after)) / 2.0)
+
+    def of_tips(self) -> BoolArray:
+        """Return which clearances are those of fingertips from the body, (n,)."""
+        rest = (len(self.fields) - 1) * len(self.seen) + len(self.pairs)
+        return np.concatenate([self.balls.fingers[self.seen] >= 0, np.zeros(rest, bool)])
+
+    def allowed(self) -> FloatArray:
+        """Return the least of each clearance, (n,), metres: of fingertips and the body they touch as in the program."""
+        least = np.zeros(len(self.fields) * len(self.seen) + len(self.pairs))
+        tips = self.balls.fingers[self.seen] >= 0
+        least[: len(tips)] = np.where(tips, -TIP_SHARE * self.balls.radii[self.seen], 0.0)
+        return least
+
+    def say(self, index: int) -> str:
+        """Return in words which ball and which thing a clearance is of."""
+        count = len(self.seen)
+        if index < len(self.fields) * count:
+            which, ball = divmod(index, count)
+            return f"{self._ball(int(self.seen[ball]))} against {self.fields[which].name}"
+        i, j = self.pairs[index - len(self.fields) * count]
+        return f"{self._ball(int(i))} against {self._ball(int(j))}"
+
+    def _ball(self, ball: int) -> str:
+        tip = self.balls.fingers[ball] >= 0
+        return f"fingertip {self.balls.links[ball]}" if tip else f"link {self.balls.links[ball]}"
