@@ -21,6 +21,7 @@ SLOW = (
     "simulation",
     "tasks",
     "how_to_choose",
+    "choosing_contacts",
     "my_solve_failed",
     "getting_started",
     "architecture",

@@ -1,9 +1,17 @@
 """Studies of many solves: tasks that change, fine manipulation, how many contacts."""
 
+from nlpgrasp.studies.choices.curve import ContactCurve
+from nlpgrasp.studies.choices.first_choice import first_choice
+from nlpgrasp.studies.choices.how_many import how_many_contacts
+from nlpgrasp.studies.choices.proposal import FirstChoice, Reason
+from nlpgrasp.studies.choices.type_choice import TypeAssignment, TypeChoice, Upgrade
+from nlpgrasp.studies.choices.types import choose_contact_types
+from nlpgrasp.studies.dexterity.ellipsoids import Transmission
+from nlpgrasp.studies.dexterity.manipulability import FingerManipulability, Manipulability, manipulability
+from nlpgrasp.studies.dexterity.sensitivity import Rate, Sensitivity, sensitivity
 from nlpgrasp.studies.dynamic import follow_task
 from nlpgrasp.studies.dynamic_grasp import DynamicGrasp, DynamicStep
 from nlpgrasp.studies.fine_motion import FineManipulation, FingerMove, FingerPath, fine_manipulation
-from nlpgrasp.studies.how_many import ContactCurve, how_many_contacts
 from nlpgrasp.studies.palm import BlockedDirection, PalmPath, palm_path
 
 __all__ = [
@@ -12,11 +20,25 @@ __all__ = [
     "DynamicGrasp",
     "DynamicStep",
     "FineManipulation",
+    "FingerManipulability",
     "FingerMove",
     "FingerPath",
+    "FirstChoice",
+    "Manipulability",
     "PalmPath",
+    "Rate",
+    "Reason",
+    "Sensitivity",
+    "Transmission",
+    "TypeAssignment",
+    "TypeChoice",
+    "Upgrade",
+    "choose_contact_types",
     "fine_manipulation",
+    "first_choice",
     "follow_task",
     "how_many_contacts",
+    "manipulability",
     "palm_path",
+    "sensitivity",
 ]

@@ -47,7 +47,7 @@ def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, 
     normals = _normals(bench, assignments, points)
     values = bench.hand_points.start(points, normals)
     violation = bench.rows.violations(points, normals, values)
-    rank = np.where(violation <= FEASIBLE, _scores(bench, points, normals), -1.0 - violation)
+    rank = np.where(violation <= FEASIBLE, scores(bench, points, normals), -1.0 - violation)
     drawn = [Placed(assignments[i], points[i], {name: v[i] for name, v in values.items()}) for i in range(len(points))]
     best = int(np.argmax(rank))
     found = float(rank[best]), drawn[best]
@@ -55,7 +55,7 @@ def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, 
     return found if restored is None or restored[0] <= found[0] else restored
 
 
-def _scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
+def scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
     """Return how well placements (b, k, space) resist the task in sampled directions, (b,)."""
     stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
     ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
@@ -77,9 +77,9 @@ def _restored(bench: Workbench, drawn: Sequence[Placed], violation: FloatArray) 
     found = [bench.snapped(placed) for placed, left in moved if left <= TOUCHING]
     if not found:
         return None
-    scores = _scores(bench, np.stack([f.points for f in found]), np.stack([bench.inward_normals(f) for f in found]))
-    best = int(np.argmax(scores))
-    return float(scores[best]), found[best]
+    rank = scores(bench, np.stack([f.points for f in found]), np.stack([bench.inward_normals(f) for f in found]))
+    best = int(np.argmax(rank))
+    return float(rank[best]), found[best]
 
 
 def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
@@ -103,7 +103,7 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
         distance, nearest = cloud.tree.query(tips[:, i])
         points[:, i], normals[:, i], faces[:, i] = cloud.points[nearest], cloud.normals[nearest], cloud.faces[nearest]
         far += np.abs(distance - radius) / size
-    score = _scores(bench, points, normals) - FAR * far / hand.count
+    score = scores(bench, points, normals) - FAR * far / hand.count
     order = np.argsort(-score)[:CHECKED]
     chosen = {name: v[order] for name, v in values.items()}
     blocked = bench.rows.blocked(points[order], normals[order], chosen)

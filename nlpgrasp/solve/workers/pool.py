@@ -67,7 +67,7 @@ class Runner:
             When the model named is unknown or does not suit the problem.
         """
         if isinstance(self.options.exchange, str):
-            model_of(self._workbench())
+            model_of(self.bench)
 
     def starts(self, seed: int, stop: Stop) -> Iterator[StartResult]:
         """Yield each start's result as it is done, in any order."""
@@ -79,14 +79,16 @@ class Runner:
     def look_back(self, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:
         """Return what is worth knowing after the starts; nothing where a worker ends over it."""
         if self._parcel is None:
-            return look_back(self._workbench(), best, results, seed, stop)
+            return look_back(self.bench, best, results, seed, stop)
         seen = [] if best is not None else list(results)
         try:
             return Processes(self.workers).submit(_look_back, self._parcel, best, seen, seed, stop).result()
         except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
             return Aftermath()
 
-    def _workbench(self) -> Workbench:
+    @property
+    def bench(self) -> Workbench:
+        """The workbench in this process, built where it is first asked for."""
         if self._bench is None:
             self._bench = Workbench(self.problem, self.options)
         return self._bench
@@ -96,7 +98,7 @@ class Runner:
         for index in range(self.count):
             if stop.requested():
                 break
-            yield run_start(self._workbench(), index, seed, stop)
+            yield run_start(self.bench, index, seed, stop)
 
     def _in_processes(self, seed: int, stop: Stop) -> Iterator[StartResult]:
         try:

@@ -1,0 +1,106 @@
+"""Whether a contact can exert all that another can: its force domain contains the other's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.contacts.soft import SoftContact
+from nlpgrasp.errors import InputError
+
+ROUNDING = 1e-12
+Ranges = list[tuple[frozenset[int], float]]  # axes of a contact-frame wrench, and their range per unit normal force
+
+
+def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
+    """Return whether one contact's forces include another's, ``B_other K_other`` in ``B_wider K_wider``.
+
+    Both domains have the shape ``|x_j| <= c_j x_n`` (for the elliptic soft contact the sum of both squared shares is at
+    most 1). The largest ``|x_S|`` that the other reaches with unit normal force is the root of the sum of its ranges'
+    squares over the blocks that meet S, since it may be at the limit of all of them at once; it is contained exactly
+    where that is at most the range of S, for every block S of the wider one, and no component is left over. False where
+    that cannot be told: of contacts of other shapes, equal ones apart, and of patches with different directions.
+
+    Parameters
+    ----------
+    wider, other : ContactModel
+        Faces do not matter here.
+    space : int
+        2 or 3.
+    """
+    if wider == other:
+        return True
+    try:
+        mine, theirs = _ranges(wider, space), _ranges(other, space)
+    except InputError:
+        return False
+    if not set(other.axes(space)) <= set(wider.axes(space)):
+        return False
+    if not _same_frames(wider, other, space):
+        return False
+    if _elliptic(wider):
+        shares = [_reach(theirs, axes) / c for axes, c in mine]
+        together = max(shares) if _elliptic(other) else float(np.linalg.norm(shares))
+        return together <= 1.0 + ROUNDING
+    return all(_reach(theirs, axes) <= c * (1.0 + ROUNDING) for axes, c in mine)
+
+
+def placed_in(
+    small: Sequence[ContactModel], large: Sequence[ContactModel], space: int, groups: Sequence[int] | None = None
+) -> list[int] | None:
+    """Return for each of some contacts another, wider one, no two the same; None where there is no such choice.
+
+    Parameters
+    ----------
+    small, large : sequences of k and m >= k ContactModel
+        A contact may use no faces beside those of the one it stands for, all of them where that one may.
+    space : int
+    groups : sequence of int, optional
+        Of k = m contacts: those that may stand for each other; all where left out.
+    """
+    fits = np.array([[contains(b, a, space) and _faces_within(a, b) for b in large] for a in small])
+    if groups is not None:
+        fits &= np.equal.outer(groups, groups)
+    k = len(small)
+    if len(large) < k:
+        return None
+    # of all choices the one that keeps most contacts in their places
+    rows, columns = linear_sum_assignment(np.where(fits, 0.0, 2.0 * k) - np.eye(k, len(large)) * 0.5)
+    return [int(c) for c in columns] if fits[rows, columns].all() else None
+
+
+def _faces_within(a: ContactModel, b: ContactModel) -> bool:
+    """Return whether all faces that a may use are b's too; both as stated."""
+    return b.faces is None or (a.faces is not None and set(a.faces) <= set(b.faces))
+
+
+def _elliptic(model: ContactModel) -> bool:
+    return isinstance(model, SoftContact) and model.model == "elliptic"
+
+
+def _ranges(model: ContactModel, space: int) -> Ranges:
+    axes = model.axes(space)
+    return [(frozenset(axes[where]), float(c)) for where, c in model.blocks(len(axes))]
+
+
+def _reach(ranges: Ranges, axes: frozenset[int]) -> float:
+    """Return the largest size of these components with unit normal force."""
+    return float(np.sqrt(sum(c**2 for own, c in ranges if own & axes)))
+
+
+def _same_frames(one: ContactModel, other: ContactModel, space: int) -> bool:
+    """Return whether both mean the same tangents, or one of them does not care."""
+    if space == 2 or _round(one) or _round(other):
+        return True
+    normals = np.random.default_rng(0).standard_normal((4, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return bool(np.allclose(one.tangents(normals), other.tangents(normals), rtol=0.0, atol=1e-9))
+
+
+def _round(model: ContactModel) -> bool:
+    """Return whether the domain stays the same when the contact turns about its normal."""
+    pairs = [frozenset(pair) & axes for pair in ((1, 2), (4, 5)) for axes, _ in _ranges(model, 3)]
+    return all(len(pair) != 1 for pair in pairs)

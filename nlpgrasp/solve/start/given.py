@@ -1,0 +1,116 @@
+"""A start from a grasp that is known already: as it is, and improved from there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.solution.placed import SurfaceMatch
+from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solve.ascent.exchange import exchange
+from nlpgrasp.solve.ascent.state import AscentState
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.surface.put import put_on_body
+from nlpgrasp.solve.surface.reports import constraint_reports
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.one_thread import one_thread
+from nlpgrasp.solve.workers.stop import Stop
+
+
+@dataclass(frozen=True)
+class Given:
+    """A grasp known before a solve, on the body itself.
+
+    Parameters
+    ----------
+    placed : Placed
+    normals : (k, space) array
+        The body's own inward unit normals, where they are known; NaN for a contact whose normal is to be looked up.
+    floor : float
+        What its mu is known to be at least, because a smaller grasp in it is certified for as much; else 0.
+    """
+
+    placed: Placed
+    normals: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    floor: float = 0.0
+
+
+def run_given(bench: Workbench, given: Given, index: int, stop: Stop, improve: bool = True) -> list[StartResult]:
+    """Return the starts ``index`` and ``index + 1`` from a known grasp: as it is, and improved by the exchange.
+
+    The first has a mu of at least ``given.floor``, and is left out where it breaks a constraint or resists nothing;
+    the second where its numerics fail.
+    """
+    with one_thread():
+        return list(_starts(bench, given, index, stop, improve))
+
+
+def _starts(bench: Workbench, given: Given, index: int, stop: Stop, improve: bool) -> Iterator[StartResult]:
+    begun, rng = time.perf_counter(), np.random.default_rng([index])
+    state = AscentState(given.placed, multipliers=np.zeros(len(bench.rows.named)))
+    as_it_is = _certified(bench, _as_given(bench, given), state, _Start(index, "as given", begun), given.floor)
+    if as_it_is.solved:
+        yield as_it_is
+        index += 1
+    if stop.requested() or not improve or not bench.options.exchange:
+        return
+    begun = time.perf_counter()
+    try:
+        state = exchange(bench, replace(state, placed=bench.snapped(given.placed)), rng, stop)
+        found = put_on_body(bench, state, rng, stop)
+    except (RuntimeError, np.linalg.LinAlgError):
+        return
+    yield _certified(bench, found, state, _Start(index, "improved from a known grasp", begun), 0.0)
+
+
+@dataclass(frozen=True)
+class _Start:
+    index: int
+    message: str
+    begun: float
+
+
+def _as_given(bench: Workbench, given: Given) -> OnBody:
+    """Return the grasp where it is, with the body's own normals."""
+    placed, body = given.placed, bench.problem.body
+    own, match = bench.inward_normals(placed), None
+    smooth = own
+    if isinstance(body, Mesh):
+        points, outward, apart = body.closest(placed.points)
+        placed, own = Placed(placed.faces, points, placed.hand), -outward
+    if given.normals.shape == own.shape:
+        known = ~np.any(np.isnan(given.normals), axis=1)
+        own = np.where(known.reshape(-1, 1), given.normals, own)
+        points = np.where(known.reshape(-1, 1), given.placed.points, placed.points)
+        placed = Placed(placed.faces, points, placed.hand)
+    if isinstance(body, Mesh):
+        angles = np.arccos(np.clip(np.sum(smooth * own, axis=1), -1.0, 1.0))
+        match = SurfaceMatch(apart, angles, np.linalg.norm(placed.points - given.placed.points, axis=1))
+    return OnBody.of(bench, placed, bench.grasp_at(placed.points, own), match)
+
+
+def _certified(bench: Workbench, found: OnBody, state: AscentState, start: _Start, floor: float) -> StartGrasp:
+    budget = bench.budget(found.placed)
+    bounds = mu(found.grasp, bench.problem.task, bench.options.rtol, force_budget=budget)
+    if found.allowed:
+        bounds = Bounds(max(bounds.lower, floor), max(bounds.upper, floor), bounds.worst_direction)
+    record = StartRecord(
+        start.index,
+        Status.SOLVED if bounds.lower > 0.0 and found.allowed else Status.NO_GRASP,
+        found.placed.faces,
+        bounds,
+        found.violation,
+        state.effort.iterations,
+        seconds={"given": time.perf_counter() - start.begun},
+        message=start.message,
+        history=tuple(state.history),
+    )
+    return StartGrasp(record, found, constraint_reports(bench, found, state.multipliers), state.effort, None)

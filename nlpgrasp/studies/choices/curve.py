@@ -1,0 +1,170 @@
+"""The quality against the number of contacts, and which number is worth its price."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import number
+from nlpgrasp.contacts import ContactModel, contact_from_dict
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.solution import GraspSolution
+
+Penalty: TypeAlias = float | Sequence[float] | Mapping[str, float] | Callable[[tuple[ContactModel, ...], float], float]
+"""What contacts cost, in units of mu: each the same; of the first, second, ... contact; by the contact's kind; or any
+function of the contact models and mu."""
+
+
+@dataclass(frozen=True)
+class ContactCurve:
+    """The certified quality against the number of contacts.
+
+    Parameters
+    ----------
+    solutions : tuple of (int, GraspSolution)
+        By number of contacts, increasing.
+    reached : mapping of int to int
+        How many starts came within 2 % of the grasp, by number of contacts, those that begin from the grasps with other
+        numbers among them: 1 says that it was met once, and a better one may well have been missed.
+    possible : mapping of int to float
+        A proved upper bound on mu of any grasp with so many contacts, where one is known.
+    """
+
+    solutions: tuple[tuple[int, GraspSolution], ...]
+    reached: Mapping[int, int] = field(default_factory=dict)
+    possible: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def best_known(self) -> dict[int, float]:
+        """The largest certified lower bound among the grasps found with at most so many contacts, by their number.
+
+        An added contact can be left without force, so that more than that is possible with more contacts wherever the
+        constraints have room for them.
+        """
+        known = np.maximum.accumulate([found.mu.lower for _, found in self.solutions])
+        return {k: float(best) for (k, _), best in zip(self.solutions, known, strict=True)}
+
+    @property
+    def shortfall(self) -> dict[int, float]:
+        """How far each grasp found is from the best known, relative to it, by the number of contacts; at least 0."""
+        best = self.best_known
+        return {k: 1.0 - found.mu.lower / best[k] if best[k] > 0.0 else 0.0 for k, found in self.solutions}
+
+    def gap(self, contacts: int) -> float:
+        """Return how much more than the grasp found may be possible, relative to it: inf where nothing is proved.
+
+        Raises
+        ------
+        InputError
+            On a number of contacts that was not asked for.
+        """
+        found = self._at(contacts)
+        bound = self.possible.get(contacts, np.inf)
+        return float(bound / found.mu.lower - 1.0) if found.mu.lower > 0.0 else np.inf
+
+    def fewest(self, force: float) -> int | None:
+        """Return the least number of contacts whose force resists the whole task, or None where none does.
+
+        Parameters
+        ----------
+        force : float
+            In units of the force budget: the grasp found with so many contacts has ``1 / mu.lower`` at most this.
+        """
+        limit = number("force", force, above=0.0)
+        return next((k for k, found in self.solutions if found.mu.lower * limit >= 1.0), None)
+
+    def best(self, penalty: Penalty) -> int:
+        """Return the number of contacts with the largest mu less penalty, mu at its lower bound; of equals the fewest.
+
+        Parameters
+        ----------
+        penalty : float, sequence, mapping or callable
+            In units of mu. A number is the price of each contact. A sequence holds those of the first, second, ...
+            contact. A mapping holds them by the contacts' kind, ``{"friction": 0.05, "soft": 0.1}``. A callable takes
+            the contact models (their number is its ``len``) and mu, and returns what they cost together: any number.
+
+        Raises
+        ------
+        InputError
+            On prices below zero, missing ones, and functions that return no finite number.
+        """
+        return max(self.solutions, key=lambda pair: (self._ends(pair[1], penalty)[0], -pair[0]))[0]
+
+    def worth(self, penalty: Penalty) -> dict[int, Bounds]:
+        """Return mu less penalty by the number of contacts, from both ends of mu's interval.
+
+        A penalty that is a function of mu is taken at these ends alone: between them it is the caller's to know.
+        """
+        ends = {k: sorted(self._ends(found, penalty)) for k, found in self.solutions}
+        return {k: Bounds(low, high) for k, (low, high) in ends.items()}
+
+    def _ends(self, found: GraspSolution, penalty: Penalty) -> tuple[float, float]:
+        low, high = found.mu.lower, found.mu.upper if np.isfinite(found.mu.upper) else found.mu.lower
+        contacts = _contacts(found)
+        return low - cost_of(contacts, low, penalty), high - cost_of(contacts, high, penalty)
+
+    def _at(self, contacts: int) -> GraspSolution:
+        for k, found in self.solutions:
+            if k == contacts:
+                return found
+        raise InputError("contacts", contacts, "one of " + ", ".join(str(k) for k, _ in self.solutions))
+
+    def to_dict(self) -> Json:
+        """Return the curve as JSON data: a row a number of contacts."""
+        short = self.shortfall
+        return {
+            "curve": [
+                {
+                    "contacts": k,
+                    "status": found.status.name.lower(),
+                    "mu": found.mu.to_dict() if np.isfinite(found.mu.upper) else None,
+                    "kind": found.kind,
+                    "best_known": self.best_known[k],
+                    "shortfall": short[k],
+                    "reached": self.reached.get(k),
+                    "possible": self.possible.get(k),
+                }
+                for k, found in self.solutions
+            ]
+        }
+
+    def __str__(self) -> str:
+        short = self.shortfall
+        lines = []
+        for k, found in self.solutions:
+            bounds = f"{found.label} in {found.mu}" if found.success else found.status.name.lower()
+            if k in self.reached:
+                bounds += f", met by {self.reached[k]} of {len(found.starts)} starts"
+            if short[k] > 0.0:
+                bounds += f", {short[k]:.1%} below the best known with fewer contacts"
+            if k in self.possible:
+                bounds += f", at most {self.possible[k]:.5g} possible"
+            lines.append(f"{k:3d} contacts: {bounds}")
+        return "\n".join(lines)
+
+
+def cost_of(contacts: tuple[ContactModel, ...], mu: float, penalty: Penalty) -> float:
+    """Return what contacts cost at a mu, in its unit; see ``ContactCurve.best``."""
+    if callable(penalty):
+        value = penalty(contacts, mu)
+        return number("penalty", value)
+    if isinstance(penalty, Mapping):
+        labels = [model.kind for model in contacts]
+        missing = sorted({label for label in labels if label not in penalty})
+        if missing:
+            raise InputError("penalty", f"none for {', '.join(missing)}", "a price for each kind of contact")
+        return sum(number(f"penalty[{label!r}]", penalty[label], at_least=0.0) for label in labels)
+    if isinstance(penalty, list | tuple):
+        if len(penalty) < len(contacts):
+            raise InputError("penalty", f"{len(penalty)} prices", f"{len(contacts)}, one a contact")
+        return sum(number(f"penalty[{i}]", penalty[i], at_least=0.0) for i in range(len(contacts)))
+    return number("penalty", penalty, at_least=0.0) * len(contacts)
+
+
+def _contacts(found: GraspSolution) -> tuple[ContactModel, ...]:
+    return tuple(contact_from_dict(data) for data in found.problem["contacts"])

@@ -1,0 +1,236 @@
+"""A first choice from weight and size: how many contacts, of which kind, how hard, how wide (Section 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.contacts import ContactModel, FrictionContact, SoftContact
+from nlpgrasp.errors import InputError
+from nlpgrasp.studies.choices.proposal import FirstChoice, Reason
+from nlpgrasp.tasks import TaskEllipsoid
+from nlpgrasp.tasks.tools import WEIGHT
+
+WIDEST, HEAVY = 0.07, 0.5  # metres and kilograms: 96 % of places that people grasp, 92 % of what they grasp
+FINGERS, MOST = 5, 12  # contacts of a precision grasp at most, and of any: G_2 of (4-2) has twelve
+LEAST_ROOM, ROOM = 0.005, 0.1  # metres on each side of the body, and as a share of its width
+LONG, FLAT = 2.0, 3.0  # longest side over the middle one, and the middle one over the shortest
+SMALL, LARGE = 0.025, 0.05  # diameters of wraps, metres
+SHAKE = 0.1  # of the weight: a disturbance at the far end of the body
+CELLS = 48  # along each side of the box that a volume is counted in
+FEIX_1 = "Feix, Bullock and Dollar 2014, DOI 10.1109/TOH.2014.2326871"
+FEIX_2 = "Feix, Bullock and Dollar 2014, DOI 10.1109/TOH.2014.2326867"
+CUTKOSKY = "Cutkosky 1989, DOI 10.1109/70.34763; the thresholds are this package's"
+SALISBURY = "Salisbury and Craig 1982, DOI 10.1177/027836498200100102"
+PRESSURE = "Howe and Cutkosky 1996, DOI 10.1177/027836499601500603: even pressure on a disc"
+STATICS = "statics: each of k contacts on upright walls lifts friction times its normal force"
+PAPER = "Li and Sastry 1986, Section 4: light tasks few contacts, heavy ones many"
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is known of the body, and what the fingers can do; SI units."""
+
+    body: Body
+    mass: float
+    friction: float
+    safety: float
+    load: float
+    finger_force: float
+    pad_radius: float
+
+    @property
+    def sides(self) -> FloatArray:
+        """Sides of the bounding box, the shortest first, (3,)."""
+        return np.asarray(np.sort(self.body.bounds[1] - self.body.bounds[0]))
+
+    def pressing(self, count: int) -> float:
+        return self.safety * self.load / (count * self.friction)
+
+
+def first_choice(
+    body: Body,
+    *,
+    friction: float,
+    mass: float | None = None,
+    density: float | None = None,
+    center_of_mass: ArrayLike | None = None,
+    up: ArrayLike = (0.0, 0.0, 1.0),
+    acceleration: float = 2.0,
+    safety: float = 2.0,
+    finger_force: float = 10.0,
+    pad_radius: float = 0.008,
+) -> FirstChoice:
+    """Propose a grasp for a body from its size, weight and friction, each with its rule and the rule's source.
+
+    These are rules of thumb: size, mass and task predict the grasp types of people in less than half of the cases (Feix
+    et al. 2014). They begin a search; ``ng.solve(choice.problem())`` finds the contacts' places and certifies what they
+    resist, ``ng.how_many_contacts`` and ``ng.choose_contact_types`` compare numbers and kinds.
+
+    Parameters
+    ----------
+    body : Body
+        In space. Its bounding box in its own frame counts as its size.
+    friction : float
+        Coulomb coefficient.
+    mass, density : float
+        Kilograms, or kilograms a cubic metre: one of the two.
+    center_of_mass : (3,) array, optional
+        Metres, body frame; the centre of volume when left out.
+    up : (3,) array
+        In the body frame.
+    acceleration : float
+        In any direction, m / s^2, at least 0.
+    safety : float
+        Factor on the normal forces, at least 1.
+    finger_force : float
+        Normal force that a finger is to press with at most, newtons.
+    pad_radius : float
+        Of a soft fingertip's contact patch, metres.
+
+    Returns
+    -------
+    FirstChoice
+
+    Raises
+    ------
+    InputError
+        On planar bodies, neither or both of mass and density, and numbers out of range.
+    """
+    if not isinstance(body, Body) or body.space != 3:
+        raise InputError("body", body, "a body in space such as ng.Box or ng.Mesh")
+    kilograms = _mass(body, mass, density)
+    middle = body.centroid if center_of_mass is None else array("center_of_mass", center_of_mass, (3,))
+    above = array("up", up, (3,))
+    if not np.linalg.norm(above) > 0.0:
+        raise InputError("up", up, "a direction of some length")
+    shaking = number("acceleration", acceleration, at_least=0.0)
+    asked = _Asked(
+        body,
+        kilograms,
+        number("friction", friction, above=0.0),
+        number("safety", safety, at_least=1.0),
+        kilograms * (WEIGHT + shaking),
+        number("finger_force", finger_force, above=0.0),
+        number("pad_radius", pad_radius, above=0.0),
+    )
+    return _proposed(asked, middle, *_task(asked, above / np.linalg.norm(above), shaking))
+
+
+def _proposed(asked: _Asked, middle: FloatArray, task: TaskEllipsoid, load: Reason) -> FirstChoice:
+    count, why = _count(asked)
+    contact, kind = _contact(asked, count)
+    grasp_type, style = _type(asked, count)
+    name = _name(asked, count, grasp_type)
+    opening, room = _opening(asked)
+    force = asked.pressing(count)
+    formula = f"safety x mass x (g + a) / (contacts x friction) = {asked.safety:g} x {asked.load:.4g} N / "
+    pressing = Reason(f"{force:.3g} N a contact", f"{formula}({count} x {asked.friction:g})", STATICS)
+    named = Reason(name, "by grasp type, number of contacts, and whether the body is long, flat or compact", CUTKOSKY)
+    return FirstChoice(
+        asked.body,
+        asked.mass,
+        grasp_type,
+        name,
+        contact,
+        count,
+        force,
+        opening,
+        asked.safety,
+        task,
+        (float(middle[0]), float(middle[1]), float(middle[2])),
+        (why, kind, style, named, pressing, room, load),
+    )
+
+
+def _mass(body: Body, mass: float | None, density: float | None) -> float:
+    if (mass is None) == (density is None):
+        raise InputError("mass", f"mass {mass}, density {density}", "one of the two")
+    if mass is not None:
+        return number("mass", mass, above=0.0)
+    return number("density", density, above=0.0) * volume_of(body)
+
+
+def volume_of(body: Body) -> float:
+    """Return the volume of a body, cubic metres: of a mesh its own, else by counting cells, to some percent."""
+    if isinstance(body, Mesh):
+        return abs(float(body.mesh.volume))
+    lower, upper = body.bounds
+    steps = [(np.arange(CELLS) + 0.5) / CELLS * (b - a) + a for a, b in zip(lower, upper, strict=True)]
+    points = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    return float(np.mean(body.signed_distance(points) < 0.0) * np.prod(upper - lower))
+
+
+def _count(asked: _Asked) -> tuple[int, Reason]:
+    """Return the fewest contacts that lift the load with the force a finger has; more than two where it is too wide."""
+    first = 2 if asked.sides[0] <= WIDEST else 3
+    enough = int(np.ceil(asked.safety * asked.load / (asked.friction * asked.finger_force) - 1e-9))
+    count = min(max(first, enough), MOST)
+    if asked.pressing(count) > asked.finger_force * (1.0 + 1e-9):
+        rule = f"even {MOST} contacts need more than the {asked.finger_force:g} N that a finger has"
+        return count, Reason(f"{count} contacts", rule, PAPER)
+    if count > first:
+        rule = f"{count - 1} would each need {asked.pressing(count - 1):.3g} N, above {asked.finger_force:g} N"
+        return count, Reason(f"{count} contacts", rule, PAPER)
+    side = f"the shortest side, {1e3 * asked.sides[0]:.3g} mm, is"
+    rule = (
+        f"{side} at most {1e3 * WIDEST:g} mm" if first == 2 else f"{side} above {1e3 * WIDEST:g} mm, too wide for two"
+    )
+    return count, Reason(f"{count} contacts", rule, FEIX_1)
+
+
+def _contact(asked: _Asked, count: int) -> tuple[ContactModel, Reason]:
+    if count > 2:
+        rule = "three points with friction, not on a line, hold a body; more only share the load"
+        return FrictionContact(asked.friction), Reason("hard fingers", rule, SALISBURY)
+    radius = min(asked.pad_radius, asked.sides[1] / 4.0)
+    torsion = 2.0 / 3.0 * asked.friction * radius
+    rule = "two hard fingers resist no turn about the line between them; torsion 2/3 x friction x radius of the patch"
+    return SoftContact(asked.friction, float(torsion)), Reason("soft fingers", rule, f"{SALISBURY}; {PRESSURE}")
+
+
+def _type(asked: _Asked, count: int) -> tuple[str, Reason]:
+    if asked.mass > HEAVY or count > FINGERS:
+        rule = f"heavier than {HEAVY:g} kg" if asked.mass > HEAVY else f"more than {FINGERS} contacts"
+        return "power", Reason("power grasp", rule, FEIX_2)
+    if asked.sides[0] > WIDEST:
+        return "power", Reason("power grasp", f"wider than {1e3 * WIDEST:g} mm", FEIX_2)
+    rule = f"at most {HEAVY:g} kg, {1e3 * WIDEST:g} mm and {FINGERS} contacts: dexterity before strength"
+    return "precision", Reason("precision grasp", rule, CUTKOSKY)
+
+
+def _name(asked: _Asked, count: int, grasp_type: str) -> str:
+    short, middle, long = asked.sides.tolist()
+    flat, slender = middle >= FLAT * short, long >= LONG * middle
+    if grasp_type == "power":
+        if slender:
+            return "small diameter" if short < SMALL else "large diameter" if short > LARGE else "medium wrap"
+        return "power disk" if flat else "power sphere"
+    if count == 2:
+        return "thumb-index finger"
+    if slender:
+        return f"thumb-{count - 1} finger"
+    if count == 3:
+        return "tripod"
+    return "precision disk" if flat else "precision sphere"
+
+
+def _opening(asked: _Asked) -> tuple[float, Reason]:
+    width = float(asked.sides[0])
+    room = max(LEAST_ROOM, ROOM * width)
+    rule = f"the shortest side, {1e3 * width:.3g} mm, and {1e3 * room:.3g} mm on both sides"
+    source = f"{FEIX_1}: 94 % of grasps are across the shortest side; the room is this package's"
+    return width + 2.0 * room, Reason(f"opening {1e3 * (width + 2.0 * room):.3g} mm", rule, source)
+
+
+def _task(asked: _Asked, up: FloatArray, shaking: float) -> tuple[TaskEllipsoid, Reason]:
+    """Return the weight, with accelerations and a knock at the far end in any direction, about the centre of mass."""
+    weight, arm = asked.mass * WEIGHT, 0.5 * float(asked.sides[-1])
+    force, torque = asked.mass * shaking + SHAKE * weight, SHAKE * weight * arm
+    task = TaskEllipsoid([force] * 3 + [torque] * 3, center=np.concatenate([weight * up, np.zeros(3)]))
+    rule = f"weight {weight:.3g} N, with {force:.3g} N and {torque:.3g} N m in any direction about it"
+    return task, Reason("task", rule, f"weight and inertia as in Section 4; a knock of {SHAKE:.0%} of the weight")

@@ -1,0 +1,190 @@
+"""What each choice of contact types is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import integer, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.solution import GraspSolution
+
+
+@dataclass(frozen=True)
+class TypeAssignment:
+    """A type for each contact, and the best grasp known with them.
+
+    Parameters
+    ----------
+    types : tuple of k str
+        A name of the menu for each contact.
+    solution : GraspSolution
+        Certified; can be saved and verified on its own.
+    cost : float
+        The sum of its contacts' costs.
+    reached : int
+        How many of the starts came within 2 % of the grasp: 1 says that it was met once.
+    """
+
+    types: tuple[str, ...]
+    solution: GraspSolution
+    cost: float = 0.0
+    reached: int = 0
+
+    @property
+    def mu(self) -> Bounds:
+        """Certified quality of the grasp; [0, 0] where none was found."""
+        return self.solution.mu if self.solution.success else Bounds(0.0, 0.0)
+
+    def count(self, name: str) -> int:
+        """Return how many contacts have a type."""
+        return self.types.count(name)
+
+    def to_dict(self) -> Json:
+        """Return the assignment as JSON data, without the solution itself."""
+        return {
+            "types": list(self.types),
+            "status": self.solution.status.name.lower(),
+            "mu": self.mu.to_dict(),
+            "cost": self.cost,
+            "reached": self.reached,
+        }
+
+    def __str__(self) -> str:
+        return " ".join(self.types)
+
+
+@dataclass(frozen=True)
+class Upgrade:
+    """What a richer contact buys over the next smaller assignment.
+
+    Parameters
+    ----------
+    before, after : TypeAssignment
+        The second can do all that the first can.
+    """
+
+    before: TypeAssignment
+    after: TypeAssignment
+
+    @property
+    def gain(self) -> Bounds:
+        """How much mu rises between the grasps, certified; at least 0, because the first grasp is one of the second."""
+        low, high = self.before.mu, self.after.mu
+        return Bounds(max(low_end(high, low), 0.0), max(high.upper - low.lower, 0.0))
+
+    @property
+    def certain(self) -> bool:
+        """Whether the intervals are apart: otherwise the two are not told apart."""
+        return self.gain.lower > 0.0
+
+    def to_dict(self) -> Json:
+        """Return the upgrade as JSON data."""
+        return {
+            "before": list(self.before.types),
+            "after": list(self.after.types),
+            "gain": self.gain.to_dict(),
+            "certain": self.certain,
+        }
+
+    def __str__(self) -> str:
+        text = f"{self.before} -> {self.after}"
+        if not self.after.solution.success:
+            return f"{text}: no grasp found with either"
+        if not self.certain:
+            return f"{text}: not told apart, at most +{self.gain.upper:.4g}"
+        return f"{text}: +{self.gain.lower:.4g} to +{self.gain.upper:.4g}"
+
+
+def low_end(high: Bounds, low: Bounds) -> float:
+    """Return the least that the first interval is above the second."""
+    return high.lower - low.upper
+
+
+@dataclass(frozen=True)
+class TypeChoice:
+    """Assignments of contact types, ranked.
+
+    Parameters
+    ----------
+    name : str
+        The problem's.
+    assignments : tuple of TypeAssignment
+        The largest certified lower bound first; of equals the richer one.
+    upgrades : tuple of Upgrade
+        Between neighbours: no third assignment is between the two.
+    """
+
+    name: str
+    assignments: tuple[TypeAssignment, ...]
+    upgrades: tuple[Upgrade, ...] = ()
+
+    def best(
+        self, *, at_most: Mapping[str, int] | None = None, spend: float | None = None, price: float = 0.0
+    ) -> TypeAssignment | None:
+        """Return the best assignment within limits, mu at its lower bound; of equals the cheaper; None without any.
+
+        Parameters
+        ----------
+        at_most : mapping of str to int, optional
+            Most contacts of a type: ``{"soft": 1}`` allows one soft finger.
+        spend : float, optional
+            Most cost.
+        price : float
+            Of one unit of cost, in units of mu: the largest ``mu - price * cost`` is the best.
+
+        Raises
+        ------
+        InputError
+            On types that no assignment has, and limits below zero.
+        """
+        names = {name for a in self.assignments for name in a.types}
+        limits = at_most or {}
+        if not isinstance(limits, Mapping) or any(name not in names for name in limits):
+            raise InputError("at_most", at_most, "numbers by type: " + ", ".join(sorted(names)))
+        most = {name: integer(f"at_most[{name!r}]", n, at_least=0) for name, n in limits.items()}
+        limit = np.inf if spend is None else number("spend", spend, at_least=0.0)
+        each = number("price", price, at_least=0.0)
+        within = [
+            a
+            for a in self.assignments
+            if a.solution.success and a.cost <= limit and all(a.count(name) <= n for name, n in most.items())
+        ]
+        return max(within, key=lambda a: (a.mu.lower - each * a.cost, -a.cost), default=None)
+
+    def not_told_apart(self, assignment: TypeAssignment) -> tuple[TypeAssignment, ...]:
+        """Return the other assignments whose certified intervals overlap this one's."""
+        one = assignment.mu
+        others = (a for a in self.assignments if a is not assignment)
+        return tuple(a for a in others if a.mu.lower <= one.upper and one.lower <= a.mu.upper)
+
+    @property
+    def frontier(self) -> tuple[TypeAssignment, ...]:
+        """The assignments that no cheaper or equally cheap one matches in mu's lower bound, the cheapest first."""
+        found: list[TypeAssignment] = []
+        for a in sorted(self.assignments, key=lambda a: (a.cost, -a.mu.lower)):
+            if a.solution.success and (not found or a.mu.lower > found[-1].mu.lower):
+                found.append(a)
+        return tuple(found)
+
+    def to_dict(self) -> Json:
+        """Return the ranking as JSON data."""
+        return {
+            "name": self.name,
+            "assignments": [a.to_dict() for a in self.assignments],
+            "upgrades": [u.to_dict() for u in self.upgrades],
+        }
+
+    def __str__(self) -> str:
+        width = max(len(str(a)) for a in self.assignments)
+        lines = [f"{self.name}: {len(self.assignments)} assignments of contact types, the best known grasp of each"]
+        for a in self.assignments:
+            bounds = f"{a.solution.label} in {a.mu}" if a.solution.success else "no grasp found"
+            same = len(self.not_told_apart(a)) if a.solution.success else 0
+            note = f", not told apart from {same} other{'s' * (same > 1)}" if same else ""
+            lines.append(f"  {a!s:{width}}  cost {a.cost:g}  {bounds}{note}")
+        return "\n".join([*lines, *(f"  {u}" for u in self.upgrades)])

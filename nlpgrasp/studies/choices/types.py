@@ -1,0 +1,127 @@
+"""Which finger soft, which hard: the contacts' types as a variable (Section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from nlpgrasp.common.validation import integer, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solve.ongoing import Ongoing
+from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.start.given import Given
+from nlpgrasp.solve.start.result import StartGrasp
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.studies.choices.family import Family, promised, scouts_of
+from nlpgrasp.studies.choices.menu import Menu, Names, Types
+from nlpgrasp.studies.choices.type_choice import TypeAssignment, TypeChoice, Upgrade
+
+
+def choose_contact_types(
+    problem: GraspProblem,
+    types: Types | Sequence[Types],
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    costs: Mapping[str, float] | None = None,
+) -> TypeChoice:
+    """Solve a problem with every distinct assignment of contact types, and say what each buys.
+
+    Contacts that may be exchanged without changing the problem (the same menu and faces, no constraint or hand that
+    tells them apart) are chosen by number alone: of two types for three such contacts there are four assignments, not
+    eight. The fingers of a hand with a pose of its own are all distinct.
+
+    A contact whose force domain contains another's can be given the other's forces, so that the best grasp with richer
+    contacts is never worse. Every assignment starts from the grasps of the smaller ones too, with their certified
+    bounds, and from those of the larger ones; so no ranking is contradicted by a grasp that was found.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+        Its contacts' faces count where a type states none; their models do not.
+    types : mapping of str to ContactModel, or sequence of k mappings
+        What each contact may be, by name; for all contacts, or for each.
+    starts, seed, options
+        As of ``solve``, for each assignment.
+    costs : mapping of str to float, optional
+        Of a contact of each type, at least 0, in any unit; 0 for all where left out.
+
+    Returns
+    -------
+    TypeChoice
+        A ranked table; assignments without a grasp come last.
+
+    Raises
+    ------
+    InputError
+        On a menu without a type or with something else than contact models, more than 256 assignments, and costs that
+        are missing or below zero.
+    """
+    menu = Menu.of(problem, types)
+    starts, seed = integer("starts", starts, at_least=1), integer("seed", seed, at_least=0)
+    options = SolveOptions() if options is None else options
+    if not isinstance(options, SolveOptions):
+        raise InputError("options", options, "a SolveOptions")
+    prices = _prices(menu, costs)
+    names, pairs = menu.ordered()
+    solves = [Ongoing(menu.problem_with(own), starts, seed, options) for own in names]
+    Family(solves, pairs, OtherTypes(menu, names), scouts_of(starts)).run()
+    found = [
+        TypeAssignment(own, solve.finish(), sum(prices[name] for name in own), solve.reached)
+        for own, solve in zip(names, solves, strict=True)
+    ]
+    # neighbours stand in an order from the smaller to the larger: of equals the later is the richer
+    ranked = sorted(range(len(found)), key=lambda i: (-found[i].mu.lower, -i))
+    upgrades = tuple(Upgrade(found[a], found[b]) for a, b in pairs)
+    return TypeChoice(problem.name, tuple(found[i] for i in ranked), upgrades)
+
+
+class OtherTypes:
+    """A ``Step`` between assignments of contact types: the same contacts, each on a finger that can do as much.
+
+    Parameters
+    ----------
+    menu : Menu
+    names : list of tuple of str
+        The assignments.
+    """
+
+    def __init__(self, menu: Menu, names: list[Names]) -> None:
+        self._menu = menu
+        self._names = {menu.problem_with(own).models: own for own in names}
+
+    def up(self, found: StartGrasp, small: Ongoing, large: Ongoing) -> Given | None:
+        """Return the grasp with the richer contacts, which are worth at least as much."""
+        places = self._places(small, large)
+        if places is None:
+            return None
+        back = [places.index(j) for j in range(len(places))]
+        return _given(found, back, promised(found, small.problem, large.problem))
+
+    def down(self, found: StartGrasp, large: Ongoing, small: Ongoing) -> Given | None:
+        """Return the grasp with the poorer contacts, of which nothing is promised."""
+        places = self._places(small, large)
+        return None if places is None else _given(found, places, 0.0)
+
+    def _places(self, small: Ongoing, large: Ongoing) -> list[int] | None:
+        return self._menu.places(self._names[small.problem.models], self._names[large.problem.models])
+
+
+def _given(found: StartGrasp, order: list[int], floor: float) -> Given:
+    """Return the grasp with its contacts in another order."""
+    placed, grasp = found.found.placed, found.found.grasp
+    faces = tuple(placed.faces[i] for i in order)
+    return Given(Placed(faces, grasp.points[order], placed.hand), grasp.normals[order], floor)
+
+
+def _prices(menu: Menu, costs: Mapping[str, float] | None) -> dict[str, float]:
+    names = list(dict.fromkeys(name for own in menu.each for name in own))
+    if costs is None:
+        return dict.fromkeys(names, 0.0)
+    if not isinstance(costs, Mapping) or any(name not in names for name in costs):
+        raise InputError("costs", costs, "costs by type: " + ", ".join(names))
+    missing = [name for name in names if name not in costs]
+    if missing:
+        raise InputError("costs", f"none for {', '.join(missing)}", "a cost for each type")
+    return {name: number(f"costs[{name!r}]", costs[name], at_least=0.0) for name in names}

@@ -1,0 +1,164 @@
+"""How many contacts a task needs: a square, and the pencil against the brush."""
+
+import json
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from problems.how_many_fingers import EFFORT, brush, pencil
+
+FAST = ng.SolveOptions(workers=1, shadow_prices=False, rtol=0.05, final_rtol=0.02)
+
+
+def square(contacts, size=1.0):
+    body = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * contacts, ng.TaskEllipsoid([size, size, 0.5 * size]))
+
+
+QUICK = ng.SolveOptions(workers=1, shadow_prices=False, rtol=0.05, final_rtol=0.02, exchange=False)
+
+
+@pytest.fixture(scope="module")
+def curve():
+    return ng.how_many_contacts(square, (4, 2, 3), starts=2, options=QUICK)
+
+
+def best_of_pairs(steps=17):
+    """Return the largest mu of two fingers over a grid on the square's sides, by the certificate of the best five."""
+    sides = [([x, -1.0], [0, 1]) for x in np.linspace(-1, 1, steps)]
+    sides += [([x, 1.0], [0, -1]) for x in np.linspace(-1, 1, steps)]
+    sides += [([-1.0, y], [1, 0]) for y in np.linspace(-1, 1, steps)]
+    sides += [([1.0, y], [-1, 0]) for y in np.linspace(-1, 1, steps)]
+    pairs = [(a, b) for a in sides for b in sides]
+    points, normals = (np.array([[a[i], b[i]] for a, b in pairs], float) for i in (0, 1))
+    task, contacts = square(2).task, [ng.FrictionContact(0.5)] * 2
+    bound = ng.screen(ng.GraspStack(points, normals, contacts, np.zeros(2)), task)
+    best = np.argsort(-bound)[:5]
+    return max(ng.mu(ng.Grasp(points[i], normals[i], contacts), task).lower for i in best)
+
+
+def test_more_contacts_resist_more(curve):
+    assert [k for k, _ in curve.solutions] == [2, 3, 4]
+    lower = [found.mu.lower for _, found in curve.solutions]
+    assert lower[0] < lower[1] < lower[2]
+    assert "  4 contacts: mu in" in str(curve)
+
+
+def test_the_fewest_for_a_force_are_enough(curve):
+    """With that force the grasp produces the task's wrenches, by other code; with the certificate's upper bound not."""
+    for k, found in curve.solutions:
+        assert curve.fewest(1.001 / found.mu.lower) == k
+        y = np.random.default_rng(0).standard_normal((300, 3))
+        used = ng.finger_forces(found.grasp, square(k).task.support(y)[1]).used
+        assert np.max(used) <= 1.0 / found.mu.lower * (1 + 1e-9)
+    assert curve.fewest(0.5 / curve.solutions[-1][1].mu.lower) is None
+
+
+def test_a_penalty_for_each_contact(curve):
+    lower = {k: found.mu.lower for k, found in curve.solutions}
+    assert curve.best(0.0) == 4
+    assert curve.best(100.0) == 2
+    steps = lower[3] - lower[2], lower[4] - lower[3]
+    assert curve.best(0.9 * steps[1]) == (4 if steps[0] + steps[1] > 1.8 * steps[1] else 2)
+
+
+def test_two_fingers_are_as_good_as_the_best_of_a_grid(curve):
+    assert curve.solutions[0][1].mu.upper >= best_of_pairs()
+
+
+def test_penalties_of_every_form(curve):
+    lower = {k: found.mu.lower for k, found in curve.solutions}
+    each = 0.01
+    assert curve.best(each) == curve.best([each] * 4) == curve.best({"friction": each})
+    assert curve.best(each) == curve.best(lambda contacts, mu: each * len(contacts))
+    assert curve.best([0.0, 0.0, 0.0, 100.0]) == 3
+    assert curve.best(lambda contacts, mu: 10.0 * mu) == 2
+    assert curve.best(lambda contacts, mu: 0.0 if mu > 0.9 * lower[4] else 1e6) == 4
+    worth = curve.worth(each)
+    assert worth[3].lower == pytest.approx(lower[3] - 3 * each)
+    assert worth[3].upper == pytest.approx(dict(curve.solutions)[3].mu.upper - 3 * each)
+
+
+def test_what_is_known_and_what_is_possible(curve):
+    assert curve.best_known == {k: found.mu.lower for k, found in curve.solutions}
+    assert set(curve.shortfall.values()) == {0.0}
+    assert curve.gap(3) == np.inf
+    bounded = ng.ContactCurve(curve.solutions, curve.reached, {3: 2.0 * curve.best_known[3]})
+    assert bounded.gap(3) == pytest.approx(1.0)
+    assert "possible" in str(bounded).splitlines()[1]
+    worse = ng.ContactCurve(((2, curve.solutions[2][1]), (3, curve.solutions[0][1])))
+    assert worse.shortfall[3] == pytest.approx(1.0 - curve.best_known[2] / curve.best_known[4])
+    assert "below the best known with fewer contacts" in str(worse)
+    rows = json.loads(json.dumps(bounded.to_dict()))["curve"]
+    assert [row["contacts"] for row in rows] == [2, 3, 4]
+    assert rows[1]["possible"] == 2.0 * curve.best_known[3]
+    assert rows[0]["possible"] is None
+
+
+def test_a_grasp_with_fewer_contacts_bounds_every_larger_number():
+    """Whatever the starts find: the grasp with two contacts, and two added anywhere, is one with four."""
+    found = ng.how_many_contacts(square, (2, 4), starts=1, seed=5, options=QUICK)
+    assert found.solutions[1][1].mu.lower >= found.solutions[0][1].mu.lower
+    assert all(ng.verify(solution) for _, solution in found.solutions)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_pencil_with_three_fingers_does_not_depend_on_luck(seed):
+    """Two starts alone find 0.28, with which four fingers would be the fewest for 3.5 N."""
+    found = ng.how_many_contacts(pencil, (2, 3, 4), starts=2, seed=seed, options=FAST)
+    assert dict(found.solutions)[3].mu.lower > 0.6
+    assert found.fewest(EFFORT) == 3
+    assert found.best(0.3) == 4
+    assert dict(found.solutions)[4].mu.lower > 1.1
+
+
+@pytest.mark.slow
+def test_the_brush_takes_more_fingers_than_the_pencil():
+    """Section 4: the same effort, a heavier tool."""
+    fewest = {
+        made.__name__: ng.how_many_contacts(made, (2, 3, 4), starts=6, options=FAST).fewest(EFFORT)
+        for made in (pencil, brush)
+    }
+    assert fewest == {"pencil": 3, "brush": 4}
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ng.how_many_contacts(square, ()), "at least one"),
+        (lambda: ng.how_many_contacts(square, (2,), possible=3), "possible: got 3, expected bounds by the number"),
+        (lambda: ng.how_many_contacts(square, (2,), possible={2: -1.0}), r"possible\[2\]: got -1.0"),
+        (lambda: ng.how_many_contacts(square, (2,), options=3), "options: got 3"),
+        (lambda: ng.how_many_contacts(square, (0,)), "counts"),
+        (lambda: ng.how_many_contacts(lambda k: square(3), (4,)), "a GraspProblem with 4 contacts"),
+        (lambda: ng.how_many_contacts(lambda k: square(k, k), (3, 4)), "the same task"),
+    ],
+)
+def test_bad_input_is_one_sentence(call, message):
+    with pytest.raises(ng.InputError, match=message):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("penalty", "message"),
+    [
+        (-1.0, "penalty: got -1.0"),
+        ("much", "penalty: got 'much'"),
+        ([0.1], "penalty: got 1 prices, expected 2, one a contact"),
+        ([0.1, -0.1, 0.1, 0.1], r"penalty\[1\]: got -0.1"),
+        ({"soft": 0.1}, "penalty: got none for friction, expected a price for each kind"),
+        ({"friction": None}, r"penalty\['friction'\]: got None"),
+        (lambda contacts, mu: float("nan"), "penalty: got nan, expected a finite number"),
+        (lambda contacts, mu: "cheap", "penalty: got 'cheap'"),
+    ],
+)
+def test_penalties_are_checked(curve, penalty, message):
+    with pytest.raises(ng.InputError, match=message):
+        curve.best(penalty)
+
+
+def test_a_gap_is_of_a_number_that_was_asked_for(curve):
+    with pytest.raises(ng.InputError, match="contacts: got 7, expected one of 2, 3, 4"):
+        curve.gap(7)
