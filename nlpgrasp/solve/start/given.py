@@ -24,6 +24,8 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.stop import Stop
 
+ON = 1e-6  # of the body's size: contacts that are as near to their face are on it
+
 
 @dataclass(frozen=True)
 class Given:
@@ -47,7 +49,8 @@ def run_given(bench: Workbench, given: Given, index: int, stop: Stop, improve: b
     """Return the starts ``index`` and ``index + 1`` from a known grasp: as it is, and improved by the exchange.
 
     The first has a mu of at least ``given.floor``, and is left out where it breaks a constraint or resists nothing;
-    the second where its numerics fail.
+    the second where its numerics fail. None where a contact is not on a face
+    that it may use.
     """
     with one_thread():
         return list(_starts(bench, given, index, stop, improve))
@@ -55,6 +58,8 @@ def run_given(bench: Workbench, given: Given, index: int, stop: Stop, improve: b
 
 def _starts(bench: Workbench, given: Given, index: int, stop: Stop, improve: bool) -> Iterator[StartResult]:
     begun, rng = time.perf_counter(), np.random.default_rng([index])
+    if not _on_faces(bench, given.placed):
+        return
     state = AscentState(given.placed, multipliers=np.zeros(len(bench.rows.named)))
     as_it_is = _certified(bench, _as_given(bench, given), state, _Start(index, "as given", begun), given.floor)
     if as_it_is.solved:
@@ -69,6 +74,19 @@ def _starts(bench: Workbench, given: Given, index: int, stop: Stop, improve: boo
     except (RuntimeError, np.linalg.LinAlgError):
         return
     yield _certified(bench, found, state, _Start(index, "improved from a known grasp", begun), 0.0)
+
+
+def _on_faces(bench: Workbench, placed: Placed) -> bool:
+    """Return whether each contact is on a face that it may use; on a mesh, which has one, wherever it is."""
+    problem, body = bench.problem, bench.problem.body
+    for i, (face, point) in enumerate(zip(placed.faces, placed.points, strict=True)):
+        if face not in problem.allowed_faces(i):
+            return False
+        if not isinstance(body, Mesh):
+            h, slope, _, extent = body.evaluate(face, point[None])
+            if not (abs(h[0]) <= ON * body.size * slope[0] and extent[0] <= ON * body.size):
+                return False
+    return True
 
 
 @dataclass(frozen=True)

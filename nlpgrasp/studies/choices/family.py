@@ -14,6 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from nlpgrasp.bodies import Body
+from nlpgrasp.bodies.registry import body_from_dict
+from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve.ongoing import Ongoing
 from nlpgrasp.solve.start.given import Given
@@ -102,10 +105,29 @@ class Family:
 
 
 def promised(found: StartGrasp, small: GraspProblem, large: GraspProblem) -> float:
-    """Return what a grasp of the smaller problem promises in the larger: its certified bound, 0 where nothing."""
+    """Return what a grasp of the smaller problem promises in the larger: its certified bound, 0 where nothing.
+
+    Parameters
+    ----------
+    found : StartGrasp
+    small, large : GraspProblem
+        Of the same body.
+    """
     same = small.budget == large.budget and small.budget.kind in CARRIES
-    same = same and small.task.to_dict() == large.task.to_dict() and small.body.to_dict() == large.body.to_dict()
-    return found.record.mu.lower if same and (small.origin == large.origin).all() else 0.0
+    same = same and small.task.to_dict() == large.task.to_dict() and bool((small.origin == large.origin).all())
+    return found.record.mu.lower if same else 0.0
+
+
+def same_body(one: Body, other: Body) -> bool:
+    """Return whether two bodies are known to be the same: one object, or with the same data, where these say all."""
+    if one is other:
+        return True
+    data = one.to_dict()
+    try:
+        body_from_dict(data)
+    except InputError:
+        return False
+    return data == other.to_dict()
 
 
 def scouts_of(starts: int) -> int:

@@ -95,6 +95,7 @@ def first_choice(
     Returns
     -------
     FirstChoice
+        With a reason for each proposal.
 
     Raises
     ------

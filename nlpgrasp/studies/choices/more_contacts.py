@@ -15,21 +15,21 @@ from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.start.screen import scores
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
-from nlpgrasp.studies.choices.family import promised
+from nlpgrasp.studies.choices.family import promised, same_body
 
 DRAWN = 128  # places of added contacts that are looked at
 SUBSETS = 256  # of contacts to keep, at most
 
 
 class OtherNumber:
-    """A ``Step`` between problems with fewer and with more contacts; of hands that follow their contacts, or none."""
+    """A ``Step`` between problems of one body with fewer and with more contacts, none of which has a posed hand."""
 
     def up(self, found: StartGrasp, small: Ongoing, large: Ongoing) -> Given | None:
         """Return the grasp with more contacts: of those drawn that keep the constraints the best, if any."""
         bench, grasp = large.bench, found.found.grasp
         space = grasp.space
         places = placed_in(small.problem.models, large.problem.models, space)
-        if places is None or not bench.follows_contacts:
+        if places is None or not self._suits(small, large):
             return None
         rng = np.random.default_rng(len(large.problem.models))
         k = len(large.problem.models)
@@ -53,7 +53,7 @@ class OtherNumber:
     def down(self, found: StartGrasp, large: Ongoing, small: Ongoing) -> Given | None:
         """Return the grasp with fewer contacts: of the choices that keep the constraints the best, if any."""
         bench, grasp = small.bench, found.found.grasp
-        if not bench.follows_contacts:
+        if not self._suits(small, large):
             return None
         kept = _choices(large, small)
         if not kept:
@@ -62,6 +62,10 @@ class OtherNumber:
         faces = np.array(found.found.placed.faces, dtype=object)[chosen]
         placed = _best(bench, grasp.points[chosen], grasp.normals[chosen], faces)
         return None if placed is None else Given(placed)
+
+    def _suits(self, small: Ongoing, large: Ongoing) -> bool:
+        follow = small.bench.follows_contacts and large.bench.follows_contacts
+        return follow and same_body(small.problem.body, large.problem.body)
 
 
 def _choices(large: Ongoing, small: Ongoing) -> list[Sequence[int]]:

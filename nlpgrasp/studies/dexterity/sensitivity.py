@@ -95,7 +95,7 @@ class Sensitivity:
 
     @property
     def rates(self) -> tuple[Rate, ...]:
-        """All of them."""
+        """Rates of contacts, coefficients and joints, in this order."""
         return (*self.contacts, *self.coefficients, *self.joints)
 
     @property

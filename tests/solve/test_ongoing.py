@@ -1,0 +1,103 @@
+"""A solve that takes known grasps: what they promise is kept, what they break is left out."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.solve.ongoing import Ongoing
+from nlpgrasp.solve.start.given import Given, run_given
+from nlpgrasp.solve.start.scout import scout
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.solve.workers.stop import Stop
+
+SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+TASK = ng.TaskEllipsoid([1.0, 1.0, 0.5])
+QUICK = ng.SolveOptions(workers=1, shadow_prices=False, rtol=0.05, final_rtol=0.02, exchange=False)
+FACES, POINTS = ("edge0", "edge2"), np.array([[0.3, -1.0], [0.3, 1.0]])
+
+
+def problem(**more):
+    return ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 2, TASK, torque_origin=[0.0, 0.0], **more)
+
+
+def certified(points=POINTS, rtol=1e-3):
+    return ng.mu(ng.Grasp(points, [[0, 1], [0, -1]], ng.FrictionContact(0.5)), TASK, rtol)
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Workbench(problem(), QUICK)
+
+
+def test_a_known_grasp_is_certified_as_it_is(bench):
+    (start,) = run_given(bench, Given(Placed(FACES, POINTS)), 7, Stop())
+    assert start.record.index == 7
+    assert start.record.message == "as given"
+    np.testing.assert_array_equal(start.found.grasp.points, POINTS)
+    exact = certified()
+    assert start.record.mu.lower <= exact.upper
+    assert start.record.mu.upper >= exact.lower
+
+
+def test_it_is_improved_where_the_exchange_runs():
+    better = Workbench(problem(), ng.SolveOptions(workers=1, rtol=0.01))
+    as_given, improved = run_given(better, Given(Placed(FACES, POINTS)), 0, Stop())
+    assert improved.record.index == 1
+    assert improved.record.mu.lower > as_given.record.mu.upper
+
+
+def test_what_is_promised_is_its_least(bench):
+    promise = certified(rtol=1e-4).lower  # tighter than the certificate of the start
+    (start,) = run_given(bench, Given(Placed(FACES, POINTS), floor=promise), 0, Stop())
+    assert start.record.mu.lower == promise
+    assert start.record.mu.upper >= promise
+
+
+def test_grasps_that_are_not_allowed_are_left_out(bench):
+    assert run_given(bench, Given(Placed(FACES, POINTS * [10.0, 1.0])), 0, Stop()) == []  # beyond the face
+    assert run_given(bench, Given(Placed(FACES, POINTS * [1.0, -1.0])), 0, Stop()) == []  # off it
+    one_side = Placed(("edge0", "edge0"), np.array([[0.3, -1.0], [-0.3, -1.0]]))
+    assert run_given(bench, Given(one_side), 0, Stop()) == []  # resists nothing
+    forbidden = Workbench(problem(constraints=[ng.Forbid("edge0")]), QUICK)
+    assert run_given(forbidden, Given(Placed(FACES, POINTS)), 0, Stop()) == []
+    apart = Workbench(problem(constraints=[ng.Spread(0.1, 1.9)]), QUICK)
+    assert run_given(apart, Given(Placed(FACES, POINTS), floor=0.2), 0, Stop()) == []
+
+
+def test_the_answer_is_never_below_what_was_promised():
+    """Also where another grasp ties with it within the certificates' gap."""
+    solve = Ongoing(problem(), 1, 0, QUICK)
+    solve.run_starts()
+    found = solve.best.found
+    promise = ng.mu(found.grasp, TASK, 1e-4).lower
+    solve.offer(Given(Placed(found.placed.faces, found.grasp.points), found.grasp.normals, promise))
+    assert solve.floor == promise
+    solution = solve.finish()
+    assert solution.mu.lower >= promise
+    assert solution.mu.upper >= certified(found.grasp.points).lower or solution.success
+    assert len(solution.starts) == 2
+    assert ng.verify(solution)
+    assert ng.GraspSolution.from_dict(solution.to_dict()).mu == solution.mu
+
+
+def test_scouts_are_apart_allowed_and_begin_with_the_best(bench):
+    found = scout(bench, 5, np.random.default_rng(0))
+    assert len(found) == 5
+    stack = ng.GraspStack(
+        np.stack([p.points for p in found]),
+        np.stack([bench.inward_normals(p) for p in found]),
+        ng.FrictionContact(0.5),
+        np.zeros(2),
+    )
+    bound = ng.screen(stack, TASK)
+    assert np.all(np.diff(bound) <= 1e-6)
+    for i, one in enumerate(found):
+        assert bench.violation(one) <= FEASIBLE
+        for other in found[:i]:
+            assert np.max(np.linalg.norm(one.points - other.points, axis=1)) >= 0.1 * bench.scaling.length
+
+
+def test_no_scouts_where_chance_finds_no_placement():
+    narrow = Workbench(problem(constraints=[ng.Spread(1.2345, 1.2345 + 1e-9)]), QUICK)
+    assert scout(narrow, 3, np.random.default_rng(0)) == []
