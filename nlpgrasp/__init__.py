@@ -1,5 +1,6 @@
 """Task-oriented optimal grasps by nonlinear programming, with certified bounds on their quality."""
 
+from nlpgrasp.best import BestPossible, best_possible
 from nlpgrasp.bodies import (
     Box,
     Cylinder,
@@ -113,6 +114,7 @@ from nlpgrasp.version import __version__
 
 __all__ = [
     "Approach",
+    "BestPossible",
     "BilateralContact",
     "BlockedDirection",
     "Bounds",
@@ -199,6 +201,7 @@ __all__ = [
     "__version__",
     "allowed_twists",
     "angular_velocity",
+    "best_possible",
     "choose_contact_types",
     "collision_task",
     "combinations",

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from nlpgrasp.common.stopping.interrupt import Interrupt
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError, NoGraspError
@@ -22,10 +24,8 @@ from nlpgrasp.solve.ascent.steps.registry import check_name
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.interrupt import Interrupt
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
-from nlpgrasp.solve.workers.stop import Stop
 
 Progress = Callable[[StartRecord, Bounds], None]
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solve.ascent.ascend import Rules
@@ -20,7 +21,6 @@ from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 SAME = 0.02  # of the body's size: contacts this close, in whatever order, are the same grasp
 SHARE = 0.13  # of the starts that cold solves of all steps would take look for branches, those of both ends at least

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.records import Status
@@ -17,7 +18,6 @@ from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 from nlpgrasp.studies.branches import Branch, Branches, moved
 from nlpgrasp.studies.dynamic_grasp import DynamicStep
 

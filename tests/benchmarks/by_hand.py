@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 
 import nlpgrasp as ng
 from nlpgrasp.budgets.sets.l2 import L2Set
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.nlp import CompiledProgram, support_program, vertex_program
 from nlpgrasp.quality import WrenchSet
 from nlpgrasp.quality.certificate.minimise import random_directions
@@ -19,7 +20,6 @@ from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 AXES = np.array([2.0, 1.0, 1.0])
 TASK = ng.TaskEllipsoid([1.0] * 6)

@@ -5,9 +5,9 @@ import time
 import numpy as np
 
 import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 
 def run_starts(problem, count, seed=0, **options):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from nlpgrasp.common.shown.drawing import Drawing
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solve.after.drawing import drawing_of
@@ -18,7 +19,6 @@ from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.link_depth import LinkDepth, link_depth
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
-from nlpgrasp.solve.workers.stop import Stop
 
 T = TypeVar("T")
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
@@ -29,7 +30,6 @@ from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import SLOTS
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 POLISHING = Rules(rounds=25, radius=0.05, last_radius=0.0, worse=0.5, refused=0.3, allowed=1e-4, looks_back=True)
 ROUNDS_WITH_FORCES = 6

@@ -15,6 +15,7 @@ from scipy import sparse
 
 from nlpgrasp.common.rows import CLEARANCE, ON_FINGERTIP, SELF_COLLISION, UNIT_QUATERNION
 from nlpgrasp.common.shown.words import direction_words
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import mu
@@ -28,7 +29,6 @@ from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 STARTS, STEPS = 6, 40
 FIRST_RADIUS, LAST_RADIUS = 0.3, 1e-3  # solver units

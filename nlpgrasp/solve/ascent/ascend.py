@@ -14,13 +14,13 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.cuts import most_relevant, with_new
 from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.ascent.weakest import AFTER_A_STEP, Weakest, weakest_at
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 HALF, TENTH = 0.5, 0.1  # shares of the promised gain that make a step a good one, and a fair one
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.ascent.ascend import Rules, ascend
 from nlpgrasp.solve.ascent.cuts import with_known
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.ascent.steps.registry import model_of
 from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 
 def exchange_rules(bench: Workbench) -> Rules:

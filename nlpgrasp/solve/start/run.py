@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
@@ -20,7 +21,6 @@ from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
-from nlpgrasp.solve.workers.stop import Stop
 
 GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 

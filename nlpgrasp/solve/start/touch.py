@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.cuts import no_cuts
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
@@ -12,7 +13,6 @@ from nlpgrasp.solve.ascent.slack import RowSlack
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 LONGEST = 0.4  # solver units a step
 # RowSlack: weight of the squared violations against the squared step

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands.base import Values
@@ -23,7 +24,6 @@ from nlpgrasp.solve.surface.slide import slide_onto_mesh
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import hand_of, points_of, put_contacts, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 STEPS, AIMED = 12, 4  # most steps to the nearest points, and before them to points aimed at
 TOUCHED = 1e-5  # metres: a gap this small is none

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solution.placed import SurfaceMatch
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.surface.move_hand import hand_onto_mesh
@@ -12,7 +13,6 @@ from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 
 def put_on_body(bench: Workbench, state: AscentState, rng: np.random.Generator, stop: Stop) -> OnBody:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
@@ -19,7 +20,6 @@ from nlpgrasp.solve.start.screen import screening_directions
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.surface_samples import MESH_ANGLE
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 FIRST_REACH, LAST_REACH = 0.12, 0.01  # of the body's size: how far a contact may slide in one move
 TRIALS = 48

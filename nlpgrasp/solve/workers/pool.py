@@ -11,6 +11,7 @@ from functools import partial
 
 from loky.process_executor import BrokenProcessPool
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.records import StartRecord, Status
@@ -22,7 +23,6 @@ from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
 from nlpgrasp.solve.workers.processes import Processes, cores
-from nlpgrasp.solve.workers.stop import Stop
 
 NOT_BEGUN = "not begun"
 GRACE = 10.0  # seconds in-flight starts get to finish after a stop

@@ -3,11 +3,11 @@
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.after.limits import limits_of
 from nlpgrasp.solve.after.prices import polish, shadow_prices
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.ascent.ascend import Rules, Step, ascend
 from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.ascent.steps.linear import LinearModel
@@ -13,7 +14,6 @@ from nlpgrasp.solve.ascent.steps.nonlinear import NonlinearModel
 from nlpgrasp.solve.ascent.steps.registry import LINEAR, NONLINEAR
 from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workers.stop import Stop
 from tests.solve.squares import BEST_OF_THREE, BEST_OF_TWO, THREE, TWO, square_bench
 
 OFF = {

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.start.touch import TOUCHING, touching, touching_candidates
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 FACES = ("surface",) * 3
 

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.start.touch import TOUCHING, touching
@@ -13,7 +14,6 @@ from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.stop import Stop
 from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1)

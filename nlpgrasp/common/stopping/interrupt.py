@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from types import FrameType, TracebackType
 
-from nlpgrasp.solve.workers.stop import Stop
+from nlpgrasp.common.stopping.stop import Stop
 
 
 class Interrupt:

@@ -1,0 +1,70 @@
+"""How good could any placement be: the question, checked, and its answer."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+from nlpgrasp.best.result import BestPossible
+from nlpgrasp.best.scope.scope import scope_of
+from nlpgrasp.best.search import Search
+from nlpgrasp.common.stopping.interrupt import Interrupt
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import number
+from nlpgrasp.errors import InputError
+from nlpgrasp.problem.problem import GraspProblem
+
+
+def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | None = 10.0) -> BestPossible:
+    """Return a bound on mu over all placements of a problem's contacts, and the best grasp met.
+
+    Branch and bound (docs/how_close.md): for directions y with unit work of the task and weights w of sum one,
+    ``mu^2 <= sum_i max_p sum_j w_j s_i(p, y_j)^2`` with the support s_i of contact i alone, so that contacts are
+    bounded one by one over the cells that they may be in; the least such bound is a linear program. The search stops
+    when the gap is closed, when the time is up, or at Ctrl-C; the bound holds at any time.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+        A body of flat faces (box, prism, polygon), a sphere, an ellipsoid, a cylinder or a torus; point, friction or
+        soft contacts; the ``"l2"``, ``"per_finger"``, ``"per_finger_size"`` or ``"shared"`` budget (the last with a
+        looser bound). Constraints on single contacts shrink where these may be. A hand and constraints between
+        contacts are left out: they only lower mu, and the answer names them.
+    gap : float
+        Relative gap between bound and best grasp at which to stop, above 0, at most 1.
+    time_limit : float, optional
+        Seconds of wall time; as long as it takes when left out.
+
+    Returns
+    -------
+    BestPossible
+
+    Raises
+    ------
+    InputError
+        On a gap or a time limit out of range, and on a problem that the bound does not cover: says which part.
+    """
+    if not isinstance(problem, GraspProblem):
+        raise InputError("problem", problem, "a GraspProblem")
+    gap = number("gap", gap, above=0.0)
+    if gap > 1.0:
+        raise InputError("gap", gap, "a share above 0, at most 1")
+    limit = None if time_limit is None else number("time_limit", time_limit, above=0.0)
+    begun = time.monotonic()
+    search = Search(scope_of(problem), gap)
+    with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
+        stop = Stop(None if limit is None else begun + limit, Path(folder) / "stop")
+        with Interrupt(stop):
+            search.run(stop.requested)
+    return BestPossible(
+        search.upper,
+        search.grasp,
+        search.mu.of_measure(problem.task.measure, problem.task.paper_beta),
+        search.faces,
+        search.closed,
+        search.tree.nodes,
+        time.monotonic() - begun,
+        search.scope.dropped,
+        search.tree.proof.to_dict(),
+    )

@@ -1,0 +1,1 @@
+"""Bounds on mu from mixtures of directions."""

@@ -1,0 +1,74 @@
+"""Directions of wrench space that bounds are mixed from, by number."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.best.bound.supports import IntArray
+from nlpgrasp.best.bound.weakest import normalised
+from nlpgrasp.common.directions import directions
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.tasks import Task
+
+RANDOM, RECENT, TRIED = (
+    200,
+    60,
+    120,
+)  # random ones beside the lattice, latest ones, and how many a design is tried along
+FLAT = 1e-9
+
+
+class Twists:
+    """A growing list of directions y with unit work of the task, ``phi_A(y) = 1``.
+
+    Parameters
+    ----------
+    task : Task
+    size : float
+        Of the body, metres: what turns torques into forces where the task does not say.
+    per_node : int
+        Directions of a node.
+    """
+
+    def __init__(self, task: Task, size: float, per_node: int = 16) -> None:
+        self.task, self.per_node = task, per_node
+        self._rng = np.random.default_rng(0)
+        d = task.dimension
+        lattice = np.concatenate([directions(d, 2), self._rng.standard_normal((RANDOM, d))])
+        space = 2 if d == 3 else 3
+        own = np.diag([1.0] * space + [size**2] * (d - space))
+        moment = task.second_moment()
+        filled = moment + FLAT * own * np.trace(moment) + 0.05 * np.mean(np.diag(moment) / np.diag(own)) * own
+        found = normalised(task, lattice @ np.linalg.inv(np.linalg.cholesky(filled)))
+        self.lattice = found[np.any(found != 0.0, axis=1)]
+        self._all = np.zeros((1024, d))
+        self._count = 0
+        self.add(self.lattice)
+        self._recent = self.lattice[:0]
+
+    def add(self, twists: FloatArray) -> IntArray:
+        """Add directions (m, d) and return their numbers, (m,)."""
+        numbers = np.arange(self._count, self._count + len(twists))
+        while self._count + len(twists) > len(self._all):
+            self._all = np.concatenate([self._all, np.zeros_like(self._all)])
+        self._all[numbers] = twists
+        self._count += len(twists)
+        return numbers
+
+    def __getitem__(self, numbers: IntArray) -> FloatArray:
+        return self._all[numbers]
+
+    def first(self) -> IntArray:
+        """Return the directions that a search begins with, (per_node,)."""
+        chosen = self._rng.permutation(len(self.lattice))[: self.per_node]
+        return np.resize(chosen, self.per_node)
+
+    def tried(self) -> FloatArray:
+        """Return some directions along which designs may be weak: well-spread, random and recent ones."""
+        chosen = self._rng.permutation(len(self.lattice))[: TRIED - len(self._recent)]
+        return np.concatenate([self.lattice[chosen], self._recent])
+
+    def remember(self, twists: FloatArray) -> None:
+        """Keep some of the directions (m, d) that were found weak."""
+        some = twists[self._rng.permutation(len(twists))[: RECENT // 4]]
+        self._recent = np.concatenate([some, self._recent])[:RECENT]

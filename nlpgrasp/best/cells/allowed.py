@@ -1,0 +1,145 @@
+"""What constraints on single contacts leave of faces and cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.best.cells.base import Cell, Surface
+from nlpgrasp.best.cells.polygon import FlatFace, clipped
+from nlpgrasp.common.validation import FloatArray
+
+THIN = 1e-9  # relative to a face: a piece that is thinner is nothing
+
+
+@dataclass(frozen=True)
+class HalfSpaces:
+    """An intersection of half-spaces ``A (p - radius n) <= b``, n the inward normal.
+
+    Parameters
+    ----------
+    A : (m, space) array
+        Unit rows.
+    b : (m,) array
+        Metres, body frame.
+    radius : float
+        Of a fingertip that it is about, metres; 0 for the contact point.
+    """
+
+    A: FloatArray
+    b: FloatArray
+    radius: float = 0.0
+
+    def at(self, normal: FloatArray) -> FloatArray:
+        """Return the offsets (m,) that hold for the contact point where the inward normal is this one."""
+        return np.asarray(self.b + self.radius * self.A @ normal)
+
+    def excess(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return how far each point is beyond each half-space, (k, m), metres."""
+        return np.asarray((points - self.radius * normals) @ self.A.T - self.b)
+
+
+@dataclass(frozen=True)
+class Distance:
+    """At least a distance from another body, for the fingertip's centre.
+
+    Parameters
+    ----------
+    distance : callable
+        Points (m, space) to exact distances (m,), metres.
+    least, radius : float
+        Metres: of the centre from the body, and of the fingertip.
+    """
+
+    distance: Callable[[FloatArray], FloatArray]
+    least: float
+    radius: float
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """Where one contact may be.
+
+    Parameters
+    ----------
+    inside : tuple of HalfSpaces
+        All of which hold.
+    outside : tuple of HalfSpaces
+        Open polytopes that the contact point is in none of.
+    away : tuple of Distance
+    """
+
+    inside: tuple[HalfSpaces, ...] = ()
+    outside: tuple[HalfSpaces, ...] = ()
+    away: tuple[Distance, ...] = ()
+
+    def __add__(self, other: Allowed) -> Allowed:
+        """Return where both permit the contact to be."""
+        return Allowed(self.inside + other.inside, self.outside + other.outside, self.away + other.away)
+
+    @property
+    def limited(self) -> bool:
+        """Whether there is anything that the contact may not do."""
+        return bool(self.inside or self.outside or self.away)
+
+    def left_of(self, surface: Surface) -> Surface | None:
+        """Return the face, of a flat one what half-spaces leave of it; None where nothing is left."""
+        if not isinstance(surface, FlatFace):
+            return surface
+        size = max(float(np.max(np.ptp(piece, axis=0))) for piece in surface.pieces)
+        pieces = list(surface.pieces)
+        for limits in self.inside:
+            for row, offset in zip(limits.A, limits.at(surface.normal), strict=True):
+                pieces = [clipped(piece, row, float(offset)) for piece in pieces if len(piece)]
+        for limits in self.outside:
+            pieces = [part for piece in pieces for part in _without(piece, limits)]
+        pieces = [piece for piece in pieces if len(piece) >= 2 and np.max(np.ptp(piece, axis=0)) > THIN * size]
+        return FlatFace(surface.name, pieces, surface.normal) if pieces else None
+
+    def excludes(self, cell: Cell) -> bool:
+        """Return whether no point of the cell is allowed for certain."""
+        centre, radius = cell.ball()
+        for limits in self.inside:
+            if np.any(limits.A @ centre - limits.b > radius + limits.radius):
+                return True
+        if any(np.all(limits.A @ centre - limits.b < -radius) for limits in self.outside):
+            return True
+        reach = [(d.distance(centre[None])[0] + radius + d.radius, d.least) for d in self.away]
+        return any(most < least for most, least in reach)
+
+    def same_after(self, rotation: FloatArray, translation: FloatArray, tolerance: float) -> bool:
+        """Return whether a rigid motion or reflection is known to leave what is allowed as it is."""
+        if self.outside or self.away:
+            return False
+        if not self.inside:
+            return True
+        rows = np.concatenate([np.column_stack([h.A, h.b, np.full(len(h.b), h.radius)]) for h in self.inside])
+        space = len(translation)
+        images = rows.copy()
+        images[:, :space] = rows[:, :space] @ rotation.T
+        images[:, space] += images[:, :space] @ translation
+        apart = np.max(np.abs(images[:, None] - rows[None]), axis=2)
+        return bool(np.max(apart.min(axis=1)) <= tolerance)
+
+    def permits(self, points: FloatArray, normals: FloatArray, slack: float) -> bool:
+        """Return whether all points (m, space) are allowed, but for a slack in metres."""
+        if any(np.any(limits.excess(points, normals) > slack) for limits in self.inside):
+            return False
+        if any(np.any(np.all(limits.excess(points, normals) < -slack, axis=1)) for limits in self.outside):
+            return False
+        return all(np.all(d.distance(points - d.radius * normals) >= d.least - slack) for d in self.away)
+
+
+def _without(piece: FloatArray, hole: HalfSpaces) -> list[FloatArray]:
+    """Return convex pieces that cover what a convex piece has outside of an open polytope."""
+    result = []
+    for row, offset in zip(hole.A, hole.b, strict=True):
+        if len(piece) < 2:
+            break
+        beyond = clipped(piece, -row, -float(offset))
+        if len(beyond) >= 2:
+            result.append(beyond)
+        piece = clipped(piece, row, float(offset))
+    return result

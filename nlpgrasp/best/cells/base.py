@@ -1,0 +1,96 @@
+"""What every cell, and every face made of cells, states about itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Contacts that stand for a cell: what one of them bounds, it bounds for its part of the cell.
+
+    Parameters
+    ----------
+    points, normals : (m, space) array
+        Metres, and unit, into the body; body frame.
+    bends : (m, 2, 3) array or None
+        None where the normal is the same all over the cell. Otherwise two sets of weights of ``|v|``, ``|tau|`` and,
+        for a contact with a moment about its normal, of ``|tau|`` once more; ``v = f + tau x (p - o)`` is the twist's
+        velocity at the row. With the first, the most that the work z of a contact in the row's part is off a linear
+        interpolation; with the second, the most that it differs from the row's own.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    bends: FloatArray | None = None
+
+
+class Cell(ABC):
+    """A piece of a face.
+
+    A convex function of the work z of a contact anywhere in the cell is at most its largest value over the rows plus
+    what the rows' bends allow for (docs/how_close.md).
+    """
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def rows(self) -> Rows:
+        """Return the contacts that stand for the cell."""
+
+    @abstractmethod
+    def split(self) -> tuple[Cell, ...]:
+        """Return two cells that cover this one; itself alone where it is a point."""
+
+    @abstractmethod
+    def ball(self) -> tuple[FloatArray, float]:
+        """Return centre (space,) and radius, metres, of a ball around the cell."""
+
+    @abstractmethod
+    def anchors(self) -> FloatArray:
+        """Return points (m, space), metres, that tell the cell from all others of the body."""
+
+    @abstractmethod
+    def to_dict(self) -> Json:
+        """Return ``kind`` and the numbers from which anyone can make the rows again."""
+
+
+class Surface(ABC):
+    """A face of the body: cells that cover it, and steps along it.
+
+    Parameters
+    ----------
+    name : str
+        Of the body's face.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    @abstractmethod
+    def cells(self) -> Sequence[Cell]:
+        """Return cells that cover the face."""
+
+    @abstractmethod
+    def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points of the face, and the inward normals there, after tangential steps, (m, space) each.
+
+        Parameters
+        ----------
+        point : (space,) array
+            Of the face, metres, body frame.
+        steps : (m, space - 1) array
+            Along the tangents (``common.spatial.tangents``) of the inward normal at the point, metres.
+        """
+
+    def limits(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``A`` (m, space - 1) and ``b`` (m,): with ``A s <= b`` a step s from the point stays on the face."""
+        return np.zeros((0, len(point) - 1)), np.zeros(0)

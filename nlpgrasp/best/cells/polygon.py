@@ -1,0 +1,124 @@
+"""Convex polygons and segments: cells of flat faces, on which the vertices say it all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from nlpgrasp.best.cells.base import Cell, Rows, Surface
+from nlpgrasp.common.spatial import tangents
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+
+ROUNDING = 1e-9  # relative: extents that differ by less are equal, so that mirror images are cut alike
+
+
+class PolygonCell(Cell):
+    """A convex polygon of a flat face, or a segment of a straight edge.
+
+    The normal is the same everywhere, so the work is linear in the point: its convex functions are largest at a vertex.
+
+    Parameters
+    ----------
+    vertices : (m, space) array
+        In order around the polygon; two of a segment. Metres, body frame.
+    normal : (space,) array
+        Unit, into the body.
+    axes : (space - 1, space) array
+        Unit, along which it is cut.
+    """
+
+    kind: ClassVar[str] = "polygon"
+
+    def __init__(self, vertices: FloatArray, normal: FloatArray, axes: FloatArray) -> None:
+        self.vertices, self.normal, self.axes = vertices, normal, axes
+
+    def rows(self) -> Rows:
+        """Return the vertices."""
+        return Rows(self.vertices, np.broadcast_to(self.normal, self.vertices.shape))
+
+    def split(self) -> tuple[PolygonCell, PolygonCell]:
+        """Return both halves of the longer extent along the axes."""
+        along = self.axes @ self.vertices.T
+        extents = np.ptp(along, axis=1)
+        i = int(np.argmax(extents >= (1.0 - ROUNDING) * np.max(extents)))
+        middle = 0.5 * float(np.max(along[i]) + np.min(along[i]))
+        low, high = (clipped(self.vertices, s * self.axes[i], s * middle) for s in (1.0, -1.0))
+        return PolygonCell(low, self.normal, self.axes), PolygonCell(high, self.normal, self.axes)
+
+    def ball(self) -> tuple[FloatArray, float]:
+        """Return the mean of the vertices and the distance to the farthest."""
+        middle = self.vertices.mean(axis=0)
+        return middle, float(np.max(np.linalg.norm(self.vertices - middle, axis=1)))
+
+    def anchors(self) -> FloatArray:
+        """Return the corners."""
+        return self.vertices
+
+    def to_dict(self) -> Json:
+        """Return vertices and normal."""
+        return {"kind": self.kind, "vertices": self.vertices.tolist(), "normal": self.normal.tolist()}
+
+
+class FlatFace(Surface):
+    """A flat face, or what constraints leave of it, as convex polygons.
+
+    Parameters
+    ----------
+    name : str
+    pieces : sequence of (m, space) array
+        Vertices of the polygons in order.
+    normal : (space,) array
+        Unit, into the body.
+    """
+
+    def __init__(self, name: str, pieces: Sequence[FloatArray], normal: FloatArray) -> None:
+        super().__init__(name)
+        self.pieces, self.normal = tuple(pieces), normal
+        self.axes = tangents(normal[None])[0]
+
+    def cells(self) -> Sequence[Cell]:
+        """Return a cell for each piece."""
+        return [PolygonCell(piece, self.normal, self.axes) for piece in self.pieces]
+
+    def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the points in the face's plane and its normal."""
+        points = point + steps @ self.axes
+        return points, np.broadcast_to(self.normal, points.shape)
+
+    def limits(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the sides of the piece that the point is in, or is nearest to."""
+        sides = min(
+            (_sides(piece, self.axes) for piece in self.pieces), key=lambda s: float(np.max(s[0] @ point - s[1]))
+        )
+        return sides[0] @ self.axes.T, sides[1] - sides[0] @ point
+
+
+def clipped(vertices: FloatArray, direction: FloatArray, offset: float) -> FloatArray:
+    """Return what a half-space ``direction . p <= offset`` leaves of a convex polygon or a segment, perhaps nothing."""
+    beyond = vertices @ direction - offset
+    kept: list[FloatArray] = []
+    pairs = len(vertices) if len(vertices) > 2 else 1
+    for i in range(len(vertices)):
+        j = (i + 1) % len(vertices)
+        if beyond[i] <= 0.0:
+            kept.append(vertices[i])
+        if i < pairs and beyond[i] * beyond[j] < 0.0:
+            kept.append(vertices[i] + (vertices[j] - vertices[i]) * (beyond[i] / (beyond[i] - beyond[j])))
+    return np.array(kept).reshape(-1, vertices.shape[1])
+
+
+def _sides(vertices: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return outward unit vectors (m, space) in the polygon's plane and offsets (m,) of its sides."""
+    if len(axes) == 1:
+        along = vertices @ axes[0]
+        return np.concatenate([axes, -axes]), np.array([np.max(along), -np.min(along)])
+    edges = np.roll(vertices, -1, axis=0) - vertices
+    kept = np.linalg.norm(edges, axis=1) > 0.0
+    outward = np.cross(edges[kept], np.cross(axes[0], axes[1]))
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    beyond = np.sum(outward * (vertices[kept] - vertices.mean(axis=0)), axis=1)
+    outward = outward * np.where(beyond < 0.0, -1.0, 1.0)[:, None]
+    return outward, np.sum(outward * vertices[kept], axis=1)

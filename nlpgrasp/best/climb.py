@@ -1,0 +1,161 @@
+"""Uphill over the body's surface from where a design is heaviest: grasps for the bound to be compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from nlpgrasp.best.bound.weakest import Design, descended
+from nlpgrasp.best.cells.base import Surface
+from nlpgrasp.best.scope.pieces import Pieces
+from nlpgrasp.common.conic import quiet_settings
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.tasks import Task
+
+ROUNDS = 25
+FIRST, LONGEST, LEAST = 0.1, 0.3, 2e-4  # steps, relative to the body's size
+CUTS, KEPT = 40, 10  # directions in a step's program; of the latest
+DIFFERENCE = 1e-6
+GAIN = 1e-6
+HOPE = 2.0  # share of mu, over the rounds so far, that a climb may lack
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Where one contact is.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        The cells it may be in.
+    surface : Surface
+        The face it is on.
+    point, normal : (space,) array
+        Metres; unit, into the body.
+    """
+
+    pieces: Pieces
+    surface: Surface
+    point: FloatArray
+    normal: FloatArray
+
+    def moved(self, step: FloatArray) -> Spot:
+        """Return the spot a step (space - 1,) along the face."""
+        points, normals = self.surface.moved(self.point, step[None])
+        return Spot(self.pieces, self.surface, points[0], normals[0])
+
+    @property
+    def allowed(self) -> bool:
+        """Whether constraints permit it."""
+        return self.pieces.allowed.permits(self.point[None], self.normal[None], 1e-9)
+
+
+class Climber:
+    """Raises mu of grasps by small linear programs: all directions that may become the weakest rise alike.
+
+    Parameters
+    ----------
+    task : Task
+    twists : (m, d) array
+        Well-spread directions with unit work of the task.
+    size : float
+        Of the body, metres.
+    """
+
+    def __init__(self, task: Task, twists: FloatArray, size: float) -> None:
+        self.task, self.twists, self.size = task, twists, size
+
+    def climb(self, spots: Sequence[Spot], twists: FloatArray, known: float = 0.0) -> tuple[list[Spot], float]:
+        """Return a grasp uphill of this one, and what its mu seems to be.
+
+        Parameters
+        ----------
+        spots : sequence of k Spot
+        twists : (m, d) array
+            Directions that are weak there.
+        known : float
+            The mu to exceed: a climb that stays far below it ends early.
+        """
+        best = list(spots)
+        value, cuts = self._weakest(best, twists)
+        step = FIRST * self.size
+        for i in range(ROUNDS):
+            if value < known * (1.0 - HOPE / (1 + i)):
+                break
+            moved = self._uphill(best, cuts, step)
+            if moved is None:
+                break
+            found, weak = self._weakest(moved, cuts)
+            cuts = np.concatenate([weak[:KEPT], cuts])[:CUTS]
+            if found > (1.0 + GAIN) * value:
+                best, value, step = moved, found, min(1.5 * step, LONGEST * self.size)
+                continue
+            step *= 0.35
+            if step < LEAST * self.size:
+                break
+        return best, value
+
+    def _weakest(self, spots: Sequence[Spot], twists: FloatArray) -> tuple[float, FloatArray]:
+        """Return the least ratio that descents find, and their directions, weakest first."""
+        designs, measure = _designs(spots), spots[0].pieces.supports.measure
+        first = sum(design.value(self.twists[None])[0] for design in designs) ** (1.0 / measure.power)
+        start = np.concatenate([twists[:KEPT], self.twists[np.argsort(first)[:6]]])
+        found = descended(designs, self.task, start[None], 8)[0][0]
+        ratios = measure.combined(np.concatenate([d.supports(found[None])[0] for d in designs], axis=1), 1)
+        order = np.argsort(ratios)
+        return float(ratios[order[0]]), found[order]
+
+    def _uphill(self, spots: Sequence[Spot], cuts: FloatArray, step: float) -> list[Spot] | None:
+        """Return the spots after the step that raises the least linearised support most, None where there is none."""
+        q = spots[0].point.size - 1
+        h = DIFFERENCE * self.size
+        tries = np.concatenate([h * np.eye(q), -h * np.eye(q), np.zeros((1, q))])
+        power = spots[0].pieces.supports.measure.power
+        values, rows, offsets = [], [], []
+        for i, spot in enumerate(spots):
+            supports = spot.pieces.supports
+            places = spot.surface.moved(spot.point, tries)
+            z = cuts @ supports.maps_at(*places)
+            values.append(supports.measure.support(supports.contact, z) ** power)
+            A, b = spot.surface.limits(spot.point)
+            rows.append(np.pad(A, ((0, 0), (i * q, (len(spots) - 1 - i) * q + 1))))
+            offsets.append(b)
+        total = np.maximum(sum(v[-1] for v in values), 1e-300)
+        slopes = np.concatenate([(v[:q] - v[q : 2 * q]).T for v in values], axis=1) / (2.0 * h)
+        slopes *= (total ** (1.0 / power - 1.0) / power)[:, None]
+        rising = np.column_stack([-slopes, np.ones(len(cuts))])
+        box = np.eye(q * len(spots), q * len(spots) + 1)
+        A = np.concatenate([rising, *rows, box, -box])
+        b = np.concatenate([total ** (1.0 / power), *offsets, np.full(2 * len(box), step)])
+        x = _maximised(A, b)
+        if x is None:
+            return None
+        moved = [spot.moved(s) for spot, s in zip(spots, x[:-1].reshape(-1, q), strict=True)]
+        return moved if all(spot.allowed for spot in moved) else None
+
+
+def _designs(spots: Sequence[Spot]) -> list[Design]:
+    """Return the contacts in their places as designs, those of one model together."""
+    result = []
+    for model in dict.fromkeys(spot.pieces.supports.contact for spot in spots):
+        own = [spot for spot in spots if spot.pieces.supports.contact == model]
+        supports = own[0].pieces.supports
+        maps = supports.maps_at(np.stack([s.point for s in own]), np.stack([s.normal for s in own]))
+        result.append(Design(model, supports.measure, maps[None], np.ones((1, len(own)))))
+    return result
+
+
+def _maximised(A: FloatArray, b: FloatArray) -> FloatArray | None:
+    """Return x of the largest last component with ``A x <= b``, None where no solver finds one."""
+    n = A.shape[1]
+    objective = np.append(np.zeros(n - 1), -1.0)
+    cones = [clarabel.NonnegativeConeT(len(b))]
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix((n, n)), objective, sparse.csc_matrix(A), b, cones, quiet_settings(1e-9)
+    )
+    x = np.array(solver.solve().x)
+    return x if np.all(np.isfinite(x)) else None

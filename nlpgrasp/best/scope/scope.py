@@ -1,0 +1,121 @@
+"""What of a problem the bound covers, and what it leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from nlpgrasp.best.bound.measure import Measure
+from nlpgrasp.best.bound.supports import Supports
+from nlpgrasp.best.cells.base import Cell, Surface
+from nlpgrasp.best.cells.bundle import BundleCell
+from nlpgrasp.best.cells.faces import surfaces
+from nlpgrasp.best.scope.pieces import Pieces
+from nlpgrasp.best.scope.places import Places, places
+from nlpgrasp.best.scope.symmetry import Symmetry, symmetries
+from nlpgrasp.best.scope.turning import pinned
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.tasks import Task
+
+KINDS = ("point", "friction", "soft")  # contacts without a direction along the surface, on which curved cells rest
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What is bounded: placements of the contacts, each in its own places, for the task.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    task : Task
+        About the problem's torque origin.
+    measure : Measure
+    pieces : tuple of Pieces
+        Of contacts that are alike; together they have a slot for each contact.
+    symmetries : tuple of Symmetry
+        But for the identity.
+    dropped : tuple of str
+        What only lowers mu and is left out, each in a few words.
+    """
+
+    problem: GraspProblem
+    task: Task
+    measure: Measure
+    pieces: tuple[Pieces, ...]
+    symmetries: tuple[Symmetry, ...]
+    dropped: tuple[str, ...]
+
+    @property
+    def origin(self) -> FloatArray:
+        """Torque origin, (space,), metres, body frame."""
+        return self.problem.origin
+
+    @property
+    def slots(self) -> tuple[int, ...]:
+        """Contacts in the order in which nodes have them."""
+        return tuple(slot for pieces in self.pieces for slot in pieces.slots)
+
+
+def scope_of(problem: GraspProblem, bundled: bool = False) -> Scope:
+    """Return what the bound covers of a problem.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    bundled : bool
+        Whether all that a contact may touch is one cell to begin with; otherwise faces are.
+
+    Raises
+    ------
+    InputError
+        On a body, a contact model or a force budget that the bound does not cover.
+    """
+    measure = Measure.of(problem.budget)
+    faces = surfaces(problem.body)
+    if faces is None:
+        raise InputError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
+    for i, contact in enumerate(problem.models):
+        if contact.kind not in KINDS:
+            raise InputError(f"contacts[{i}]", contact.kind, "point, friction or soft contacts for a global bound")
+    own, dropped = places(problem)
+    turned = () if bundled else pinned(problem, faces, own)
+    made: list[Pieces] = []
+    for slots in _alike(problem, own):
+        made += [_pieces(problem, [slot], own[slot], turned[slot], measure) for slot in slots if slot < len(turned)]
+        rest = [slot for slot in slots if slot >= len(turned)]
+        if rest:
+            roots = _roots(faces, own[rest[0]], problem.body.size, bundled)
+            made.append(_pieces(problem, rest, own[rest[0]], roots, measure))
+    for pieces in made:
+        if not pieces.roots:
+            allowed = "constraints that leave every contact some part of the body"
+            raise InputError("GraspProblem.constraints", f"no place left for contact {pieces.slots[0]}", allowed)
+    same = symmetries(problem.body, problem.task, problem.origin, made)
+    return Scope(problem, problem.task, measure, tuple(made), tuple(same), dropped)
+
+
+def _alike(problem: GraspProblem, own: Sequence[Places]) -> list[list[int]]:
+    """Return contacts of one model that may be in the same places, together."""
+    groups: dict[object, list[int]] = {}
+    for i, (contact, places_of) in enumerate(zip(problem.models, own, strict=True)):
+        groups.setdefault((contact, places_of.faces, places_of.key), []).append(i)
+    return list(groups.values())
+
+
+def _pieces(
+    problem: GraspProblem, slots: Sequence[int], own: Places, roots: dict[Surface, Sequence[Cell]], measure: Measure
+) -> Pieces:
+    supports = Supports(problem.models[slots[0]], measure, problem.origin)
+    return Pieces(slots, roots, own.allowed, supports)
+
+
+def _roots(faces: Sequence[Surface], own: Places, size: float, bundled: bool) -> dict[Surface, Sequence[Cell]]:
+    """Return the cells that what constraints leave of the contact's faces begins with."""
+    left = [own.allowed.left_of(face) for face in faces if face.name in own.faces]
+    roots: dict[Surface, Sequence[Cell]] = {face: face.cells() for face in left if face is not None}
+    every = [cell for cells in roots.values() for cell in cells]
+    if not bundled or len(every) < 2:
+        return roots
+    return {next(iter(roots)): [BundleCell(every, size)]}

@@ -1,0 +1,82 @@
+"""The global bound against known optima, brute force and bad input."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+
+SQUARE = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+
+
+def square(contacts, budget="l2", **more):
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0])
+    return ng.GraspProblem(ng.Polygon(SQUARE), [ng.FrictionContact(0.5)] * contacts, task, force_budget=budget, **more)
+
+
+@pytest.mark.parametrize(("contacts", "known"), [(2, 0.44721), (3, 0.71556)])
+def test_a_square_in_the_plane(contacts, known):
+    best = ng.best_possible(square(contacts), gap=0.005, time_limit=None)
+    assert best.closed and best.gap <= 0.005
+    assert best.mu.lower <= known * (1 + 1e-4) and known * (1 - 1e-4) <= best.upper <= known * 1.0055
+    assert ng.mu(best.grasp, ng.TaskEllipsoid([1.0, 1.0, 1.0]), 1e-3).upper >= best.mu.lower
+
+
+@pytest.mark.parametrize("budget", ["l2", "per_finger", "per_finger_size", "shared"])
+def test_no_placement_is_above_the_bound(budget):
+    problem = square(2, budget)
+    best = ng.best_possible(problem, gap=0.05, time_limit=None if budget != "shared" else 5.0)
+    rng = np.random.default_rng(0)
+    edges, where = rng.integers(0, 4, (400, 2)), rng.uniform(-1, 1, (400, 2, 1))
+    corners = np.array(SQUARE, dtype=float)
+    along = np.roll(corners, -1, axis=0) - corners
+    points = corners[edges] + 0.5 * (1 + where) * along[edges]
+    inward = np.stack([-along[:, 1], along[:, 0]], axis=1)[edges] / 2.0
+    found = ng.screen(ng.GraspStack(points, inward, problem.models), problem.task, force_budget=budget)
+    top = int(np.argmax(found))
+    grasp = ng.Grasp(points[top], inward[top], problem.models)
+    assert 0.0 < ng.mu(grasp, problem.task, 1e-3, force_budget=budget).lower <= best.upper
+
+
+def test_constraints_of_one_contact_shrink_the_bound():
+    free = ng.best_possible(square(2), gap=0.02, time_limit=None)
+    kept = [ng.Table(-0.9), ng.Forbid("edge2"), ng.Workspace(ng.BoxRegion([-2, -2], [2, 0.2]))]
+    held = ng.best_possible(square(2, constraints=kept), gap=0.02, time_limit=None)
+    assert held.mu.lower <= free.upper and held.dropped == ()
+    assert np.all(held.grasp.points[:, 1] >= -0.9 + 5e-4 - 1e-9) and np.all(held.grasp.points[:, 1] <= 0.2 + 1e-9)
+
+
+def test_what_is_left_out_is_named():
+    problem = square(3, constraints=[ng.Spread(0.5)], hand=ng.Fingertips(3, 0.05, reach=1.5))
+    best = ng.best_possible(problem, gap=0.05, time_limit=None)
+    assert best.dropped == ("the hand (fingertips)", "spread")
+    assert "without the hand (fingertips), spread" in str(best)
+
+
+def test_an_easy_grasp_that_starts_used_to_miss():
+    task = ng.lift([0, 0, 0], 0.3) + ng.disturbance(1, 0.01)
+    problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, task)
+    best = ng.best_possible(problem, gap=0.1, time_limit=None)
+    assert 0.25 < best.mu.lower < 0.275 < best.upper < 0.31
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"gap": 0.0}, "gap: got 0.0, expected a number greater than 0"),
+        ({"gap": -1.0}, "gap: got -1.0, expected a number greater than 0"),
+        ({"gap": 1.5}, "gap: got 1.5, expected a share above 0, at most 1"),
+        ({"time_limit": 0.0}, "time_limit: got 0.0, expected a number greater than 0"),
+    ],
+)
+def test_arguments_out_of_range(arguments, message):
+    with pytest.raises(ng.InputError) as error:
+        ng.best_possible(square(2), **arguments)
+    assert str(error.value).startswith(message)
+
+
+def test_problems_that_are_not_covered():
+    with pytest.raises(ng.InputError, match="a GraspProblem"):
+        ng.best_possible("box")
+    implicit = ng.PlanarImplicit(lambda p: p[0] ** 2 + p[1] ** 2 - 1, [[-2, -2], [2, 2]])
+    with pytest.raises(ng.InputError, match=r"best_possible.body"):
+        ng.best_possible(ng.GraspProblem(implicit, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0, 1.0])))
