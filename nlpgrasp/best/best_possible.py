@@ -39,6 +39,7 @@ def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | 
     Returns
     -------
     BestPossible
+        With the bound as ``upper``, and a grasp wherever one that resists the task was met.
 
     Raises
     ------

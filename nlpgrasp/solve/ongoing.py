@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.records import Status
@@ -20,7 +21,6 @@ from nlpgrasp.solve.start.scout import scout
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
-from nlpgrasp.solve.workers.stop import Stop
 
 
 class Ongoing:

@@ -47,7 +47,13 @@ def torus_cell(rng):
     return cell
 
 
-CELLS = {"polygon": polygon_cell, "ellipsoid": ellipsoid_cell, "sector": sector_cell, "side": side_cell, "torus": torus_cell}
+CELLS = {
+    "polygon": polygon_cell,
+    "ellipsoid": ellipsoid_cell,
+    "sector": sector_cell,
+    "side": side_cell,
+    "torus": torus_cell,
+}
 
 
 def points_of(cell, count, rng):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.ongoing import Ongoing
 from nlpgrasp.solve.start.given import Given, run_given
 from nlpgrasp.solve.start.scout import scout
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
-from nlpgrasp.solve.workers.stop import Stop
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 TASK = ng.TaskEllipsoid([1.0, 1.0, 0.5])

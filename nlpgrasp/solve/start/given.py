@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.placed import SurfaceMatch
@@ -22,7 +23,6 @@ from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
-from nlpgrasp.solve.workers.stop import Stop
 
 ON = 1e-6  # of the body's size: contacts that are as near to their face are on it
 
