@@ -16,8 +16,10 @@ def square(contacts, budget="l2", **more):
 @pytest.mark.parametrize(("contacts", "known"), [(2, 0.44721), (3, 0.71556)])
 def test_a_square_in_the_plane(contacts, known):
     best = ng.best_possible(square(contacts), gap=0.005, time_limit=None)
-    assert best.closed and best.gap <= 0.005
-    assert best.mu.lower <= known * (1 + 1e-4) and known * (1 - 1e-4) <= best.upper <= known * 1.0055
+    assert best.closed
+    assert best.gap <= 0.005
+    assert best.mu.lower <= known * (1 + 1e-4)
+    assert known * (1 - 1e-4) <= best.upper <= known * 1.0055
     assert ng.mu(best.grasp, ng.TaskEllipsoid([1.0, 1.0, 1.0]), 1e-3).upper >= best.mu.lower
 
 
@@ -41,8 +43,10 @@ def test_constraints_of_one_contact_shrink_the_bound():
     free = ng.best_possible(square(2), gap=0.02, time_limit=None)
     kept = [ng.Table(-0.9), ng.Forbid("edge2"), ng.Workspace(ng.BoxRegion([-2, -2], [2, 0.2]))]
     held = ng.best_possible(square(2, constraints=kept), gap=0.02, time_limit=None)
-    assert held.mu.lower <= free.upper and held.dropped == ()
-    assert np.all(held.grasp.points[:, 1] >= -0.9 + 5e-4 - 1e-9) and np.all(held.grasp.points[:, 1] <= 0.2 + 1e-9)
+    assert held.mu.lower <= free.upper
+    assert held.dropped == ()
+    assert np.all(held.grasp.points[:, 1] >= -0.9 + 5e-4 - 1e-9)
+    assert np.all(held.grasp.points[:, 1] <= 0.2 + 1e-9)
 
 
 def test_what_is_left_out_is_named():
