@@ -1,7 +1,8 @@
-"""The hand at its grasp, opened as far towards its pregrasp as it is free."""
+"""The hand at its grasp, its fingers opened one by one as far as there is room."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.studies.space.straight import Place, straight_way
-from nlpgrasp.studies.space.surroundings import Surroundings
+from nlpgrasp.studies.space.surroundings import BoolArray, Surroundings
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class Opened:
     places : tuple of Place
         The grasp first.
     blocked_by : str
-        What is in the way where the fingers cannot open at all; empty otherwise.
+        What is in the way where no finger opens at all; empty otherwise.
     """
 
     places: tuple[Place, ...]
@@ -32,32 +33,56 @@ class Opened:
         """Values of the hand's variables when it is open."""
         return self.places[-1].values
 
-    @property
-    def share(self) -> float:
-        """Share of the pregrasp's opening."""
-        return self.places[-1].share
 
+def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) -> Opened:
+    """Return the hand opened from its grasp towards its pregrasp, so many times as far, joints within their limits.
 
-def opened(around: Surroundings, grasp: Values, pregrasp: Values) -> Opened:
-    """Return the hand opened from its grasp towards its pregrasp, on a straight line of its variables.
+    All go on together; what is blocked stays where it is, and the others go on without. Fingertips may be as near the
+    body as in the program (``Surroundings.allowed``): they touch it in the end.
 
-    The fingertips may be as near the body as in the program (``Surroundings.allowed``): they touch it in the end.
+    Parameters
+    ----------
+    around : Surroundings
+    grasp, pregrasp : dict
+        Values of the hand's variables.
+    times : float
+        1 for the pregrasp itself.
     """
+    lower, upper = around.hand.tree.joint_limits
+    joints = grasp["joints"] + times * (pregrasp["joints"] - grasp["joints"])
+    aim = {**grasp, "joints": np.clip(joints, lower, upper), "palm_position": pregrasp["palm_position"]}
+    places, free, blocked = list[Place](), np.ones(len(lower), bool), ""
+    while not places or free.any():
+        here = places[-1].values if places else grasp
+        way = straight_way(around, _towards(here, aim, free), lambda _: around.allowed())
+        if not way.places:
+            return Opened((), way.blocked_by)
+        places += way.places[1:] if places else way.places
+        while len(places) > 1 and _least(around, places[-1]) < min(0.0, _least(around, places[0])):
+            places.pop()  # open, the fingers stay out of everything, also by less than the tolerance
+        blocked = blocked or way.blocked_by
+        if not np.any(free & way.moved_by):  # nothing is in the way, or nothing that a joint moves
+            break
+        free &= ~way.moved_by
+    return Opened(tuple(places), "" if len(places) > 1 else blocked)
+
+
+def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Values]:
+    """Return the way of the free joints to where they are to be; the palm goes along while all are free."""
+    ends = {"joints": np.where(free, aim["joints"], here["joints"])}
+    ends["palm_position"] = aim["palm_position"] if free.all() else here["palm_position"]
 
     def posture(share: float) -> Values:
-        moved = {name: grasp[name] + share * (pregrasp[name] - grasp[name]) for name in ("palm_position", "joints")}
-        return {**grasp, **moved}
+        return {**here, **{name: here[name] + share * (end - here[name]) for name, end in ends.items()}}
 
-    def allowed(first: Place) -> FloatArray:
-        del first
-        return around.allowed()
-
-    way = straight_way(around, posture, allowed)
-    places = list(way.places)
-    while len(places) > 1 and _least(around, places[-1]) < min(0.0, _least(around, places[0])):
-        places.pop()  # open, the fingers stay out of everything, also by less than the tolerance
-    return Opened(tuple(places), "" if len(places) > 1 else way.blocked_by)
+    return posture
 
 
 def _least(around: Surroundings, place: Place) -> float:
-    return float(np.min(place.clearances - around.allowed()))
+    return float(np.min(place.clearances - around.allowed(), initial=np.inf))
+
+
+def openings(around: Surroundings, values: Values, grasp: Values) -> FloatArray:
+    """Return how far each fingertip is from its place in the grasp, palm frame, (k,), metres."""
+    there, here = around.hand.tree.palm_tips(np.stack([values["joints"], grasp["joints"]]))
+    return np.asarray(np.linalg.norm(there - here, axis=1))

@@ -11,12 +11,13 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.studies.palm.opened import Opened, opened
+from nlpgrasp.studies.palm.opened import Opened, opened, openings
 from nlpgrasp.studies.palm.records import APPROACHING, CLOSING, BlockedDirection, PalmPath
 from nlpgrasp.studies.space import Surroundings
 from nlpgrasp.studies.space.straight import Place, StraightWay, straight_way
 
 DIRECTIONS = 100
+WIDER = (1.0, 2.0, 4.0)  # times the pregrasp's opening
 LIMIT_ROUNDING = 1e-6  # radians or metres
 
 
@@ -30,11 +31,12 @@ def palm_path(
 ) -> PalmPath:
     """Return a straight way of the palm to a grasp, on which the hand touches nothing but the body it grasps.
 
-    The palm moves straight with the fingers as in the solution's pregrasp, or as far open as they can be; then they
-    close. Without a direction the one in which the palm faces comes first, then others around it, the nearest first,
-    until one is free. Links (as balls that enclose them) stay off the body, off what the constraints keep links away
-    from, such as tables and obstacles, and off each other; joints keep their limits. Waypoints are so near each other
-    that nothing can be between them, however thin (docs/hands.md).
+    The palm moves straight with the fingers open; then they close. Each finger is as in the solution's pregrasp, or as
+    far towards it as it has room. Without a direction the one in which the palm faces comes first, then others around
+    it, the nearest first, until one is free; where none is, the fingers open wider, up to four times as far. Links (as
+    balls that enclose them) stay off the body, off what the constraints keep links away from, such as tables and
+    obstacles, and off each other; joints keep their limits. Waypoints are so near each other that nothing can be
+    between them, however thin (docs/hands.md).
 
     Parameters
     ----------
@@ -63,20 +65,26 @@ def palm_path(
     reason = _beyond_limits(hand, grasp, pregrasp)
     if reason:
         return _none(around, distance, reason, ())
-    fingers = opened(around, grasp, pregrasp)
-    if fingers.blocked_by:
-        return _none(around, distance, f"the fingers cannot open: {fingers.blocked_by}", ())
     blocked: list[BlockedDirection] = []
-    for way in ways:
-        found = _approach(around, fingers, way, distance)
-        if not found.blocked_by:
-            return _found(around, fingers, found, way, distance, tuple(blocked))
-        blocked.append(BlockedDirection(way, found.free * distance, found.blocked_by))
+    for times in WIDER:
+        fingers = opened(around, grasp, pregrasp, times)
+        if fingers.blocked_by:
+            return _none(around, distance, f"the fingers cannot open: {fingers.blocked_by}", ())
+        for way in ways:
+            found = _approach(around, fingers, way, distance)
+            if not found.blocked_by:
+                return _found(around, fingers, found, way, distance, tuple(blocked))
+            blocked.append(BlockedDirection(way, found.free * distance, times, found.blocked_by))
+    return _none(around, distance, _why_none(blocked, len(ways), distance), tuple(blocked))
+
+
+def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> str:
+    """Return the reason where every direction is blocked: the one that is free longest."""
     best = max(blocked, key=lambda b: b.free)
     which = np.array2string(best.direction, precision=2, suppress_small=True)
     said = f"the longest, along {which}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
-    count = "the direction is not" if len(blocked) == 1 else f"none of {len(blocked)} directions is"
-    return _none(around, distance, f"{count} free for {1e3 * distance:.0f} mm; {said}", tuple(blocked))
+    one = "the direction is not" if count == 1 else f"none of {count} directions is"
+    return f"{one} free for {1e3 * distance:.0f} mm; {said}"
 
 
 def _hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
@@ -159,13 +167,13 @@ def _found(
     outside, inside = list(reversed(found.places)), list(reversed(fingers.places))[1:]
     values = [place.values for place in (*outside, *inside)]
     positions = [tree.joint_positions(v["joints"]) for v in values]
-    clear = [float(np.min(p.clearances)) for p in outside]
-    clear += [float(np.min(p.clearances[others])) for p in inside]
+    clear = [float(np.min(p.clearances, initial=np.inf)) for p in outside]
+    clear += [float(np.min(p.clearances[others], initial=np.inf)) for p in inside]
     return PalmPath(
         reason="",
         direction=way,
         distance=distance,
-        opening=fingers.share,
+        openings=openings(around, fingers.values, fingers.places[0].values),
         phases=(APPROACHING,) * len(outside) + (CLOSING,) * len(inside),
         poses=np.array([tree.palm_frame(v) for v in values]),
         joint_names=tuple(positions[0]),
@@ -181,5 +189,15 @@ def _none(around: Surroundings, distance: float, reason: str, blocked: tuple[Blo
     names = tuple(around.hand.tree.joint_positions(np.zeros(len(around.hand.robot.free_joints))))
     nothing = np.zeros((0, len(names)))
     return PalmPath(
-        reason, None, distance, 0.0, (), np.zeros((0, 4, 4)), names, nothing, np.zeros(0), blocked, around.tolerance
+        reason,
+        None,
+        distance,
+        np.zeros(0),
+        (),
+        np.zeros((0, 4, 4)),
+        names,
+        nothing,
+        np.zeros(0),
+        blocked,
+        around.tolerance,
     )

@@ -22,17 +22,25 @@ class BlockedDirection:
         Of the palm towards the grasp, unit, body frame.
     free : float
         Metres before the grasp from which on it is free.
+    times : float
+        How wide the fingers were open, times the pregrasp's opening.
     reason : str
         What is in the way farther out.
     """
 
     direction: FloatArray
     free: float
+    times: float
     reason: str
 
     def to_dict(self) -> Json:
         """Return the direction as JSON data."""
-        return {"direction": self.direction.tolist(), "free": self.free, "reason": self.reason}
+        return {
+            "direction": self.direction.tolist(),
+            "free": self.free,
+            "times": self.times,
+            "reason": self.reason,
+        }
 
 
 @dataclass(frozen=True)
@@ -47,8 +55,8 @@ class PalmPath:
         In which the palm moves, unit, body frame; None where no direction is free.
     distance : float
         How far it moves straight, metres.
-    opening : float
-        Share of the pregrasp's opening that the fingers have on the way: 1 unless something is in the way of it.
+    openings : (k,) array
+        How far each fingertip is, on the way, from its place in the grasp, palm frame, metres; empty without a way.
     phases : tuple of m str
         ``"approaching"`` or ``"closing"``.
     poses : (m, 4, 4) array
@@ -69,7 +77,7 @@ class PalmPath:
     reason: str
     direction: FloatArray | None
     distance: float
-    opening: float
+    openings: FloatArray
     phases: tuple[str, ...]
     poses: FloatArray
     joint_names: tuple[str, ...]
@@ -89,17 +97,17 @@ class PalmPath:
         return float(np.min(self.clearances, initial=np.inf))
 
     def to_dict(self) -> Json:
-        """Return the way as JSON data."""
+        """Return the way as JSON data; a clearance from nothing is None."""
         return {
             "reason": self.reason,
             "direction": None if self.direction is None else self.direction.tolist(),
             "distance": self.distance,
-            "opening": self.opening,
+            "openings": self.openings.tolist(),
             "phases": list(self.phases),
             "poses": self.poses.tolist(),
             "joint_names": list(self.joint_names),
             "joints": self.joints.tolist(),
-            "clearances": self.clearances.tolist(),
+            "clearances": [float(c) if np.isfinite(c) else None for c in self.clearances],
             "blocked": [b.to_dict() for b in self.blocked],
             "tolerance": self.tolerance,
         }

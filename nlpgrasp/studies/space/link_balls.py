@@ -54,10 +54,10 @@ class LinkBalls:
                 centres.append(tip.centre)
                 radii.append(tip.standoff)
                 fingers.append(finger)
-        self.links, self.radii, self.fingers = tuple(links), np.array(radii), np.array(fingers)
+        self.links, self.radii, self.fingers = tuple(links), np.array(radii), np.array(fingers, int)
         self._centres = np.array(centres).reshape(-1, 3)
         self._where = [hand.tree.used_links.index(link) for link in links]
-        self._sliding = np.array([f >= 0 and hand.tips[f][1].slides for f in fingers])
+        self._sliding = np.array([f >= 0 and hand.tips[f][1].slides for f in fingers], bool)
 
     def places(self, values: Values) -> FloatArray:
         """Return the centres (s, 3), metres, body frame, for values of the hand's variables."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.studies.space.surroundings import Surroundings
+from nlpgrasp.studies.space.surroundings import BoolArray, Surroundings
 
 LARGEST = 1.0 / 8.0  # of the whole way: the first step
 
@@ -43,10 +43,13 @@ class StraightWay:
         From the start on; empty where the start is not free.
     blocked_by : str
         What is in the way after the last place; empty where the way is free to its end.
+    moved_by : (m,) bool array
+        The free joints that move what is in the way.
     """
 
     places: tuple[Place, ...]
     blocked_by: str
+    moved_by: BoolArray
 
     @property
     def free(self) -> float:
@@ -74,9 +77,9 @@ def straight_way(
 
     first = at(0.0)
     least = allowed(first)
-    worst = int(np.argmin(first.clearances - least))
-    if first.clearances[worst] < least[worst] - around.tolerance / 2.0:
-        return StraightWay((), around.say(worst))
+    if np.any(first.clearances < least - around.tolerance / 2.0):
+        worst = int(np.argmin(first.clearances - least))
+        return StraightWay((), around.say(worst), around.moved_by(worst))
     done, step = [first], LARGEST
     while done[-1].share < 1.0:
         here = done[-1]
@@ -85,11 +88,12 @@ def straight_way(
         bound = around.between(here.values, there.values, (here.clearances, there.clearances)) - least
         ends = there.clearances - least + around.tolerance / 2.0
         spare = np.where(swept > 0.0, np.minimum(bound + around.tolerance, ends), np.inf)
-        if np.min(spare) >= 0.0:
+        if np.all(spare >= 0.0):
             done.append(there)
             step = min(2.0 * step, LARGEST)
         elif np.max(swept) <= around.tolerance / 2.0:  # the bound holds where both ends do: it is the end that does not
-            return StraightWay(tuple(done), around.say(int(np.argmin(spare))))
+            worst = int(np.argmin(spare))
+            return StraightWay(tuple(done), around.say(worst), around.moved_by(worst))
         else:
             step = (there.share - here.share) / 2.0
-    return StraightWay(tuple(done), "")
+    return StraightWay(tuple(done), "", np.zeros(around.balls.reach.shape[1], bool))

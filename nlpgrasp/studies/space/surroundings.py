@@ -66,6 +66,8 @@ class Surroundings:
     def clearances(self, values: Values) -> FloatArray:
         """Return all clearances, (n,), metres."""
         places, radii = self.balls.places(values), self.balls.radii
+        if not len(self.seen):
+            return np.zeros(0)
         found = [field.distance(places[self.seen]) - radii[self.seen] for field in self.fields]
         found[0] -= np.where(self.balls.fingers[self.seen] < 0, self.hand.clearance, 0.0)
         i, j = self.pairs.T
@@ -103,6 +105,13 @@ class Surroundings:
             return f"{self._ball(int(self.seen[ball]))} against {self.fields[which].name}"
         i, j = self.pairs[index - len(self.fields) * count]
         return f"{self._ball(int(i))} against {self._ball(int(j))}"
+
+    def moved_by(self, index: int) -> BoolArray:
+        """Return which of the free joints move a ball that a clearance is of, (m,)."""
+        count = len(self.seen)
+        things = len(self.fields) * count
+        balls = [self.seen[index % count]] if index < things else self.pairs[index - things]
+        return np.asarray(np.any(self.balls.reach[balls] > 0.0, axis=0))
 
     def _ball(self, ball: int) -> str:
         tip = self.balls.fingers[ball] >= 0

@@ -1,6 +1,7 @@
 """A finger along its path, against kinematics and distances written once more."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from nlpgrasp.studies.fine_motion.fingers.finger_joints import FingerJoints
 from nlpgrasp.studies.fine_motion.fingers.linked_motions import LinkedMotions
 from nlpgrasp.studies.fine_motion.paths.footpath import Station
 from nlpgrasp.studies.space import Surroundings
+from nlpgrasp.studies.space.straight import straight_way
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, inverse, two_fingers, urdf
 
 BODY = ng.Box([0.06, 0.2, 0.06])
@@ -151,6 +153,16 @@ def test_other_fingers_are_in_the_way(tmp_path):
     assert first - 1e-5 <= path.stopped_at <= last + 1e-5
 
 
+def test_a_grasp_that_is_in_the_way_itself_has_no_waypoint(tmp_path):
+    ball = ng.Obstacle(ng.Sphere(0.004), position=HERE - (TIP + 0.002) * INWARD, name="pea")
+    path = taken(motions(tmp_path, constraints=[ball]))
+    assert not path.feasible
+    assert path.reason == "fingertip a_tip against pea, 0.0 mm along the path"
+    assert path.joints.shape == (0, 3)
+    assert path.points.shape == (0, 3)
+    assert path.stopped_at == 0.0
+
+
 def test_out_of_reach(tmp_path):
     """The straight finger's 80 mm after the second joint, which its first turn carries 20 mm out."""
     far = taken(motions(tmp_path, there=(0.03, 0.1, 0.03), lower=[-3.0] * 3, upper=[3.0] * 3))
@@ -170,3 +182,41 @@ def test_a_joint_that_two_fingers_share_is_neither_ones(tmp_path):
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6), hand=hand)
     fingers = [FingerJoints(hand, i, Surroundings(problem, hand), BODY.size) for i in range(2)]
     assert [f.names for f in fingers] == [tuple(f"{name}{i}_joint" for i in range(3)) for name in "ab"]
+
+
+def test_a_finger_that_only_follows_others_does_not_move_alone(tmp_path):
+    text = urdf()
+    for i in range(3):
+        limit, follow = '<limit lower="', f'<mimic joint="a{i}_joint"/>'
+        at = text.index(limit, text.index(f'name="b{i}_joint"'))
+        text = text[:at] + follow + text[at:]
+    (tmp_path / "mimic.urdf").write_text(text)
+    hand = ng.URDFHand.load(tmp_path / "mimic.urdf", {"a_tip": TIP, "b_tip": TIP})
+    problem = ng.GraspProblem(BODY, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6), hand=hand)
+    q = inverse("a", HERE - TIP * INWARD, PALM, BENT)
+    values = {"palm_position": PALM, "palm_quaternion": DOWN, "joints": q}
+    ends = [[Station(HERE, INWARD, "+z"), Station(HERE + np.array([0.01, 0.0, 0.0]), INWARD, "+z")]] * 2
+    made = LinkedMotions(problem, hand, values, ends, 0.005)
+    path = taken(made)
+    assert path.reason == "no joint moves this finger alone, 0.0 mm along the path"
+    assert path.joint_names == ()
+
+
+def test_bad_lift_is_refused_in_a_sentence():
+    problem = ng.GraspProblem(BODY, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0] * 6))
+    with pytest.raises(ng.InputError, match=r"lift: got 0.*greater than 0"):
+        ng.fine_manipulation(problem, problem, lift=0.0)
+
+
+def test_a_hand_without_shapes_moves_all_the_same(tmp_path):
+    """Nothing but its joints is known of it, and pads that are not round."""
+    bare = re.sub(r"<collision>.*?</collision>", "", urdf())
+    (tmp_path / "bare.urdf").write_text(bare)
+    pads = {f"{name}_tip": ng.FlatTip([0.1, 0.1], rpy=[0.0, 0.0, 0.0]) for name in "ab"}
+    hand = ng.URDFHand.load(tmp_path / "bare.urdf", pads)
+    problem = ng.GraspProblem(BODY, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6), hand=hand)
+    around = Surroundings(problem, hand)
+    values = {"palm_position": PALM, "palm_quaternion": DOWN, "joints": np.zeros(6)}
+    assert len(around.clearances(values)) == 0
+    way = straight_way(around, lambda share: {**values, "joints": np.full(6, share)}, lambda _: around.allowed())
+    assert way.free == 1.0

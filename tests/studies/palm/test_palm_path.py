@@ -64,7 +64,7 @@ def test_the_palm_comes_along_its_approach_axis(tmp_path):
     np.testing.assert_allclose(path.poses[:, :3, :3], np.tile(turn, (len(path.poses), 1, 1)), atol=1e-12)
     for posture, row in ((solution.hand, path.joints[-1]), (solution.hand["pregrasp"], path.joints[0])):
         np.testing.assert_allclose(row, [posture["joint_positions"][name] for name in path.joint_names], atol=1e-12)
-    assert path.opening == 1.0
+    np.testing.assert_allclose(path.openings, 0.01, atol=1e-9)
     assert list(dict.fromkeys(path.phases)) == ["approaching", "closing"]
     centres, radii = balls_of(path)
     outside = box_distance(centres, HALF) - radii
@@ -119,23 +119,40 @@ def test_where_no_direction_is_free_it_says_so(tmp_path):
         for axis in range(3)
         for side in (-1.0, 1.0)
     ]
-    path = ng.palm_path(*grasped(tmp_path, walls), distance=0.5, directions=20)
+    path = ng.palm_path(*grasped(tmp_path, walls), distance=0.5, directions=10)
     assert not path.success
-    assert "none of 20 directions is free for 500 mm" in path.reason
-    assert len(path.blocked) == 20
+    assert "none of 10 directions is free for 500 mm" in path.reason
+    assert [b.times for b in path.blocked] == [1.0] * 10 + [2.0] * 10 + [4.0] * 10
     assert all(b.free < 0.4 for b in path.blocked)
     assert path.reason in str(path)
 
 
 def test_fingers_open_as_far_as_there_is_room(tmp_path):
-    """A wall beside the first finger's tip leaves it 4 of its 10 mm."""
+    """A wall beside the first finger's tip leaves it 4 of its 10 mm; the other one opens."""
     wall = ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, -0.03 - 2 * TIP - 0.005, 0.005], name="wall")
     path = ng.palm_path(*grasped(tmp_path, [wall]))
     assert path.success, path.reason
-    assert path.opening == pytest.approx(0.4, abs=0.08)
+    assert 0.003 < path.openings[0] <= 0.00401
+    assert path.openings[1] == pytest.approx(0.01, abs=1e-6)
     tight = ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, -0.03 - 2 * TIP - 0.0005, 0.005], name="wall")
-    shut = ng.palm_path(*grasped(tmp_path, [tight]))
+    other = ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, 0.03 + 2 * TIP + 0.0005, 0.005], name="wall")
+    shut = ng.palm_path(*grasped(tmp_path, [tight, other]))
     assert "the fingers cannot open: fingertip a_tip against wall" in shut.reason
+
+
+def test_an_enclosing_hand_opens_wider(tmp_path):
+    """Rims above the fingertips, which pass them when their centres are 12 mm farther out; the pregrasp has 4."""
+    lids = [
+        ng.Obstacle(ng.Box([0.06, 0.01, 0.004]), position=[0.0, side * 0.037, 0.03], name="rim") for side in (-1.0, 1.0)
+    ]
+    path = ng.palm_path(*grasped(tmp_path, lids, opening=0.004), direction=[0.0, 0.0, -1.0])
+    assert path.success, path.reason
+    assert [b.times for b in path.blocked] == [1.0, 2.0]
+    assert np.all(path.openings > 0.012)
+    centres, radii = balls_of(path)
+    for lid in lids:
+        gap = box_distance(centres - np.array(lid.position), [0.03, 0.005, 0.002]) - radii
+        assert np.min(gap) >= -path.tolerance
 
 
 def test_joints_beyond_their_limits_are_no_way(tmp_path):

@@ -46,7 +46,7 @@ class ContactMotions:
         self.rows = list(hand.rows(Placement(p, n, hand.tip_radii, size), variables))
         inputs = [ca.horzcat(*p), ca.horzcat(*n), ca.vertcat(ca.SX(0, 1), *variables.values())]
         self._values = ca.Function("rows", inputs, [ca.vertcat(ca.SX(0, 1), *[row.expression for row in self.rows])])
-        self.palmed = list(variables) == [PALM]
+        self.variables = tuple(variables)
 
     def start(self) -> Contacts:
         """Return points and normals of the first grasp."""
@@ -92,12 +92,18 @@ class ContactMotions:
         for field, clear in zip(self.fields, clearances, strict=True):
             if clear < -ENOUGH * self.body.size:
                 return clear, f"fingertip {finger} against {field.name}"
-        palm = smallest_ball(tips)[0] if self.palmed else np.zeros(0)
-        values = np.asarray(self._values(points.T, normals.T, palm).full()).ravel()
+        values = np.asarray(self._values(points.T, normals.T, self._own(tips)).full()).ravel()
         for row, value in zip(self.rows, values, strict=True):
             if max(row.lower - value, value - row.upper) > ENOUGH * row.scale:
                 return min(clearances, default=np.inf), _said(row, float(value))
         return min(clearances, default=np.inf), ""
+
+    def _own(self, tips: FloatArray) -> FloatArray:
+        """Return the hand's own variables for fingertip centres (k, space): a palm point as near to all as can be."""
+        if self.variables == (PALM,):
+            return smallest_ball(tips)[0]
+        start = self.hand.start(tips)
+        return np.concatenate([np.zeros(0), *[start[name] for name in self.variables]])
 
 
 def _said(row: Row, value: float) -> str:

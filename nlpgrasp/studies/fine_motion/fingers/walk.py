@@ -58,7 +58,7 @@ class Walk:
     def taken(self, values: Values) -> tuple[FingerPath, Values]:
         """Return the waypoints from a posture on, and the posture that the walk ends with."""
         tolerance = self.around.tolerance
-        first = self._waypoint(values, 0.0, self.allowed(0.0))
+        first = self._waypoint(values, 0.0, self.allowed(0.0)) if len(self.joints.own) else None
         if first is None:
             return self._path([], why_stopped(self.joints, values, self.stride.at(0.0), self.allowed(0.0))), values
         done, step = [first], LARGEST * tolerance
@@ -110,7 +110,9 @@ class Walk:
             phases=tuple(h.phase for h in holds),
             clearances=np.array([np.min(w.clearances[~self._tip], initial=np.inf) for w in done]),
             joint_names=self.joints.names,
-            joints=np.array([w.values["joints"][self.joints.own] for w in done]).reshape(len(done), -1),
+            joints=np.array([w.values["joints"][self.joints.own] for w in done]).reshape(
+                len(done), len(self.joints.own)
+            ),
             stopped_at=self.stride.at(last).along if reason else None,
             tolerance=self.around.tolerance,
         )
