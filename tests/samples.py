@@ -24,12 +24,17 @@ CONTACTS = {
     "soft box": ng.SoftContact(0.6, 0.2),
     "soft elliptic": ng.SoftContact(0.6, 0.2, "elliptic"),
     "line": ng.LineContact(0.4, direction=[1.0, 0.3, 0.2]),
-    "rough line": ng.LineContact(0.4, friction=0.5, direction=[1.0, 0.3, 0.2]),
+    "rough line": ng.LineContact(0.4, friction=0.5, direction=[1.0, 0.3, 0.2], model="box"),
     "disc": ng.PlaneContact(radius=0.2),
-    "rough disc": ng.PlaneContact(radius=0.2, friction=0.5),
-    "rough rectangle": ng.PlaneContact(extents=[0.4, 0.2], friction=0.5, direction=[1.0, 0.3, 0.2]),
+    "rough disc": ng.PlaneContact(radius=0.2, friction=0.5, model="box"),
+    "rough rectangle": ng.PlaneContact(extents=[0.4, 0.2], friction=0.5, direction=[1.0, 0.3, 0.2], model="box"),
     "bilateral": ng.BilateralContact(ng.FrictionContact(0.5)),
 }
+PADS = {  # whose force domain is that of friction contacts at several points
+    "coulomb line": ng.LineContact(0.4, friction=0.5, direction=[1.0, 0.3, 0.2]),
+    "coulomb rectangle": ng.PlaneContact(extents=[0.4, 0.2], friction=0.5, direction=[1.0, 0.3, 0.2], model="coulomb"),
+}
+EVERY = {**CONTACTS, **PADS}
 
 
 def ellipsoid_grasp(rng, k=4, friction=0.5, axes=(2.0, 1.0, 1.0)):

@@ -34,4 +34,5 @@ class L2Budget(ForceBudget):
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
         """Return the one row ``|x|^2 <= 1``."""
-        return [Row("force budget", sum(x.T @ x for x in forces), upper=1.0)]
+        sizes = [c.squared_size(x, n) for c, x, n in zip(contacts, forces, normals, strict=True)]
+        return [Row("force budget", sum(sizes), upper=1.0)]

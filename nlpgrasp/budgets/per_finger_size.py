@@ -33,4 +33,7 @@ class PerFingerSizeBudget(ForceBudget):
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
         """Return ``|x_i|^2 <= 1`` for every contact."""
-        return [Row("force budget", x.T @ x, upper=1.0, fingers=(i,)) for i, x in enumerate(forces)]
+        return [
+            Row("force budget", c.squared_size(x, n), upper=1.0, fingers=(i,))
+            for i, (c, x, n) in enumerate(zip(contacts, forces, normals, strict=True))
+        ]

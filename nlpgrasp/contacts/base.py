@@ -108,10 +108,7 @@ class ContactModel(ABC):
         """Return the upper triangle of ``derivative``, entries first and row by row, (n_i (n_i + 1) / 2, ...)."""
 
     def derivative(self, z: FloatArray) -> FloatArray:
-        """Return the Jacobian of the projection at ``z`` (..., n_i): symmetric (..., n_i, n_i).
-
-        At the kinks of the projection, one of its generalised Jacobians.
-        """
+        """Return the Jacobian of the projection at ``z`` (..., n_i), (..., n_i, n_i); at its kinks, one of them."""
         n = z.shape[-1]
         result = np.empty((*z.shape, n))
         for (a, b), entry in zip(upper_triangle(n), self.derivative_entries(z), strict=True):
@@ -168,9 +165,13 @@ class ContactModel(ABC):
             When the set is unbounded: normal force does not limit a bilateral contact.
         """
 
+    def generators(self, space: int) -> FloatArray:
+        """Return A, (n_i, m): K_i is all ``A u`` with u in ``cones``."""
+        return np.eye(self.components(space))
+
     @abstractmethod
     def cones(self, space: int) -> list[FloatArray]:
-        """Return (r, n_i) matrices M: K_i is where every ``M x`` is in a second-order cone (one row: at least 0)."""
+        """Return (r, m) matrices M: every ``M u`` is in a second-order cone (one row: at least 0)."""
 
     @abstractmethod
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
@@ -182,6 +183,10 @@ class ContactModel(ABC):
     @abstractmethod
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return named expressions that are all non-negative exactly when ``x`` is in K_i (symbolic)."""
+
+    def squared_size(self, x: Expression, normal: Expression) -> Expression:
+        """Return the squared length of the force components of NLP variables ``x`` (symbolic)."""
+        return x.T @ x
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``||P_K(z)||^2`` in closed form (symbolic), or ``None`` when there is none.

@@ -87,6 +87,10 @@ class BilateralContact(ContactModel):
         """Return no conditions: every force is in K_i."""
         return []
 
+    def squared_size(self, x: Expression, normal: Expression) -> Expression:
+        """Return the model's squared length of NLP variables ``x`` (symbolic)."""
+        return self.model.squared_size(x, normal)
+
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``||z||^2`` over the model's components; ``None`` where it has moments along the surface."""
         if any(axis > 3 for axis in self.axes(3)):

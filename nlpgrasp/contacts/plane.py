@@ -10,21 +10,23 @@ import numpy as np
 from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.cones.terms import Blocks
-from nlpgrasp.contacts.direction import direction_field, symbolic_tangents, tangents_along, turned_direction
-from nlpgrasp.contacts.pad import friction_coefficients, friction_fields, pressing_variables
+from nlpgrasp.contacts.direction import direction_field, tangents_along, turned_direction
+from nlpgrasp.contacts.pad import Arms, PadContact, friction_fields
 from nlpgrasp.errors import InputError
 
 
 @dataclass(frozen=True)
-class PlaneContact(RangeContact):
+class PlaneContact(PadContact):
     """A disc or a rectangle of contact: the pressure may move over it, so it also resists tilting moments.
 
     Without friction 3 components ``(f_n, m_t1, m_t2)``; with friction all 6. The pressure's centre stays on the pad:
     ``|m_t| <= radius f_n`` on a disc, ``|m_t2| <= a / 2 f_n`` and ``|m_t1| <= b / 2 f_n`` on a rectangle a by b,
-    exactly what point contacts all over it can do. With friction the model is the box of (2.4-1), ``|f_t| <= mu f_n``
-    and ``|m_n| <= mu_t f_n``.
+    exactly what point contacts all over it can do. With friction the force domain is the box of (2.4-1) by default.
+    A rectangle with ``model="coulomb"`` has that of friction contacts at its corners, which is exactly what Coulomb's
+    law allows under any pressure; a solve then takes about eight times as long, so it is not the default. A disc is
+    the box alone: the sum of the friction cones of a whole rim is no sum of finitely many. A rectangle inside the disc
+    is an inner approximation of it.
 
     Parameters
     ----------
@@ -35,10 +37,13 @@ class PlaneContact(RangeContact):
     friction : float, optional
         Coulomb coefficient; frictionless when left out.
     torsional_friction : float, optional
-        Greatest moment about the normal over normal force, metres; that of even pressure when left out.
+        Of the box: greatest moment about the normal over normal force, metres; that of even pressure when left out.
     direction : (3,) array, optional
         Of the rectangle's first side, body frame; its part along the surface counts. In place of it a
         ``Grasp`` may be given tangents.
+    model : {"box", "coulomb"}
+        With friction: ``"box"``: ``|f_t| <= mu f_n``, ``|m_n| <= mu_t f_n`` and the tilting moments, each by itself;
+        ``"coulomb"``, of a rectangle: friction contacts at the corners.
     faces : str or sequence of str, optional
         Faces this contact may use.
     """
@@ -49,6 +54,7 @@ class PlaneContact(RangeContact):
     friction: float | None = None
     torsional_friction: float | None = None
     direction: tuple[float, float, float] | None = None
+    model: str = "box"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -61,9 +67,13 @@ class PlaneContact(RangeContact):
             object.__setattr__(
                 self, "extents", tuple(number("PlaneContact.extents", s, above=0.0) for s in sides.tolist())
             )
-        friction, torsion = friction_fields("PlaneContact", self.friction, self.torsional_friction, self._mean_arm())
+        if self.radius is not None and self.friction is not None and self.model == "coulomb":
+            raise InputError("PlaneContact.model", self.model, "'box' for a disc: only rectangles have corners")
+        given = (self.friction, self.torsional_friction, self.model)
+        friction, torsion, model = friction_fields("PlaneContact", *given, self._mean_arm())
         object.__setattr__(self, "friction", friction)
         object.__setattr__(self, "torsional_friction", torsion)
+        object.__setattr__(self, "model", type(self).model if friction is None else model)
         object.__setattr__(self, "direction", direction_field("PlaneContact.direction", self.direction))
 
     def _mean_arm(self) -> float:
@@ -74,9 +84,10 @@ class PlaneContact(RangeContact):
         return float(2.0 * np.hypot(a, b) + b**2 / a * np.arcsinh(a / b) + a**2 / b * np.arcsinh(b / a)) / 12.0
 
     @property
-    def coefficients(self) -> dict[str, float]:
-        """Coefficients ``friction`` and ``torsional_friction`` (metres) by their names; none without friction."""
-        return friction_coefficients(self.friction, self.torsional_friction)
+    def arms(self) -> Arms:
+        """Corners of the rectangle, along both of its sides."""
+        a, b = self.extents or (0.0, 0.0)
+        return tuple((0.5 * a * i, 0.5 * b * j) for i in (1.0, -1.0) for j in (1.0, -1.0))
 
     def axes(self, space: int) -> tuple[int, ...]:
         """Return 3 components without friction, 6 with."""
@@ -85,16 +96,19 @@ class PlaneContact(RangeContact):
         return (0, 4, 5) if self.friction is None else (0, 1, 2, 3, 4, 5)
 
     def blocks(self, components: int) -> Blocks:
-        """Return the ranges of the tilting moments, after those of friction and torsion."""
+        """Return the ranges of the tilting moments, after friction and torsion; by Coulomb's law of each alone."""
         first = components - 2
         if self.extents is None:
             tilting: Blocks = ((slice(first, first + 2), self.radius or 0.0),)
         else:
             a, b = self.extents
             tilting = ((slice(first, first + 1), 0.5 * b), (slice(first + 1, first + 2), 0.5 * a))
-        if self.friction is None or self.torsional_friction is None:
+        if self.friction is None:
             return tilting
-        return ((slice(1, 3), self.friction), (slice(3, 4), self.torsional_friction), *tilting)
+        torsion = self.torsional_friction
+        if torsion is None:
+            torsion = self.friction * max(float(np.hypot(*arm)) for arm in self.arms)
+        return ((slice(1, 3), self.friction), (slice(3, 4), torsion), *tilting)
 
     @property
     def needs_tangents(self) -> bool:
@@ -112,18 +126,14 @@ class PlaneContact(RangeContact):
         changes: Json = {"direction": turned_direction(self.direction, rotation)}
         return replace(self, **changes)
 
-    def variables(self, space: int) -> int:
-        """Return how many variables there are: the force (or its size), the torsion if any, and a vector v (3,).
+    def box_variables(self, space: int) -> int:
+        """Return how many variables the box has: the force (or its size), the torsion if any, and a vector v (3,).
 
         The force is in the body frame; the tilting moment is ``n x v``.
         """
         return 4 if self.friction is None else 7
 
-    def pressing(self, normal: FloatArray) -> FloatArray:
-        """Return the NLP variables of a unit force along the normal ``(space,)`` and no moment."""
-        return pressing_variables(normal, self.friction is not None, self.variables(len(normal)))
-
-    def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
+    def box_split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
         """Return the force and the moment of NLP variables (symbolic, body frame)."""
         import casadi as ca  # numeric use needs none
 
@@ -131,7 +141,7 @@ class PlaneContact(RangeContact):
             return x[0] * normal, ca.cross(normal, x[1:4])
         return x[:3], x[3] * normal + ca.cross(normal, x[4:7])
 
-    def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
+    def box_membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return the ranges of friction, torsion and tilting, squared, and the unilateral condition."""
         import casadi as ca
 
@@ -141,7 +151,7 @@ class PlaneContact(RangeContact):
         if self.extents is None:
             rows.append(("tilting", ((self.radius or 0.0) * pressing) ** 2 - ca.sumsqr(tilting)))
         else:
-            first, second = symbolic_tangents(normal, self.direction, "PlaneContact")
+            first, second = self.symbolic_tangents(normal)
             a, b = self.extents
             rows.append(("tilting about the first side", (0.5 * b * pressing) ** 2 - ca.dot(tilting, first) ** 2))
             rows.append(("tilting about the second side", (0.5 * a * pressing) ** 2 - ca.dot(tilting, second) ** 2))
@@ -152,7 +162,7 @@ class PlaneContact(RangeContact):
         return rows
 
     def to_dict(self) -> Json:
-        """Return the model's name, pad, coefficients and direction."""
+        """Return the model's name, pad, coefficients, direction and, with friction, which model of it."""
         return {
             "model": self.kind,
             "radius": self.radius,
@@ -160,11 +170,12 @@ class PlaneContact(RangeContact):
             "friction": self.friction,
             "torsional_friction": self.torsional_friction,
             "direction": None if self.direction is None else list(self.direction),
+            "friction_model": None if self.friction is None else self.model,
         }
 
     @classmethod
     def from_dict(cls, data: Json) -> PlaneContact:
-        """Return the model that ``to_dict`` wrote."""
-        return cls(
-            **{name: data.get(name) for name in ("radius", "extents", "friction", "torsional_friction", "direction")}
-        )
+        """Return the model that ``to_dict`` wrote; files that do not say which model of friction have the box."""
+        names = ("radius", "extents", "friction", "torsional_friction", "direction")
+        model = data.get("friction_model")
+        return cls(**{name: data.get(name) for name in names}, model="box" if model is None else model)

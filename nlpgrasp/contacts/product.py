@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import ContactModel
@@ -15,6 +16,18 @@ def ranges(contacts: Sequence[ContactModel], space: int) -> list[slice]:
     """Return where each contact's components stand among all finger forces."""
     ends = np.cumsum([0] + [c.components(space) for c in contacts])
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
+
+
+def lifted(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, list[FloatArray]]:
+    """Return A, (n, m), and (r, m) matrices M: K is ``A u`` where every ``M u`` is in a second-order cone."""
+    parts = [c.generators(space) for c in contacts]
+    ends = np.cumsum([0] + [part.shape[1] for part in parts])
+    cones = []
+    for contact, a, b in zip(contacts, ends[:-1], ends[1:], strict=True):
+        for M in contact.cones(space):
+            cones.append(np.zeros((len(M), int(ends[-1]))))
+            cones[-1][:, a:b] = M
+    return np.asarray(block_diag(*parts)), cones
 
 
 def extremes(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:

@@ -5,16 +5,19 @@ import clarabel
 import numpy as np
 import pytest
 from scipy import sparse
+from scipy.linalg import block_diag
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import budget_from_dict, force_budget
 from nlpgrasp.contacts.product import ranges
 from nlpgrasp.quality import WrenchSet
 from tests.contacts.test_contacts import program_variables
-from tests.samples import CONTACTS, closed_ellipsoid_grasp
+from tests.samples import EVERY as CONTACTS
+from tests.samples import closed_ellipsoid_grasp
 
 NAMED = ["l2", "per_finger", "shared", "per_finger_size"]
 MODELS = ["point", "friction", "soft box", "soft elliptic", "rough line", "rough rectangle", "rough disc"]
+PADS = ["coulomb line", "coulomb rectangle", "coulomb disc"]
 
 
 def torque_limits(contacts, rng, joints=3):
@@ -32,8 +35,8 @@ def shared_torque_limits(contacts, rng, joints=4):
 TORQUES = {"joint_torques": torque_limits, "shared_joint_torques": shared_torque_limits}
 
 
-def cases():
-    for name in MODELS:
+def cases(models=MODELS):
+    for name in models:
         for budget in [*NAMED, *TORQUES]:
             yield pytest.param(name, budget, id=f"{name}, {budget}")
 
@@ -49,7 +52,9 @@ def made(name, budget, rng, k=2):
 
 def largest_work(grasp, bound, z):
     """Maximise <z, x> over the cones and the budget (f = 1) with clarabel."""
-    n = len(z)
+    lift = block_diag(*(c.generators(3) for c in grasp.contacts))
+    parts = np.cumsum([0] + [c.generators(3).shape[1] for c in grasp.contacts])
+    n = lift.shape[1]
     rows, rhs, cones = [], [], []
 
     def add(matrix, offset):
@@ -57,23 +62,25 @@ def largest_work(grasp, bound, z):
         rhs.append(offset)
         cones.append(clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix)))
 
-    for r, contact in zip(ranges(grasp.contacts, 3), grasp.contacts, strict=True):
+    for start, stop, contact in zip(parts[:-1], parts[1:], grasp.contacts, strict=True):
         for M in contact.cones(3):
             full = np.zeros((len(M), n))
-            full[:, r] = M
+            full[:, start:stop] = M
             add(full, np.zeros(len(M)))
     for M in bound.cones():
-        add(M[:, :n], M[:, n])
+        add(M[:, :-1] @ lift, M[:, -1])
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
     A = sparse.csc_matrix(np.concatenate(rows))
-    found = clarabel.DefaultSolver(sparse.csc_matrix((n, n)), -z, A, np.concatenate(rhs), cones, settings).solve()
+    found = clarabel.DefaultSolver(
+        sparse.csc_matrix((n, n)), -z @ lift, A, np.concatenate(rhs), cones, settings
+    ).solve()
     assert "Solved" in str(found.status)
     return -found.obj_val
 
 
-@pytest.mark.parametrize(("name", "budget"), list(cases()))
+@pytest.mark.parametrize(("name", "budget"), list(cases(MODELS + PADS)))
 def test_support_is_exact_and_attained(name, budget, rng):
     grasp, _, bound = made(name, budget, rng)
     z = rng.standard_normal((25, grasp.G.shape[1]))
@@ -86,7 +93,7 @@ def test_support_is_exact_and_attained(name, budget, rng):
     np.testing.assert_allclose(phi, expected, rtol=1e-7, atol=1e-7)
 
 
-@pytest.mark.parametrize(("name", "budget"), list(cases()))
+@pytest.mark.parametrize(("name", "budget"), list(cases(MODELS + PADS)))
 def test_used_is_what_the_cones_say(name, budget, rng):
     grasp, _, bound = made(name, budget, rng)
     n = grasp.G.shape[1]

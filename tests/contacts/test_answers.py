@@ -6,14 +6,15 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.contacts.cones.terms import circle, upper_triangle
 from nlpgrasp.contacts.product import extremes, project, ranges
-from tests.samples import CONTACTS
+from tests.samples import EVERY as CONTACTS
 
 models = pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS.keys())
 
 
 def test_names_in_tables():
     labels = {name: contact.label for name, contact in CONTACTS.items()}
-    assert (labels["soft box"], labels["soft elliptic"], labels["rough line"]) == ("soft", "elliptic", "line")
+    assert (labels["soft box"], labels["soft elliptic"]) == ("soft", "elliptic")
+    assert (labels["line"], labels["coulomb line"], labels["rough line"]) == ("line", "line", "line (box)")
 
 
 @models

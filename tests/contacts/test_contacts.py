@@ -245,19 +245,21 @@ def test_a_planar_line_is_the_contacts_at_its_ends(rng):
     same_wrench_sets(line, ng.Grasp([[0.2, 1.0], [-0.2, 1.0]], [[0.0, -1.0]] * 2, ng.PointContact()), rng)
 
 
-def test_a_rough_line_contains_the_friction_contacts_at_its_ends(rng):
-    line = ng.Grasp([[0, 0, 0]], [[0, 0, 1.0]], ng.LineContact(0.4, 0.5, torsional_friction=0.1, direction=[1, 0, 0]))
+def test_a_wide_box_contains_the_friction_contacts_at_its_ends(rng):
+    box = ng.LineContact(0.4, 0.5, torsional_friction=0.1, direction=[1, 0, 0], model="box")
+    line = ng.Grasp([[0, 0, 0]], [[0, 0, 1.0]], box)
     ends = ng.Grasp([[0.2, 0, 0], [-0.2, 0, 0]], [[0, 0, 1.0]] * 2, ng.FrictionContact(0.5))
     y = rng.standard_normal((300, 6))
     assert np.all(WrenchSet.of(line, "shared").support(y)[0] >= WrenchSet.of(ends, "shared").support(y)[0] - 1e-12)
 
 
 def test_even_pressure_gives_the_torsion_when_it_is_left_out(rng):
-    disc, square = ng.PlaneContact(radius=0.3, friction=0.5), ng.PlaneContact(extents=[0.3, 0.5], friction=0.5)
+    disc = ng.PlaneContact(radius=0.3, friction=0.5, model="box")
+    square = ng.PlaneContact(extents=[0.3, 0.5], friction=0.5, model="box")
     assert disc.torsional_friction == pytest.approx(0.5 * 0.2)
     x = rng.uniform(-0.5, 0.5, (400_000, 2)) * [0.3, 0.5]
     assert square.torsional_friction == pytest.approx(0.5 * np.mean(np.linalg.norm(x, axis=1)), rel=2e-3)
-    assert ng.LineContact(0.4, friction=0.5).torsional_friction == pytest.approx(0.05)
+    assert ng.LineContact(0.4, friction=0.5, model="box").torsional_friction == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import nlpgrasp as ng
 from nlpgrasp.common.frozen import unchecked
-from tests.samples import CONTACTS
+from tests.samples import EVERY as CONTACTS
 
 models = pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS.keys())
 rough = pytest.mark.parametrize(

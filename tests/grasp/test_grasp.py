@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from tests.samples import CONTACTS, ellipsoid_grasp
+from tests.samples import EVERY as CONTACTS
+from tests.samples import ellipsoid_grasp
 
 
 def test_grasp_map_of_figure_3():

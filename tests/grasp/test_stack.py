@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from tests.samples import CONTACTS, ellipsoid_grasp
+from tests.samples import EVERY as CONTACTS
+from tests.samples import ellipsoid_grasp
 
 BALL = ng.TaskEllipsoid([1.0] * 6)
 

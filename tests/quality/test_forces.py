@@ -5,8 +5,10 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.quality import WrenchSet
+from tests.memberships import is_pad, slack
 from tests.quality.test_mu import least_force
-from tests.samples import CONTACTS, closed_ellipsoid_grasp, ellipsoid_grasp
+from tests.samples import EVERY as CONTACTS
+from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp
 
 
 def lobo_grasp():
@@ -66,7 +68,10 @@ def test_forces_produce_their_wrenches_from_inside_the_cones(name, rng):
     assert np.max(found.residual) <= 1e-9
     np.testing.assert_allclose(found.forces @ grasp.G.T, wrenches, atol=1e-9)
     per_contact = found.forces.reshape(200 * 4, -1)
-    np.testing.assert_allclose(CONTACTS[name].project(per_contact), per_contact, atol=1e-9)
+    if is_pad(CONTACTS[name]):  # no closed form: by a conic program of the test's own
+        assert max(slack(CONTACTS[name], x) for x in per_contact[::4]) <= 1e-8
+    else:
+        np.testing.assert_allclose(CONTACTS[name].project(per_contact), per_contact, atol=1e-9)
     assert np.isnan(found.separating_directions).all()
 
 

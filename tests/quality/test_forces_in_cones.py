@@ -6,20 +6,21 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.budgets.registry import BUDGETS, NAMED
 from tests.memberships import inside
-from tests.samples import CONTACTS
+from tests.samples import EVERY
 
-models = pytest.mark.parametrize("name", CONTACTS)
+models = pytest.mark.parametrize("name", EVERY)
 BY_NAME = ["l2", "per_finger", "shared", "per_finger_size"]
 BY_TORQUES = ["joint_torques", "shared_joint_torques"]  # hand_torques in a posture is the second of them
 budgets = pytest.mark.parametrize("budget", BY_NAME + BY_TORQUES)
 MANY = 20_000
+CONIC = 200  # forces of a rectangle that are checked, each by a conic program
 
 
 def cube_grasp(name):
     """Return contacts on six sides of a cube of side 0.06, none of them in its middle."""
     points = np.concatenate([np.eye(3), -np.eye(3)]) * 0.03
     offsets = np.random.default_rng(3).uniform(-0.02, 0.02, (6, 3)) * (points == 0.0)
-    return ng.Grasp(points + offsets, -points / 0.03, CONTACTS[name])
+    return ng.Grasp(points + offsets, -points / 0.03, EVERY[name])
 
 
 def bound_to(budget, grasp):
@@ -59,10 +60,11 @@ def check(name, budget, count):
             ng.finger_forces(grasp, wrenches, force_budget=bound_to(budget, grasp))
         return
     found = ng.finger_forces(grasp, wrenches, force_budget=bound_to(budget, grasp))
-    contact, x = CONTACTS[name], found.forces.reshape(count, 6, -1)
+    contact, x = EVERY[name], found.forces.reshape(count, 6, -1)
     size = np.linalg.norm(x, axis=(1, 2))
     scaled = x / np.where(size > 0.0, size, 1.0)[:, None, None]
-    assert inside(contact, scaled, 1e-12).all()
+    some = rng.integers(0, count, CONIC) if name == "coulomb rectangle" else slice(None)
+    assert inside(contact, scaled[some], 1e-9 if name.startswith("coulomb") else 1e-12).all()
     if contact.unilateral:
         assert np.min(x[..., 0]) >= 0.0
     units = np.array([1.0] * 3 + [1.0 / 0.03] * 3)

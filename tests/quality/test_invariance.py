@@ -5,7 +5,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.quality import WrenchSet
-from tests.samples import CONTACTS, closed_ellipsoid_grasp, random_rotation
+from tests.samples import EVERY as CONTACTS
+from tests.samples import closed_ellipsoid_grasp, random_rotation
 
 PLANAR = {
     "point": ng.PointContact(),

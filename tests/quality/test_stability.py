@@ -8,8 +8,9 @@ from scipy.optimize import linprog
 
 import nlpgrasp as ng
 from nlpgrasp.quality import WrenchSet
-from tests.memberships import inside
-from tests.samples import CONTACTS, closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation
+from tests.memberships import inside, is_pad, slack
+from tests.samples import EVERY as CONTACTS
+from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation
 
 
 def test_a_stable_grasp_comes_with_a_ball(rng):
@@ -101,7 +102,10 @@ def test_force_domains_are_convex_cones(seed, name):
     contact = CONTACTS[name]
     x, y = contact.project(rng.standard_normal((2, 200, contact.components(3))))
     for z in (x + y, 3.7 * x):
-        np.testing.assert_allclose(contact.project(z), z, atol=1e-9)
+        if is_pad(contact):  # no closed form: by a conic program of the test's own
+            assert max(slack(contact, one) for one in z[:10]) <= 1e-9
+        else:
+            np.testing.assert_allclose(contact.project(z), z, atol=1e-9)
 
 
 def test_products_of_cones_are_convex_cones(rng):

@@ -161,7 +161,7 @@ def test_moments_are_cut_to_the_contact_model():
     models = [
         ng.SoftContact(0.5, 0.004),
         ng.SoftContact(0.5, 0.004, model="elliptic"),
-        ng.PlaneContact(0.01, friction=0.4),
+        ng.PlaneContact(0.01, friction=0.4, model="box"),
     ]
     grasp = ng.Grasp([[-1, 0, 0], [1, 0, 0], [0, 0, 1]], [[1, 0, 0], [-1, 0, 0], [0, 0, -1]], models)
     forces, moments = components(grasp)

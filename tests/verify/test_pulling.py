@@ -8,7 +8,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.quality import WrenchSet
 from nlpgrasp.verify.claims.evidence import force_checks
-from tests.samples import CONTACTS
+from tests.samples import EVERY as CONTACTS
 from tests.verify.stated import stated_file
 
 POINTS, NORMALS = [[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]

@@ -16,7 +16,7 @@ from nlpgrasp.budgets.sets.torque_polytope import check_bounded
 from nlpgrasp.common.conic import cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.product import project, ranges
+from nlpgrasp.contacts.product import lifted, project
 
 TOLERANCE = 1e-10
 INSIDE = 1.0 - 1e-9  # keeps the attaining force within the limits to the solver's tolerance
@@ -43,14 +43,11 @@ class TorqueCone:
     def __init__(self, contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
         check_bounded(contacts, torques, space, name)
         self._contacts, self._torques, self._space = contacts, torques, space
-        n = torques.shape[1]
-        cones = []
-        for contact, where in zip(contacts, ranges(contacts, space), strict=True):
-            for M in contact.cones(space):
-                cones.append(np.zeros((len(M), n)))
-                cones[-1][:, where] = M
+        self._lift, cones = lifted(contacts, space)
+        n = self._lift.shape[1]
+        loads = torques @ self._lift
         self._cones = [clarabel.NonnegativeConeT(2 * len(torques)), *[cone_of(M) for M in cones]]
-        self._A = sparse.csc_matrix(np.concatenate([torques, -torques, *[-M for M in cones]]))
+        self._A = sparse.csc_matrix(np.concatenate([loads, -loads, *[-M for M in cones]]))
         self._b = np.zeros(self._A.shape[0])
         self._b[: 2 * len(torques)] = 1.0
         self._none = sparse.csc_matrix((n, n))
@@ -72,9 +69,9 @@ class TorqueCone:
             size = float(np.linalg.norm(row))
             if size == 0.0:
                 continue
-            solver = clarabel.DefaultSolver(self._none, -row / size, self._A, self._b, self._cones, self._options)
-            found = solver.solve()
-            x = project(np.array(found.x)[None, :], self._contacts, self._space)[0]
+            cost = -(row / size) @ self._lift
+            found = clarabel.DefaultSolver(self._none, cost, self._A, self._b, self._cones, self._options).solve()
+            x = project((self._lift @ np.array(found.x))[None, :], self._contacts, self._space)[0]
             force[i] = x * INSIDE / max(1.0, float(np.max(np.abs(self._torques @ x), initial=0.0)))
             dual = np.array(found.z)
             prices[i] = size * (dual[:m] - dual[m : 2 * m])

@@ -1,1 +1,1 @@
-"""Force domains in closed form: projections and supports."""
+"""Force domains: projections and supports, in closed form or to rounding."""

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from nlpgrasp.common.conic import LONG, SHORT, cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.product import lifted
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
 TOLERANCES = (1e-11, 1e-9, 3e-8)  # one after another until the solver reaches it; then again with shorter steps
@@ -22,22 +23,20 @@ def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArra
 
     A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver found none.
     """
-    d, n = wrench_set.G.shape
-    rows: list[FloatArray] = [np.concatenate([wrench_set.G, np.zeros((d, 1))], axis=1)]
+    d = len(wrench_set.G)
+    lift, matrices = lifted(wrench_set.contacts, wrench_set.space)
+    n = lift.shape[1]
+    rows: list[FloatArray] = [np.pad(wrench_set.G @ lift, [(0, 0), (0, 1)])]
     cones = [clarabel.ZeroConeT(d)]
-    matrices = []
-    for contact, r in zip(wrench_set.contacts, wrench_set.ranges, strict=True):
-        for M in contact.cones(wrench_set.space):
-            matrices.append(np.zeros((len(M), n + 1)))
-            matrices[-1][:, r] = M
-    matrices += wrench_set.force_set.cones()
+    matrices = [np.pad(M, [(0, 0), (0, 1)]) for M in matrices]
+    matrices += [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrench_set.force_set.cones()]
     rows += [-M for M in matrices]
     cones += [cone_of(M) for M in matrices]
     A = sparse.csc_matrix(np.concatenate(rows))
     cost = np.zeros(n + 1)
     cost[n] = 1.0
     settings = [quiet_settings(tolerance, step) for step in (LONG, SHORT) for tolerance in TOLERANCES]
-    forces, directions = np.full((len(wrenches), n), np.nan), np.full((len(wrenches), d), np.nan)
+    forces, directions = np.full((len(wrenches), len(lift)), np.nan), np.full((len(wrenches), d), np.nan)
     nothing = sparse.csc_matrix((n + 1, n + 1))
     for i, w in enumerate(wrenches):
         b = np.zeros(A.shape[0])
@@ -45,7 +44,7 @@ def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArra
         for options in settings:
             found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
             if str(found.status) == "Solved":
-                forces[i] = np.array(found.x)[:n]
+                forces[i] = lift @ np.array(found.x)[:n]
                 directions[i] = -np.array(found.z)[:d]
                 break
             if "Infeasible" in str(found.status):

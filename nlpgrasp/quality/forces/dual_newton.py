@@ -16,8 +16,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.cones.cholesky import solve_columns
 from nlpgrasp.contacts.cones.terms import upper_triangle
-from nlpgrasp.quality.certificate.cholesky import solve_columns
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
 CHUNK = 16384  # wrenches at once

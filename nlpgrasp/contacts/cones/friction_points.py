@@ -1,0 +1,192 @@
+"""Sums of friction cones: the wrenches about one point of several friction contacts with the same normal.
+
+Coulomb's law along a line or over a pad with corners: whatever the pressure, the wrench of the forces on it is that of
+friction contacts at the ends or corners (docs/paper/02_contacts.md). With ``u_i`` in the friction cone F of point i
+
+    K = {sum_i A_i u_i : u_i in F},   polar  K° = {y : v_n + mu |v_t| <= 0 for v = A_i^T y of every i}.
+
+The projection is ``P(z) = z - q`` where q is the nearest point of the polar cone (Moreau). Three ways find it, each
+checked against the conditions of optimality before the next is asked:
+
+1. Where one point alone presses and sticks, ``A_i^T q = 0`` and ``u_i = (A_i^T A_i)^-1 A_i^T z``.
+2. Where every point that presses slips, Newton's method (``edge_newton``): nearly all others.
+3. The method of multipliers (``multipliers``), for anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.cones.edge_newton import EdgeNewton
+from nlpgrasp.contacts.cones.multipliers import Multipliers
+from nlpgrasp.contacts.cones.terms import upper_triangle
+
+CHUNK = 4096  # points at once
+LEAST = 1e-9  # work of unit points below which rounding leaves no digits
+ROUNDING = 1e-14  # of the conditions on a point that sticks
+POLAR, SLIPS, OTHER = -1, -2, -3  # how a nearest point was found; from 0: the point that sticks
+
+
+class _Nearest(NamedTuple):
+    """Points of the polar cone (n, m), how they were found (m,), and the multipliers of the two methods."""
+
+    q: FloatArray
+    how: NDArray[np.intp]
+    weights: FloatArray  # (N, m), where points slip
+    forces: FloatArray  # (N, 3, number of others)
+
+
+@dataclass(frozen=True)
+class FrictionPoints:
+    """The cone of several friction contacts, in components of their common frame.
+
+    Parameters
+    ----------
+    arms : tuple of N pairs
+        Where the points are along both tangents, metres.
+    friction : float
+        Coulomb coefficient.
+    axes : tuple of n int
+        Components ``(f_n, f_t1, f_t2, m_n, m_t1, m_t2)`` that are kept; the others are zero.
+    """
+
+    arms: tuple[tuple[float, float], ...]
+    friction: float
+    axes: tuple[int, ...]
+
+    @cached_property
+    def generators(self) -> FloatArray:
+        """A, (n, 3 N): the components of forces ``(f_n, f_t1, f_t2)`` at the points, point by point."""
+        parts = []
+        for a, b in self.arms:
+            moments = np.array([[0.0, -b, a], [b, 0.0, 0.0], [-a, 0.0, 0.0]])  # of r x f, r = a t1 + b t2
+            parts.append(np.concatenate([np.eye(3), moments])[list(self.axes)])
+        return np.concatenate(parts, axis=1)
+
+    def cones(self) -> list[FloatArray]:
+        """Return (3, 3 N) matrices M: forces are in the friction cones where ``M u`` are in second-order ones."""
+        scale = np.diag([self.friction, 1.0, 1.0])
+        return [np.asarray(np.kron(row[None, :], scale)) for row in np.eye(len(self.arms))]
+
+    def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``max(0, v_n + mu |v_t|)`` over the points, (...), and the force (..., n) of that point alone."""
+        v = (z @ self.generators).reshape(*z.shape[:-1], len(self.arms), 3)
+        size = np.hypot(v[..., 1], v[..., 2])
+        work = v[..., 0] + self.friction * size
+        best = np.argmax(work, axis=-1)[..., None]
+        forces = np.ones_like(v)
+        forces[..., 1:] = v[..., 1:] * (self.friction / np.where(size > 0.0, size, 1.0))[..., None]
+        value = np.take_along_axis(work, best, axis=-1)[..., 0]
+        alone = forces * ((np.arange(len(self.arms)) == best) & (value > 0.0)[..., None])[..., None]
+        return np.maximum(value, 0.0), alone.reshape(*z.shape[:-1], -1) @ self.generators.T
+
+    def project(self, z: FloatArray) -> FloatArray:
+        """Return the projection of ``z`` (..., n) onto the cone."""
+        flat, size = _unit(z)
+        one, share = self._scaled(flat)
+        result = (one - self._nearest(one).q) * (share * size)
+        result[0] = np.maximum(result[0], 0.0)
+        return np.asarray(result.T.reshape(z.shape))
+
+    def derivative_entries(self, z: FloatArray) -> FloatArray:
+        """Return the upper triangle of the projection's Jacobian, entries first, (n (n + 1) / 2, ...)."""
+        flat, _ = _unit(z)
+        one, _ = self._scaled(flat)
+        near, n = self._nearest(one), len(flat)
+        matrix = np.zeros((n, n, flat.shape[1]))
+        for i, part in enumerate(np.split(self.generators, len(self.arms), axis=1)):
+            matrix[..., near.how == i] = (part @ np.linalg.pinv(part))[..., None]
+        slips, other = np.flatnonzero(near.how == SLIPS), np.flatnonzero(near.how == OTHER)
+        if slips.size:
+            six = np.zeros((6, slips.size))
+            six[list(self.axes)] = near.q[:, slips]
+            full = self._newton.derivative(six, near.weights[:, slips])
+            matrix[..., slips] = full[np.ix_(self.axes, self.axes)]
+        if other.size:
+            matrix[..., other] = self._method.derivative(one[:, other], near.q[:, other], near.forces)
+        return np.array([matrix[place].reshape(z.shape[:-1]) for place in upper_triangle(n)])
+
+    @cached_property
+    def _newton(self) -> EdgeNewton:
+        return EdgeNewton(np.array(self.arms), self.friction)
+
+    @cached_property
+    def _method(self) -> Multipliers:
+        return Multipliers(self.generators, np.array(self.arms), self.friction)
+
+    @cached_property
+    def _alone(self) -> list[tuple[FloatArray, FloatArray]]:
+        """For every point, what gives its force when it sticks alone (3, n), and the velocities then (3 N, n)."""
+        result = []
+        for part in np.split(self.generators, len(self.arms), axis=1):
+            force = np.asarray(np.linalg.pinv(part), dtype=np.float64)
+            result.append((force, self.generators.T @ (np.eye(len(part)) - part @ force)))
+        return result
+
+    @cached_property
+    def _last(self) -> list[tuple[FloatArray, _Nearest]]:
+        """The points asked for last, whose derivative is often asked for next."""
+        return []
+
+    def _most_work(self, v: FloatArray) -> FloatArray:
+        """Return the largest ``v_n + mu |v_t|`` over the points, velocities (3 N, m) to (m,)."""
+        v = v.reshape(len(self.arms), 3, -1)
+        return np.asarray(np.max(v[:, 0] + self.friction * np.hypot(v[:, 1], v[:, 2]), axis=0, initial=-np.inf))
+
+    def _scaled(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points outside the polar cone with projections near unit length, and the scale (m,)."""
+        work = self._most_work(self.generators.T @ flat)
+        share = np.where(work > 0.0, np.maximum(work, LEAST), 1.0)
+        return flat / share, share
+
+    def _nearest(self, z: FloatArray) -> _Nearest:
+        """Return the nearest points of the polar cone to ``z`` (n, m)."""
+        if self._last and np.array_equal(self._last[0][0], z):
+            return self._last[0][1]
+        parts = [self._some(z[:, a : a + CHUNK]) for a in range(0, max(1, z.shape[1]), CHUNK)]
+        found = _Nearest(*(np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)))
+        self._last[:] = [(z, found)]
+        return found
+
+    def _some(self, z: FloatArray) -> _Nearest:
+        """Return ``_nearest`` of not too many points."""
+        q, weights = z.copy(), np.zeros((len(self.arms), z.shape[1]))
+        how = np.where(self._most_work(self.generators.T @ z) > 0.0, SLIPS, POLAR)
+        left = np.flatnonzero(how == SLIPS)
+        for i, (force, velocity) in enumerate(self._alone):
+            u = force @ z[:, left]
+            sticks = np.hypot(u[1], u[2]) <= self.friction * u[0]
+            some = left[sticks]
+            limit = ROUNDING * (1.0 + np.linalg.norm(z[:, some], axis=0))
+            how[some[self._most_work(velocity @ z[:, some]) <= limit]] = i
+            part = self.generators[:, 3 * i : 3 * i + 3]
+            there = how[left] == i
+            q[:, left[there]] -= part @ u[:, there]
+            left = left[~there]
+        if left.size:
+            six = np.zeros((6, left.size))
+            six[list(self.axes)] = z[:, left]
+            found, weights[:, left], good = self._newton.solve(six)
+            q[:, left] = found[list(self.axes)]
+            left = left[~good]
+        forces = np.zeros((len(self.arms), 3, left.size))
+        if left.size:
+            how[left] = OTHER
+            q[:, left], forces = self._method.solve(z[:, left])
+        return _Nearest(q, how, weights, forces)
+
+
+def _unit(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return points (..., n) as columns of unit length, (n, m), zeros left alone, and their lengths."""
+    flat = z.reshape(-1, z.shape[-1]).T
+    most = np.max(np.abs(flat), axis=0, initial=0.0)
+    most = np.where(most > 0.0, most, 1.0)
+    length = np.linalg.norm(flat / most, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    return flat / most / length, most * length
