@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.studies.fine_motion.paths.footpath import MOST_TURN, Footpath, Station
@@ -28,6 +29,24 @@ def test_chords_on_a_sphere_are_off_by_less_than_the_share_of_the_tolerance(tole
     assert np.max(turns) <= MOST_TURN + 1e-9
     assert path.lengths[-1] == pytest.approx(1.2 * radius, rel=2e-3)
     assert path.total == pytest.approx(1.2 * (radius + 0.01), rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["ellipsoid", "mesh"])
+def test_stations_are_on_the_surface_and_chords_near_it(kind):
+    axes, tolerance = np.array([0.05, 0.08, 0.03]), 2e-4
+    sphere = trimesh.creation.icosphere(3)
+    body = ng.Ellipsoid(axes) if kind == "ellipsoid" else ng.Mesh(sphere.apply_scale(axes))
+    found = body.snap("surface", np.array([[-0.02, -0.04, 0.03], [0.03, 0.03, 0.02]]))
+    ends = [Station(p, -body.evaluate("surface", p[None])[2][0], "surface") for p in found]
+    path = Footpath(body, ends, 0.01, tolerance)
+    assert len(path.points) > 5
+    chords = np.concatenate([path.points, (path.points[1:] + path.points[:-1]) / 2.0])
+    gauge = np.linalg.norm(chords / axes, axis=1)
+    gap = np.abs(gauge - 1.0) * gauge / np.linalg.norm(chords / axes**2, axis=1)  # to first order
+    assert np.max(gap) < (tolerance / 4.0 if kind == "ellipsoid" else 1e-3)  # the mesh's facets are off themselves
+    outward = chords[: len(path.points)] / axes**2
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    np.testing.assert_allclose(-path.normals, outward, atol=1e-6 if kind == "ellipsoid" else 0.1)
 
 
 def test_over_an_edge_the_contact_stops_and_the_normal_turns():

@@ -82,12 +82,19 @@ def test_the_fingertip_follows_the_path_and_links_stay_out(tmp_path, slides):
 
 
 def test_clearances_are_those_of_balls_and_box(tmp_path):
-    path = taken(motions(tmp_path))
-    places = np.array([in_body(chain("a", q), PALM)[:3] for q in path.joints])
-    from_box = np.min(box_distance(places, HALF), axis=1) - 0.004
-    other = np.linalg.norm(places[:, :, None] - in_body(np.zeros((1, 3)), PALM), axis=3)
-    assert np.all(path.clearances <= from_box + 1e-6)
-    assert np.all(path.clearances >= np.minimum(from_box, np.min(other, axis=(1, 2)) - 0.016) - 1e-6)
+    """The balls of the links from the box, from the palm but for its neighbour, and from the other finger."""
+    made = motions(tmp_path)
+    path, other = taken(made), made.start()["joints"][made.fingers[1].own]
+    still = np.array([*in_body(chain("b", other), PALM), PALM])
+    far = np.array([0.004, 0.004, 0.004, TIP, 0.012])
+    for q, least in zip(path.joints, path.clearances, strict=True):
+        own = in_body(chain("a", q), PALM)
+        radii = np.array([0.004, 0.004, 0.004, TIP])
+        apart = np.linalg.norm(own[:, None] - still, axis=2) - radii[:, None] - far
+        apart[0, -1] = np.inf  # neighbours in the chain
+        chained = np.linalg.norm(own[0] - own[2]) - 0.008, np.linalg.norm(own[0] - own[3]) - 0.004 - TIP
+        wanted = min(np.min(box_distance(own[:3], HALF) - 0.004), np.min(apart), *chained)
+        assert least == pytest.approx(wanted, abs=1e-6)
 
 
 @pytest.mark.parametrize(("joint", "share"), [(1, 0.5), (2, 0.3), (2, 0.8)])

@@ -78,9 +78,11 @@ def test_clearances_are_those_of_balls_that_are_placed_by_hand(tmp_path):
         name = f"fingertip {link}" if link.endswith("tip") else f"link {link}"
         r = radius[link]
         assert said[f"{name} against table"] == pytest.approx(p[2] - r - (-0.05 + 0.002), abs=1e-9)
-        assert said[f"{name} against the body"] <= box_distance(p, np.array([0.03, 0.1, 0.03])) - r + 1e-7
+        gap = box_distance(p, np.array([0.03, 0.1, 0.03])) - r
+        assert said[f"{name} against the body"] == pytest.approx(gap, abs=1e-9)
         inside = local @ (p - [0.1, 0.02, 0.0])
-        assert said[f"{name} against slab"] <= box_distance(inside, [0.01, 0.015, 0.02]) - r - 0.003 + 1e-7
+        gap = box_distance(inside, np.array([0.01, 0.015, 0.02])) - r - 0.003
+        assert said[f"{name} against slab"] == pytest.approx(gap, abs=1e-9)
     apart = np.linalg.norm(where["a2"] - where["b_tip"]) - radius["a2"] - radius["b_tip"]
     assert said["link a2 against fingertip b_tip"] == pytest.approx(apart, abs=1e-9)
     assert not any("link a0 against link a1" in words for words in said)

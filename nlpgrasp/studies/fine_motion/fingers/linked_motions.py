@@ -42,6 +42,7 @@ class LinkedMotions:
         self.around = Surroundings(problem, hand)
         self.fingers = [FingerJoints(hand, i, self.around, problem.body.size) for i in range(hand.count)]
         self._first = self._with_slides(values)
+        self._footpaths: dict[tuple[int, float], Footpath] = {}
 
     def start(self) -> Values:
         """Return the values of the hand's variables in the first grasp."""
@@ -50,9 +51,10 @@ class LinkedMotions:
     def taken(self, posture: Values, finger: int, slides: bool) -> tuple[FingerPath, Values]:
         """Return the way of a finger from a posture to its new contact, and the posture that it ends with."""
         lift = 0.0 if slides else self.lift
-        arm = self.hand.tips[finger][1].standoff + lift
-        footpath = Footpath(self.body, self.paths[finger], arm, self.around.tolerance)
-        return Walk(self.fingers[finger], Stride(footpath, lift)).taken(posture)
+        if (finger, lift) not in self._footpaths:
+            arm = self.hand.tips[finger][1].standoff + lift
+            self._footpaths[finger, lift] = Footpath(self.body, self.paths[finger], arm, self.around.tolerance)
+        return Walk(self.fingers[finger], Stride(self._footpaths[finger, lift], lift)).taken(posture)
 
     def _with_slides(self, values: Values) -> Values:
         """Return the values with the coordinates of tips that have one, where these are nearest to their contacts."""
