@@ -17,7 +17,7 @@ from tests.samples import closed_ellipsoid_grasp
 
 NAMED = ["l2", "per_finger", "shared", "per_finger_size"]
 MODELS = ["point", "friction", "soft box", "soft elliptic", "rough line", "rough rectangle", "rough disc"]
-PADS = ["coulomb line", "coulomb rectangle", "coulomb disc"]
+PADS = ["coulomb line", "coulomb rectangle"]
 
 
 def torque_limits(contacts, rng, joints=3):

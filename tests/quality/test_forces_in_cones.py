@@ -13,7 +13,7 @@ BY_NAME = ["l2", "per_finger", "shared", "per_finger_size"]
 BY_TORQUES = ["joint_torques", "shared_joint_torques"]  # hand_torques in a posture is the second of them
 budgets = pytest.mark.parametrize("budget", BY_NAME + BY_TORQUES)
 MANY = 20_000
-CONIC = 200  # forces of a rectangle that are checked, each by a conic program
+CONIC = 50  # forces of a rectangle that are checked, each by a conic program
 
 
 def cube_grasp(name):
