@@ -9,6 +9,7 @@ from pathlib import Path
 from nlpgrasp.best.result import BestPossible
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Search
+from nlpgrasp.best.tree.certificate import certificate
 from nlpgrasp.common.stopping.interrupt import Interrupt
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import number
@@ -39,7 +40,8 @@ def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | 
     Returns
     -------
     BestPossible
-        With the bound as ``upper``, and a grasp wherever one that resists the task was met.
+        With the bound as ``upper``, a grasp wherever one that resists the task was met, and the certificate: the bound
+        is what follows from its at most 10,000 leaves, though a search went on beyond them.
 
     Raises
     ------
@@ -58,14 +60,17 @@ def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | 
         stop = Stop(None if limit is None else begun + limit, Path(folder) / "stop")
         with Interrupt(stop):
             search.run(stop.requested)
+    proven, proof = certificate(search.tree)
+    upper = max(proven, search.mu.lower)
     return BestPossible(
-        search.upper,
+        upper,
         search.grasp,
         search.mu.of_measure(problem.task.measure, problem.task.paper_beta),
         search.faces,
-        search.closed,
+        upper <= search.mu.lower * (1.0 + gap),
         search.tree.nodes,
         time.monotonic() - begun,
         search.scope.dropped,
-        search.tree.proof.to_dict(),
+        {"asked": gap, **proof},
+        problem.to_dict(),
     )

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nlpgrasp.common.files import write_text
+from nlpgrasp.common.files import read_text, write_text
 from nlpgrasp.common.types import Json
+from nlpgrasp.contacts import contact_from_dict
+from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import Bounds
+
+SCHEMA = "nlpgrasp-bound/1"
+LARGEST = 512 * 2**20  # bytes of a file
+SMALL = 200_000  # bytes of a certificate that other files may hold
 
 
 @dataclass(frozen=True)
@@ -37,6 +45,8 @@ class BestPossible:
         between contacts. They only lower mu: the bound holds for the problem with them as well, the grasp may not.
     certificate : dict
         What it takes to compute the bound again (docs/how_close.md).
+    problem : dict
+        What was asked, as JSON data.
     """
 
     upper: float
@@ -48,6 +58,7 @@ class BestPossible:
     seconds: float
     dropped: tuple[str, ...] = ()
     certificate: Json = field(default_factory=dict, repr=False, compare=False)
+    problem: Json = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def gap(self) -> float:
@@ -61,14 +72,36 @@ class BestPossible:
         return max(0.0, self.upper / mu - 1.0) if mu > 0.0 else float("inf")
 
     def save(self, path: str | Path) -> Path:
-        """Write bound and certificate as JSON, whole or not at all, and return the path.
+        """Write bound and certificate as JSON, whole or not at all, and return the path; ``ng.verify`` checks the file.
 
         Raises
         ------
         InputError
             When the folder does not exist or cannot be written.
         """
-        return write_text(path, json.dumps(self.to_dict(), allow_nan=False) + "\n")
+        return write_text(path, _text(self.to_dict()) + "\n")
+
+    @classmethod
+    def load(cls, path: str | Path) -> BestPossible:
+        """Return the bound that ``save`` wrote.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be read or holds no bound.
+        """
+        text = read_text(path, "a bound file", LARGEST)
+        try:
+            data = json.loads(text)
+        except ValueError as error:
+            raise InputError(str(path), f"no JSON: {error}", "a bound file") from None
+        if not isinstance(data, Mapping) or data.get("schema") != SCHEMA:
+            found = data.get("schema") if isinstance(data, Mapping) else type(data).__name__
+            raise InputError(f"{path}: schema", found, f'"{SCHEMA}"')
+        try:
+            return cls.from_dict(data)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(str(path), f"{type(error).__name__}: {error}", "what docs/how_close.md says") from None
 
     def to_dict(self) -> Json:
         """Return the bound as JSON data; a gap that is infinite as null."""
@@ -77,15 +110,70 @@ class BestPossible:
             points, normals = self.grasp.points.tolist(), self.grasp.normals.tolist()
             grasp = {"positions": points, "normals": normals, "faces": list(self.faces), "mu": self.mu.to_dict()}
         return {
-            "schema": "nlpgrasp-bound/1",
+            "schema": SCHEMA,
             "upper": self.upper,
             "gap": self.gap if self.gap < float("inf") else None,
             "closed": self.closed,
             "nodes": self.nodes,
             "seconds": self.seconds,
             "dropped": list(self.dropped),
+            "problem": self.problem,
             "grasp": grasp,
             "certificate": self.certificate,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> BestPossible:
+        """Return the bound that ``to_dict`` wrote."""
+        grasp, mu, faces = None, Bounds(0.0, 0.0), ()
+        placed, certificate, problem = data["grasp"], data["certificate"], data["problem"]
+        if placed is not None:
+            models = [contact_from_dict(contact) for contact in problem["contacts"]]
+            grasp = Grasp(placed["positions"], placed["normals"], models, certificate["origin"])
+            mu, faces = Bounds.from_dict(placed["mu"], "grasp.mu"), tuple(placed["faces"])
+        return cls(
+            float(data["upper"]),
+            grasp,
+            mu,
+            faces,
+            bool(data["closed"]),
+            int(data["nodes"]),
+            float(data["seconds"]),
+            tuple(data["dropped"]),
+            certificate,
+            problem,
+        )
+
+    @property
+    def is_small(self) -> bool:
+        """Whether another file may hold the certificate itself."""
+        return bool(self.certificate) and len(_text(self.certificate)) <= SMALL
+
+    def beside(self, mu: float, file: str | Path | None = None) -> Json:
+        """Return what a solution file states of the bound beside its own grasp.
+
+        Parameters
+        ----------
+        mu : float
+            Certified quality of that grasp.
+        file : str or Path, optional
+            Where the bound was saved, in the folder of the solution file; the certificate itself goes into the data
+            when left out.
+
+        Raises
+        ------
+        InputError
+            When the certificate is larger than 200 kB and no file is named, or the file cannot be read.
+        """
+        if file is None and not self.is_small:
+            raise InputError("file", None, "the name of the saved bound, for a certificate of more than 200 kB")
+        gap = self.gap_of(mu)
+        return {
+            "upper": self.upper,
+            "gap": gap if gap < float("inf") else None,
+            "closed": bool(gap <= self.certificate["asked"]),
+            "dropped": list(self.dropped),
+            "certificate": self.certificate if file is None else {"file": Path(file).name, "sha256": digest(file)},
         }
 
     def __str__(self) -> str:
@@ -94,3 +182,21 @@ class BestPossible:
             return f"mu at most {self.upper:.4g} over all placements{without}; no grasp met ({self.nodes} nodes)"
         found = f"best met {self.mu.lower:.4g}, within {100.0 * self.gap:.2g} %"
         return f"mu at most {self.upper:.4g} over all placements{without}; {found} ({self.nodes} nodes)"
+
+
+def digest(path: str | Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError("file", f"{path}: {error.strerror}", "a saved bound") from None
+
+
+def _text(data: Json) -> str:
+    return json.dumps(data, allow_nan=False, separators=(",", ":"))

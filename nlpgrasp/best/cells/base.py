@@ -33,6 +33,10 @@ class Rows:
     bends: FloatArray | None = None
 
 
+Cut = int | list[list[int]]
+"""Which side, interval or direction a cell is cut across; of a union its parts, as numbers of members."""
+
+
 class Cell(ABC):
     """A piece of a face.
 
@@ -49,6 +53,10 @@ class Cell(ABC):
     @abstractmethod
     def split(self) -> tuple[Cell, ...]:
         """Return two cells that cover this one; itself alone where it is a point."""
+
+    @abstractmethod
+    def cut(self) -> Cut:
+        """Return how ``split`` cuts, so that others can make the same parts: each kind says what the number means."""
 
     @abstractmethod
     def ball(self) -> tuple[FloatArray, float]:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from nlpgrasp.best.cells.base import Cell, Rows
+from nlpgrasp.best.cells.base import Cell, Cut, Rows
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
@@ -40,7 +40,16 @@ class BundleCell(Cell):
         return Rows(points, normals, np.concatenate(bends))
 
     def split(self) -> tuple[Cell, ...]:
-        """Return two bundles, parted across the direction in which points and normals are most spread."""
+        """Return two bundles; a part of one member is that member."""
+        first, second = ([self.members[i] for i in part] for part in self._parts())
+        return self._of(first), self._of(second)
+
+    def cut(self) -> Cut:
+        """Return the numbers of the members of both parts."""
+        return self._parts()
+
+    def _parts(self) -> list[list[int]]:
+        """Return members parted across the direction in which points and normals are most spread."""
         middles = np.stack([member.ball()[0] for member in self.members])
         normals = np.stack([np.mean(member.rows().normals, axis=0) for member in self.members])
         where = np.concatenate([middles / self.size, 0.5 * normals], axis=1)
@@ -51,10 +60,9 @@ class BundleCell(Cell):
         steps = np.diff(where[order, axis])
         first, last = max(1, len(order) // 4), len(order) - max(1, len(order) // 4)
         cut = first + int(np.argmax(np.round(steps[first - 1 : last], 9)))
-        return self._of(order[:cut].tolist()), self._of(order[cut:].tolist())
+        return [order[:cut].tolist(), order[cut:].tolist()]
 
-    def _of(self, chosen: Sequence[int]) -> Cell:
-        members = [self.members[i] for i in chosen]
+    def _of(self, members: Sequence[Cell]) -> Cell:
         return members[0] if len(members) == 1 else BundleCell(members, self.size)
 
     def ball(self) -> tuple[FloatArray, float]:

@@ -49,12 +49,15 @@ class SectorCell(Cell):
 
     def split(self) -> tuple[SectorCell, SectorCell]:
         """Return both halves, of the radii or of the angles, whichever are further apart."""
-        arc = float(self.radii[1] * np.ptp(self.angles))
-        if np.ptp(self.radii) >= arc:
+        if self.cut() == 0:
             first, second = halves(self.radii)
             return self._with(first, self.angles), self._with(second, self.angles)
         first, second = halves(self.angles)
         return self._with(self.radii, first), self._with(self.radii, second)
+
+    def cut(self) -> int:
+        """Return 0 for a cut of the radii, 1 for one of the angles, each in the middle, the lower part first."""
+        return int(np.ptp(self.radii) < self.radii[1] * np.ptp(self.angles))
 
     def _with(self, radii: FloatArray, angles: FloatArray) -> SectorCell:
         return SectorCell(radii, angles, self.height, self.normal)

@@ -85,14 +85,19 @@ class EllipsoidCell(Cell):
         """Return both halves, cut at the middle of the side that is longest on the ellipsoid; a point as it is."""
         if len(self.corners) == 1:
             return (self,)
-        following = np.roll(self.corners, -1, axis=0)
-        longest = np.round(np.linalg.norm((self.corners - following) * self.a, axis=1) / np.max(self.a), 9)
-        i = int(np.argmax(longest))
-        middle = self.corners[i] + following[i]
+        i = self.cut()
+        j = (i + 1) % len(self.corners)
+        middle = self.corners[i] + self.corners[j]
         middle /= np.linalg.norm(middle)
         first, second = self.corners.copy(), self.corners.copy()
-        first[(i + 1) % len(first)], second[i] = middle, middle
+        first[j], second[i] = middle, middle
         return EllipsoidCell(first, self.a), EllipsoidCell(second, self.a)
+
+    def cut(self) -> int:
+        """Return the number i of the side from corner i to the next; the part with corner i comes first."""
+        following = np.roll(self.corners, -1, axis=0)
+        longest = np.round(np.linalg.norm((self.corners - following) * self.a, axis=1) / np.max(self.a), 9)
+        return int(np.argmax(longest))
 
     def ball(self) -> tuple[FloatArray, float]:
         """Return the point in the middle, and the largest semi-axis times the angle to the farthest corner."""

@@ -41,12 +41,16 @@ class PolygonCell(Cell):
 
     def split(self) -> tuple[PolygonCell, PolygonCell]:
         """Return both halves of the longer extent along the axes."""
-        along = self.axes @ self.vertices.T
-        extents = np.ptp(along, axis=1)
-        i = int(np.argmax(extents >= (1.0 - ROUNDING) * np.max(extents)))
-        middle = 0.5 * float(np.max(along[i]) + np.min(along[i]))
+        i = self.cut()
+        along = self.axes[i] @ self.vertices.T
+        middle = 0.5 * float(np.max(along) + np.min(along))
         low, high = (clipped(self.vertices, s * self.axes[i], s * middle) for s in (1.0, -1.0))
         return PolygonCell(low, self.normal, self.axes), PolygonCell(high, self.normal, self.axes)
+
+    def cut(self) -> int:
+        """Return the number of the axis with the larger extent; it is cut in the middle, the lower part first."""
+        extents = np.ptp(self.axes @ self.vertices.T, axis=1)
+        return int(np.argmax(extents >= (1.0 - ROUNDING) * np.max(extents)))
 
     def ball(self) -> tuple[FloatArray, float]:
         """Return the mean of the vertices and the distance to the farthest."""
@@ -58,8 +62,9 @@ class PolygonCell(Cell):
         return self.vertices
 
     def to_dict(self) -> Json:
-        """Return vertices and normal."""
-        return {"kind": self.kind, "vertices": self.vertices.tolist(), "normal": self.normal.tolist()}
+        """Return vertices, normal and axes."""
+        values = {"vertices": self.vertices, "normal": self.normal, "axes": self.axes}
+        return {"kind": self.kind} | {name: value.tolist() for name, value in values.items()}
 
 
 class FlatFace(Surface):

@@ -71,13 +71,17 @@ class RevolvedCell(Cell):
 
     def split(self) -> tuple[RevolvedCell, RevolvedCell]:
         """Return both halves of the longer side in metres."""
-        around = float(np.sum(self.radii) * np.ptp(self.angles))
-        beside = float(np.ptp(self.along)) * (float(self.radii[1]) if self.round else 1.0)
-        if around > beside:
+        if self.cut() == 0:
             first, second = halves(self.angles)
             return RevolvedCell(self.radii, first, self.along), RevolvedCell(self.radii, second, self.along)
         first, second = halves(self.along)
         return RevolvedCell(self.radii, self.angles, first), RevolvedCell(self.radii, self.angles, second)
+
+    def cut(self) -> int:
+        """Return 0 for a cut of phi, 1 for one of t, each in the middle, the lower part first."""
+        around = float(np.sum(self.radii) * np.ptp(self.angles))
+        beside = float(np.ptp(self.along)) * (float(self.radii[1]) if self.round else 1.0)
+        return int(around <= beside)
 
     def ball(self) -> tuple[FloatArray, float]:
         """Return the point in the middle and the longest way over the surface to a corner."""

@@ -24,6 +24,14 @@ class Pieces:
         Cells that cover each face, or what of it is enough.
     allowed : Allowed
     supports : Supports
+    turned : str, optional
+        Where every placement can be turned so that the contact is on the roots: ``"pole"``, ``"meridian"`` or
+        ``"half-plane"``.
+
+    Attributes
+    ----------
+    parts : dict
+        The numbers of both parts of each cell that was cut so far; ``NONE`` of one that constraints exclude.
     """
 
     def __init__(
@@ -32,7 +40,9 @@ class Pieces:
         roots: Mapping[Surface, Sequence[Cell]],
         allowed: Allowed,
         supports: Supports,
+        turned: str | None = None,
     ) -> None:
+        self.turned, self.parts = turned, dict[int, tuple[int, ...]]()
         self.slots, self.allowed, self.supports = tuple(slots), allowed, supports
         self.cells: list[Cell] = []
         self.radii: list[float] = []
@@ -61,14 +71,11 @@ class Pieces:
             if len(parts) == 1:
                 self._children[cell] = (cell,)
             else:
-                kept = [part for part in parts if not self.allowed.excludes(part)]
-                self._children[cell] = tuple(self._add(part, cell, self.surfaces[cell]) for part in kept)
+                surface, excluded = self.surfaces[cell], [self.allowed.excludes(part) for part in parts]
+                made = [NONE if e else self._add(p, cell, surface) for p, e in zip(parts, excluded, strict=True)]
+                self.parts[cell] = tuple(made)
+                self._children[cell] = tuple(part for part in made if part != NONE)
         return self._children[cell]
-
-    @property
-    def splits(self) -> Mapping[int, tuple[int, ...]]:
-        """The parts of each cell that was cut so far."""
-        return self._children
 
     def like(self, cell: int, points: np.ndarray, candidates: Sequence[int], tolerance: float) -> int:
         """Return which candidate has these anchors, in any order, or ``NONE``."""

@@ -83,7 +83,7 @@ def scope_of(problem: GraspProblem, bundled: bool = False) -> Scope:
     turned = () if bundled else pinned(problem, faces, own)
     made: list[Pieces] = []
     for slots in _alike(problem, own):
-        made += [_pieces(problem, [slot], own[slot], turned[slot], measure) for slot in slots if slot < len(turned)]
+        made += [_pieces(problem, [s], own[s], turned[s][1], measure, turned[s][0]) for s in slots if s < len(turned)]
         rest = [slot for slot in slots if slot >= len(turned)]
         if rest:
             roots = _roots(faces, own[rest[0]], problem.body.size, bundled)
@@ -105,10 +105,15 @@ def _alike(problem: GraspProblem, own: Sequence[Places]) -> list[list[int]]:
 
 
 def _pieces(
-    problem: GraspProblem, slots: Sequence[int], own: Places, roots: dict[Surface, Sequence[Cell]], measure: Measure
+    problem: GraspProblem,
+    slots: Sequence[int],
+    own: Places,
+    roots: dict[Surface, Sequence[Cell]],
+    measure: Measure,
+    turned: str | None = None,
 ) -> Pieces:
     supports = Supports(problem.models[slots[0]], measure, problem.origin)
-    return Pieces(slots, roots, own.allowed, supports)
+    return Pieces(slots, roots, own.allowed, supports, turned)
 
 
 def _roots(faces: Sequence[Surface], own: Places, size: float, bundled: bool) -> dict[Surface, Sequence[Cell]]:

@@ -19,10 +19,11 @@ TURN = 1.0  # radians: a turn by it belongs to no symmetry but a continuous one
 SAME = 1e-9
 
 Roots = dict[Surface, Sequence[Cell]]
+Turned = tuple[str, Roots]
 
 
-def pinned(problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places]) -> list[Roots]:
-    """Return the cells that are enough for the first contact, or for the first two; none where nothing turns.
+def pinned(problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places]) -> list[Turned]:
+    """Return where it is enough for the first contact to be, or the first two, and cells; none where nothing turns.
 
     On a sphere, for a task that any turn leaves as it is, the first contact can be turned to the pole and the second to
     a meridian. On a body of revolution, for a task that turns about its axis leave as it is, the first contact can be
@@ -40,14 +41,14 @@ def pinned(problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places
     if isinstance(sphere, EllipsoidFace) and centred and keeps(problem.task, wrench_map(_turn(side))):
         pole: Roots = {sphere: [EllipsoidCell(axis[None], sphere.a)]}
         meridian: Roots = {sphere: sphere.half_plane(axis, side)}
-        return [pole, meridian][: len(own)]
+        return [("pole", pole), ("meridian", meridian)][: len(own)]
     first: Roots = {}
     for face in used[0]:
         if isinstance(face, EllipsoidFace):
             first[face] = face.half_plane(axis, side)
         elif isinstance(face, DiscFace | RevolvedFace):
             first[face] = face.pinned()
-    return [first]
+    return [("half-plane", first)]
 
 
 def _axis(problem: GraspProblem, faces: Sequence[Surface]) -> FloatArray | None:

@@ -113,6 +113,16 @@ class Batch:
             if len(open_):
                 self._renew(table, ~closed, weights, design)
 
+    def recomputed(self, weights: FloatArray) -> FloatArray:
+        """Return the bounds (b,) that mixtures (b, j) give, with the budget's own sum for one direction alone."""
+        table, measure = _Table(self, np.arange(len(self.cells))), self.scope.measure
+        bounds = table.bounds(weights)
+        if measure.exact:
+            return bounds
+        alone = np.max(table.maxima(None) * (weights == 1.0)[:, None], axis=2) ** (1.0 / measure.power)
+        single = measure.combined(alone, 1) * (1.0 + MARGIN)
+        return np.where(np.max(weights, axis=1) == 1.0, single, bounds)
+
     def _renew(self, table: _Table, kept: np.ndarray, weights: FloatArray, design: FloatArray) -> None:
         """Replace the least useful directions of some nodes by the weakest of their designs."""
         designs = []

@@ -35,7 +35,7 @@ class Tree:
         self.nodes = 0
         self._heap: list[Node] = []
         self._closed = 0.0
-        self._seen: set[Cells] = set()
+        self._seen: dict[Cells, tuple[Cells, int]] = {}
 
     @property
     def upper(self) -> float:
@@ -57,13 +57,13 @@ class Tree:
         choices = product(*(combinations_with_replacement(p.roots, len(p.slots)) for p in self.scope.pieces))
         roots = [tuple(cell for group in choice for cell in group) for choice in choices]
         new = [cells for cells in roots if self._is_new(cells)]
-        self.proof.roots = roots
         first = self.twists.first()
         return self._bounded([(cells, first, None) for cells in new], target)
 
     def grow(self, target: float) -> list[Node]:
         """Cut the cells of the loosest nodes; return those of the new nodes whose bound exceeds the target."""
         todo: list[tuple[Cells, np.ndarray, np.ndarray | None]] = []
+        self.proof.go_on()
         for _ in range(BATCH):
             if not self._heap or self._heap[0].bound <= target:
                 break
@@ -117,12 +117,12 @@ class Tree:
         """Return whether no mirror image of these cells was met before; remembers them."""
         images = [(cells, NONE), *((image, i) for i, image in self._images(cells))]
         least, symmetry = min(images)
-        if least in self._seen:
-            if least != cells:
-                self.proof.twin(cells, symmetry)
-            return False
-        self._seen.add(least)
-        return True
+        met = self._seen.get(least)
+        if met is None:
+            self._seen[least] = cells, symmetry
+        elif met[0] != cells:
+            self.proof.twin(cells, symmetry, *met)
+        return met is None
 
     def _images(self, cells: Cells) -> Iterator[tuple[int, Cells]]:
         for number, symmetry in enumerate(self.scope.symmetries):
@@ -151,6 +151,7 @@ class Tree:
             for found in batch.bounded(weights, target):
                 self.nodes += 1
                 node = found.node(self.nodes)
+                self.proof.bounded(node)
                 if found.bound <= target:
                     self._close(node)
                 else:
@@ -166,4 +167,3 @@ class Tree:
     def _close(self, node: Node) -> None:
         """Count a node as done: its bound holds for good."""
         self._closed = max(self._closed, node.bound)
-        self.proof.leaf(node)
