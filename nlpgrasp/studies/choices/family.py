@@ -23,6 +23,7 @@ from nlpgrasp.solve.start.given import Given
 from nlpgrasp.solve.start.result import StartGrasp
 
 CARRIES = ("l2", "per_finger", "per_finger_size", "shared", "hand_torques")  # budgets of which the promise holds
+HOPEFUL = 0.5  # of the larger problem's best: a smaller one's grasp is improved there from this share
 SWEEPS = 3  # down and up again, at most
 
 
@@ -77,8 +78,10 @@ class Family:
                 continue
             told.add((a, b, best.record.index))
             given = self.step.up(best, small, large)
+            own = large.best
+            hopeful = own is None or best.record.mu.upper >= HOPEFUL * own.record.mu.lower
             if given is not None:
-                large.offer(given)
+                large.offer(given, hopeful)
 
     def _keep_promises(self) -> None:
         """Certify the best grasps as tightly as the answers, and hand on what these certificates promise."""

@@ -122,7 +122,7 @@ class Manipulability:
     def __str__(self) -> str:
         d = len(self.body.matrix)
         lines = [
-            f"the joints move the body in {self.mobility} of {d} ways, {self.internal} of their own motions leave it",
+            f"the joints move the body in {self.mobility} of {d} ways, and in {self.internal} ways move without it",
             f"  manipulability {self.measure:.3g}, isotropy {self.isotropy:.3g}"
             f" (torques over {1e3 * self.body.torque_scale:.3g} mm)",
         ]

@@ -125,7 +125,8 @@ def sensitivity(
 
     The rates are exact one-sided derivatives for the weakest directions that are found: those whose ratio is within
     ``almost`` of the least, looked for at the grasp and a little way along each change. Directions that are missed can
-    only make mu fall faster.
+    only make mu fall faster. Those that are but nearly the weakest make a rate the more cautious: at a grasp that a
+    solver found, several are equally weak to its tolerance only.
     A rate tells of small changes alone; ``solution.robust`` certifies what is left after some that are not.
 
     Contacts move on their faces, with the normals turning as the surface does; on a mesh along the tangent plane. A
