@@ -8,6 +8,10 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from nlpgrasp.contacts.base import ContactModel
+from nlpgrasp.contacts.friction import FrictionContact
+from nlpgrasp.contacts.pad import Arms, PadContact
+from nlpgrasp.contacts.plane import PlaneContact
+from nlpgrasp.contacts.point import PointContact
 from nlpgrasp.contacts.soft import SoftContact
 from nlpgrasp.errors import InputError
 
@@ -18,11 +22,13 @@ Ranges = list[tuple[frozenset[int], float]]  # axes of a contact-frame wrench, a
 def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
     """Return whether one contact's forces include another's, ``B_other K_other`` in ``B_wider K_wider``.
 
-    Both domains have the shape ``|x_j| <= c_j x_n`` (for the elliptic soft contact the sum of both squared shares is at
+    Most domains have the shape ``|x_j| <= c_j x_n`` (for the elliptic soft contact the sum of both squared shares is at
     most 1). The largest ``|x_S|`` that the other reaches with unit normal force is the root of the sum of its ranges'
     squares over the blocks that meet S, since it may be at the limit of all of them at once; it is contained exactly
-    where that is at most the range of S, for every block S of the wider one, and no component is left over. False where
-    that cannot be told: of contacts of other shapes, equal ones apart, and of patches with different directions.
+    where that is at most the range of S, for every block S of the wider one, and no component is left over. A pad with
+    Coulomb's friction is friction contacts at its ends or corners; it contains what acts at points between these with
+    no more friction. False where that cannot be told: of contacts of other shapes, equal ones apart, and of patches
+    with different directions.
 
     Parameters
     ----------
@@ -41,6 +47,8 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
         return False
     if not _same_frames(wider, other, space):
         return False
+    if isinstance(wider, PadContact) and wider.points(wider.components(space)) is not None:
+        return _acts_within(other, wider)
     if _elliptic(wider):
         shares = [_reach(theirs, axes) / c for axes, c in mine]
         together = max(shares) if _elliptic(other) else float(np.linalg.norm(shares))
@@ -75,6 +83,22 @@ def placed_in(
 def _faces_within(a: ContactModel, b: ContactModel) -> bool:
     """Return whether all faces that a may use are b's too; both as stated."""
     return b.faces is None or (a.faces is not None and set(a.faces) <= set(b.faces))
+
+
+def _acts_within(other: ContactModel, pad: PadContact) -> bool:
+    """Return whether a contact acts at points between a pad's ends or corners, with no more friction than there."""
+    arms: Arms = ((0.0, 0.0),)
+    if isinstance(other, PadContact):
+        if other.friction is not None and other.model == "box":
+            return False
+        if isinstance(other, PlaneContact) and other.extents is None:
+            return False
+        arms = other.arms
+    elif not isinstance(other, PointContact | FrictionContact):
+        return False
+    within = np.all(np.max(np.abs(arms), axis=0) <= np.max(np.abs(pad.arms), axis=0) * (1.0 + ROUNDING))
+    friction = other.coefficients.get("friction", 0.0)
+    return bool(within and friction <= pad.coefficients["friction"] * (1.0 + ROUNDING))
 
 
 def _elliptic(model: ContactModel) -> bool:
