@@ -42,7 +42,8 @@ def how_many_contacts(
     starts, seed, options
         As of ``solve``.
     possible : mapping of int to float, optional
-        Proved upper bounds on mu by the number of contacts, for the gap to them.
+        Proved upper bounds on mu by the number of contacts, for the gap to them; such as
+        ``ng.best_possible(problem_with(k)).upper``.
 
     Raises
     ------
