@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -11,41 +10,29 @@ from scipy.optimize import linear_sum_assignment
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.solve.ascent.ascend import Rules
-from nlpgrasp.solve.ascent.cuts import with_known
-from nlpgrasp.solve.ascent.exchange import exchange, exchange_rules
-from nlpgrasp.solve.ascent.state import AscentState, Effort
-from nlpgrasp.solve.ascent.weakest import AFTER_A_STEP, weakest_at
-from nlpgrasp.solve.start.result import StartGrasp
-from nlpgrasp.solve.start.run import run_start
-from nlpgrasp.solve.start.screen import draw_start
+from nlpgrasp.solve.ascent.state import Effort
+from nlpgrasp.solve.start.first_program import solve_first
+from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.studies.sliding import Branch, at_most, look, slide
 
-SAME = 0.02  # of the body's size: contacts this close, in whatever order, are the same grasp
-SHARE = 0.13  # of the starts that cold solves of all steps would take look for branches, those of both ends at least
-FOLLOWED = 10  # branches at most: the best at hand
-HOPEFUL, REST = 0.9, 3  # another is improved from this share of the best's quality, and then rests for so many steps
-NEAR_RADIUS, NEAR_GAIN, NEAR_ROUNDS = 0.05, 2e-3, 8  # of the exchange: the task changes a little, and so do contacts
-
-
-@dataclass
-class Branch(AscentState):
-    """A local optimum that is followed.
-
-    Parameters
-    ----------
-    placed, value, cuts, multipliers, effort, rounds, history
-        As for ``AscentState``.
-    improved : int
-        The step at which it was slid to its best last.
-    """
-
-    improved: int = -REST
+SAME, NEAR = (
+    0.02,
+    0.15,
+)  # of the body's size: contacts this close, in any order, are the same grasp, and neighbours
+SHARE = 1 / 3  # of a cold solve's starts are begun at each step, all of them at both ends of the path
+FOLLOWED = 40  # branches at most: the best at hand
+HOPEFUL, HOPEFUL_NEW = 0.85, 0.7  # of the best's quality: from there on another is slid, and one that never settled
+OTHERS = 3  # slides of other branches a step
+RISING = 5  # slides of a start that begins with next to nothing
 
 
 class Branches:
     """Local optima that are followed through tasks, each slid to where it is best for the task at hand.
+
+    The first programs of some starts are solved at every step before the first is taken: branches that begin at
+    different tasks differ more than those of many starts at one. They are slid only once they may be the best.
 
     Parameters
     ----------
@@ -59,109 +46,111 @@ class Branches:
     def __init__(self, benches: Sequence[Workbench], starts: int, seed: int) -> None:
         self._starts, self._seed = starts, seed
         self.states: list[Branch] = []
-        self._steps = 0
-        for where in (0, len(benches) - 1):
-            for number in range(starts):  # those of cold solves there
-                self._begin(benches[where], number)
-        more = int(np.ceil(SHARE * starts * len(benches))) - 2 * starts
-        more = max(more, 0 if self.states else starts)  # tasks between may be easier than both ends
-        between = np.linspace(0, len(benches) - 1, more + 2)[1:-1]
-        for n, where in enumerate(np.round(between).astype(int).tolist()):
-            self._begin(benches[where], starts + n)
+        self._begun_before: set[tuple[int, int]] = set()  # workbench and number of starts
+        self._steps, self._best = 0, 0.0  # taken, and the quality known at the last
+        each = int(np.ceil(SHARE * starts))
+        for step, bench in enumerate(benches):
+            end = step in (0, len(benches) - 1)
+            self._begin(bench, range(starts) if end else [(step * each + n) % starts for n in range(each)])
 
-    def _begin(self, bench: Workbench, number: int) -> None:
-        """Add what a start finds."""
-        found = run_start(bench, number, self._seed, Stop())
-        if isinstance(found, StartGrasp) and found.solved:
-            self.add(bench, found.found.placed)
+    def _begin(self, bench: Workbench, numbers: Iterable[int]) -> list[Branch]:
+        """Add what the first programs of some of a cold solve's starts find where there is no branch; return them."""
+        begun = len(self.states)
+        for number in numbers:
+            if (id(bench), number) in self._begun_before:
+                continue
+            self._begun_before.add((id(bench), number))
+            found = self._begun(bench, number)
+            if found is not None and _there(bench, found.placed, self.states) is None:
+                self.states.append(found)
+        return self.states[begun:]
 
-    def add(self, bench: Workbench, placed: Placed) -> Branch:
-        """Return the branch that contacts, and hand, are on; a new one where none is there."""
-        there = self._there(bench, placed)
-        if there is None:
-            there = _branch(bench, placed)
-            self.states.append(there)
-        return there
+    def _begun(self, bench: Workbench, number: int) -> Branch | None:
+        """Return what a start's first program finds; None where that breaks constraints or fails."""
+        rng = np.random.default_rng([self._seed, number])
+        try:
+            first = solve_first(bench, candidates(bench, rng, Stop()), rng)
+        except (RuntimeError, np.linalg.LinAlgError):
+            return None
+        if first is None or first.score < 0.0:
+            return None
+        found = first.state
+        branch = Branch(bench.snapped(found.placed), multipliers=found.multipliers, effort=found.effort)
+        if first.score == 0.0:
+            self._raise(bench, branch, rng)
+        return branch
 
-    def _there(self, bench: Workbench, placed: Placed) -> Branch | None:
-        size = SAME * bench.scaling.length
-        near = (b for b in self.states if np.max(distances(placed.points, b.placed.points)) <= size)
-        return next(near, None)
+    def _raise(self, bench: Workbench, branch: Branch, rng: np.random.Generator) -> None:
+        """Slide a branch that resists nothing as long as that helps."""
+        look(bench, branch, rng)
+        for _ in range(RISING):
+            if slide(bench, branch, rng, self._steps) or branch.value <= 0.0:
+                return
 
     def look(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
-        """Compute the quality of every branch for another task, and drop what has become the same; the best stay.
+        """Compute the quality of the branches for another task, and drop what has become the same; the best stay.
 
-        The directions known of a branch say little of a task that has turned: they may not reach it at all. So each is
-        looked at anew, and so is the best of some random placements, which joins where it is as good.
+        A branch that is seen, by directions known of any, to be worse than the best by far is not looked at closely.
         """
-        for state in self.states:
-            _look(bench, state, rng)
-        best = max((state.value for state in self.states), default=0.0)
-        drawn = draw_start(bench, rng)[0]
-        if bench.violation(drawn) <= FEASIBLE:
-            fresh = _branch(bench, drawn)
-            _look(bench, fresh, rng)
-            if fresh.value > HOPEFUL * best and self._there(bench, drawn) is None:
-                self.states.append(fresh)
+        most, best = at_most(bench, self.states), 0.0
+        order = sorted(range(len(most)), key=lambda i: (self.states[i] is not current, -most[i]))
+        for i in order:
+            state = self.states[i]
+            state.effort, state.value = Effort(), float(most[i])
+            if state is current or most[i] >= HOPEFUL_NEW * best:
+                look(bench, state, rng)
+                best = max(best, state.value)
         kept = [] if current is None else [current]
         for state in sorted((s for s in self.states if s is not current), key=lambda s: -s.value):
-            apart = [np.max(distances(state.placed.points, other.placed.points)) for other in kept]
-            if len(kept) < FOLLOWED and min(apart, default=np.inf) > 1e-3 * bench.scaling.length:
+            if len(kept) < FOLLOWED and _there(bench, state.placed, kept) is None:
                 kept.append(state)
         self.states = kept
 
     def improve(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
-        """Slide the current branch to where it is best, and then one that may be better."""
-        self._steps += 1
-        for state in [] if current is None else [current]:
-            self._slide(bench, state, rng)
-        best = max((state.value for state in self.states), default=0.0)
-        for state in self.ranked():
-            rests = self._steps - state.improved < REST and state.value < best
-            if state is not current and state.value >= HOPEFUL * best and not rests:
-                self._slide(bench, state, rng)
-                return
+        """Slide the current branch to where it is best, and then others that may be better.
 
-    def _slide(self, bench: Workbench, state: Branch, rng: np.random.Generator) -> None:
-        if len(state.cuts):
-            exchange(bench, state, rng, Stop(), _near(bench))
-            state.rounds, state.improved = 0, self._steps
+        Where the task takes the current branch away, the rest of a cold solve's starts join first.
+        """
+        self._steps += 1
+        if current is not None:
+            slide(bench, current, rng, self._steps)
+        if current is None or current.value < HOPEFUL * self._best:
+            for state in self._begin(bench, range(self._starts)):
+                look(bench, state, rng)
+        for _ in range(OTHERS):
+            following = self._next(bench, current)
+            if following is None:
+                break
+            slide(bench, following, rng, self._steps)
+        self._best = max((state.value for state in self.states), default=0.0)
+
+    def _next(self, bench: Workbench, current: Branch | None) -> Branch | None:
+        """Return the best branch that is not yet at its best and has no better one near it."""
+        best = max((state.value for state in self.states), default=0.0)
+        passed: list[Branch] = []
+        for state in self.ranked():
+            hopeful = state.value >= best * (HOPEFUL_NEW if state.settled < 0 else HOPEFUL)
+            going = state is not current and state.settled < self._steps
+            if hopeful and going and _there(bench, state.placed, passed, NEAR) is None:
+                return state
+            passed.append(state)
+        return None
 
     def ranked(self) -> list[Branch]:
         """Return the branches that resist the task, as far as is known, the best first."""
         return sorted((state for state in self.states if state.value > 0.0), key=lambda s: -s.value)
 
-    def cold(self, bench: Workbench, rng: np.random.Generator) -> Iterator[Branch]:
-        """Yield the branches that a cold solve finds for a task, the best first."""
-        results = [run_start(bench, i, self._seed, Stop()) for i in range(self._starts)]
-        solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
-        for start in sorted(solved, key=lambda r: -r.record.mu.upper):
-            state = self.add(bench, start.found.placed)
-            state.placed = bench.snapped(start.found.placed)
-            _look(bench, state, rng)
-            state.effort += start.effort
-            yield state
+    def cold(self, bench: Workbench, rng: np.random.Generator) -> list[Branch]:
+        """Begin those of a cold solve's starts that were not begun for a task; return as many branches, best first."""
+        for state in self._begin(bench, range(self._starts)):
+            self._raise(bench, state, rng)
+        return self.ranked()[: self._starts]
 
 
-def _branch(bench: Workbench, placed: Placed) -> Branch:
-    """Return where contacts and hand are as a branch that was not looked at yet."""
-    unknown = np.zeros(len(bench.rows.named))  # multipliers, until a step is accepted
-    return Branch(bench.snapped(placed), multipliers=unknown)
-
-
-def _look(bench: Workbench, state: Branch, rng: np.random.Generator) -> None:
-    """Compute quality and weakest directions of a branch for the task at hand."""
-    known = None
-    if len(state.cuts):
-        known = with_known(state.cuts, np.zeros((0, bench.problem.dimension)), bench.problem.task)
-    weakest = weakest_at(bench, state.placed, rng, known, AFTER_A_STEP)
-    state.value, state.cuts, state.effort = weakest.value, weakest.directions, Effort()
-
-
-def _near(bench: Workbench) -> Rules:
-    rules = exchange_rules(bench)
-    radius, gain = min(rules.radius, NEAR_RADIUS), max(rules.least_gain, NEAR_GAIN)
-    return replace(rules, radius=radius, least_gain=gain, rounds=min(rules.rounds, NEAR_ROUNDS))
+def _there(bench: Workbench, placed: Placed, states: Sequence[Branch], near: float = SAME) -> Branch | None:
+    """Return the branch that contacts are on, or near, if any."""
+    size = near * bench.scaling.length
+    return next((b for b in states if np.max(distances(placed.points, b.placed.points)) <= size), None)
 
 
 def moved(before: Grasp, after: Grasp, any_order: bool) -> FloatArray:

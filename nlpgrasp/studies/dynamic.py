@@ -1,8 +1,9 @@
 """Dynamic grasping (Section 3.6): the grasp follows a task that changes.
 
 Contacts found for one task are a few steps of the exchange away from the best ones near them for a task a little
-different: the program is the same, only its cuts are others. Several local optima are followed side by side, so that
-it is seen where sliding along no longer helps and a regrasp pays; fingers stay where they are for less.
+different: the program is the same, only its cuts are others. Local optima that first programs find all along the path
+are followed side by side, so that it is seen where sliding along no longer helps and a regrasp pays; fingers stay
+where they are for less.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.studies.dynamic_grasp import DynamicGrasp
 from nlpgrasp.studies.follower import Follower
+from nlpgrasp.studies.sliding import CUTS
 
 
 def follow_task(
@@ -39,8 +41,8 @@ def follow_task(
     parameters : (m,) array
         At least 2, in the order in which the task changes.
     starts : int
-        Of a cold solve. As many look for local optima to follow at both ends of the path, and some in between on a long
-        path or where neither end has any; a step at which none of them has a grasp takes as many too, and says so.
+        Of a cold solve. The first programs of as many look for local optima to follow at both ends of the path, those
+        of a third at each step in between; a step at which no branch has a grasp takes the rest too, and says so.
     seed : int
     options : SolveOptions, optional
     regrasp_gain : float
@@ -70,7 +72,7 @@ def follow_task(
     problems = [_problem(problem_at, value) for value in values.tolist()]
     for problem, value in zip(problems[1:], values[1:].tolist(), strict=True):
         _check_same(problems[0], problem, value)
-    first = Workbench(problems[0], options)
+    first = Workbench(problems[0], options, CUTS)
     benches = [first, *(first.with_task(problem) for problem in problems[1:])]
     with one_thread():
         follower = Follower(benches, starts, seed, gain)

@@ -18,8 +18,9 @@ from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.studies.branches import Branch, Branches, moved
+from nlpgrasp.studies.branches import Branches, moved
 from nlpgrasp.studies.dynamic_grasp import DynamicStep
+from nlpgrasp.studies.sliding import Branch
 
 RTOL = 0.005  # of certificates at most: the shares that decide are some percent
 TRIED = 3  # branches that are certified at a step before it begins anew

@@ -8,6 +8,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.studies.follower import Follower
 from problems.filling_cup import center_of_mass, filled
+from tests.studies.random_paths import compared, random_path
 
 ONE = ng.SolveOptions(workers=1, shadow_prices=False)
 LEVELS = np.linspace(0.2, 1.0, 5)
@@ -142,6 +143,28 @@ def test_no_step_is_lost_where_a_task_turns():
         assert step.solution.mu.lower >= 0.97 * best_of_a_grid(swinging(step.parameter).task)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [4, 6, 13, 24, 28])
+def test_random_paths_against_cold_solves(number):
+    """The hard ones: another basin is best in the middle, or hardly any start finds a grasp."""
+    one = compared(number)
+    assert one.ratio >= 0.97
+    assert one.lost == 0
+    assert one.seconds <= 0.45 * one.cold_seconds  # 0.2 over many paths; single ones differ
+
+
+@pytest.mark.slow
+def test_a_basin_in_the_middle_of_a_path_is_found():
+    """A cold solve's best there is on other sides than those of both ends."""
+    path, shares = random_path(4), [0.0, 3.0 / 7.0, 1.0]
+    found = ng.follow_task(path.at, shares, starts=2, options=ONE).steps
+    cold = ng.solve(path.at(shares[1]), 2, options=ONE)
+    assert cold.mu.lower > 0.0
+    assert found[1].solution.mu.lower >= 0.97 * cold.mu.lower
+    middle, *ends = (sorted(found[i].solution.faces) for i in (1, 0, 2))
+    assert middle not in ends
+
+
 def swelling(size):
     return ng.GraspProblem(SIDES, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0 + 0.01 * size, 0.5]))
 
@@ -196,6 +219,12 @@ def growing(size):
         (lambda: ng.follow_task(filled, [0.5, np.nan]), "parameters"),
         (lambda: ng.follow_task(filled, [0.5, 1.0], regrasp_gain=-1.0), "regrasp_gain"),
         (lambda: ng.follow_task(vanishing, [0.5, 0.0]), "wrenches that are all zero"),
+        (lambda: ng.follow_task(lambda size: vanishing(0.0), [0.5, 1.0]), "wrenches that are all zero"),
+        (lambda: ng.follow_task(filled, [0.5, 1.0], starts=0), "starts"),
+        (lambda: ng.follow_task(filled, [0.5, 1.0], seed=-1), "seed"),
+        (lambda: ng.follow_task(None, [0.5, 1.0]), "a function of the parameter"),
+        (lambda: ng.follow_task(filled, [0.5, 1.0], options=3), "a SolveOptions"),
+        (lambda: ng.follow_task(filled, 0.5), "parameters"),
     ],
 )
 def test_bad_input_is_one_sentence(call, message):

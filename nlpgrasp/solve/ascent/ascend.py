@@ -18,7 +18,7 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.cuts import most_relevant, with_new
 from nlpgrasp.solve.ascent.state import AscentState, Effort
-from nlpgrasp.solve.ascent.weakest import AFTER_A_STEP, Weakest, weakest_at
+from nlpgrasp.solve.ascent.weakest import AFTER_A_STEP, Descents, Weakest, weakest_at
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
@@ -46,6 +46,10 @@ class Rules:
         Relative: the ascent ends where the model promises less.
     looks_back : bool
         Whether directions found at a trial may lower the value of where the ascent stands.
+    untried : float
+        Relative: where the model promises less the ascent ends without a trial.
+    descents : Descents
+        How thoroughly trials are searched for weak directions.
     """
 
     rounds: int
@@ -59,6 +63,8 @@ class Rules:
     allowed: float = FEASIBLE
     least_gain: float = 0.0
     looks_back: bool = False
+    untried: float = 0.0
+    descents: Descents = AFTER_A_STEP
 
     def growth(self, gained: float, promised: float) -> float:
         """Return the factor on the radius after a step that gained something."""
@@ -131,13 +137,17 @@ def ascend(
 ) -> Iterator[Round[S]]:
     """Improve a state in place, and yield each round: who asks for them decides when the ascent has settled.
 
-    Ends by itself when the rounds are used up, the trust region has shrunk away, no direction is known, or a stop.
+    Ends by itself when the rounds are used up, the trust region has shrunk away, no direction is known, the model
+    promises too little for a trial, or a stop.
     """
     radius = rules.radius
     while state.rounds < rules.rounds and radius > rules.last_radius and len(state.cuts) and not stop.requested():
         state.begin_round()
         state.cuts = cuts = most_relevant(bench, state.placed, state.cuts)
         step = model.step(state, cuts, radius)
+        if step is not None and step.promised < rules.untried * state.value:
+            state.effort += step.effort
+            return
         trial = None if step is None else _evaluated(bench, step, cuts, rng, rules)
         if step is not None:
             state.effort += step.effort
@@ -163,4 +173,4 @@ def _evaluated(
     """Return the weakest directions at a step's end, or None where it breaks a constraint."""
     if bench.violation(step.placed) > rules.allowed:
         return None
-    return weakest_at(bench, step.placed, rng, cuts, AFTER_A_STEP)
+    return weakest_at(bench, step.placed, rng, cuts, rules.descents)

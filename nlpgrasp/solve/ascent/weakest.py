@@ -49,10 +49,13 @@ class Descents:
         Random starting directions.
     iterations : int
         Of each descent.
+    gap : float
+        Relative: how near to certified the least ratio is where directions come from a polytope.
     """
 
     fresh: int
     iterations: int
+    gap: float = HULL_GAP
 
 
 THOROUGH, AFTER_A_STEP, QUICK = Descents(150, 40), Descents(60, 30), Descents(60, 25)
@@ -101,16 +104,16 @@ def weakest_directions(
             start = np.concatenate([old, start])
         found, values = descend(problem, start, descents.iterations)
     else:
-        found, values = _from_hull(problem)
+        found, values = _from_hull(problem, descents.gap)
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
     chosen = separated(found, order, SEPARATION, KEEP)
     return Weakest(float(values[chosen[0]]), _unit_reach(task, found[chosen] @ problem.matrix))
 
 
-def _from_hull(problem: Containment) -> tuple[FloatArray, FloatArray]:
+def _from_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:
     """Return directions and ratios from the certificate's polytope: descents stop at the kinks of other budgets."""
-    state = narrowed(problem, HULL_GAP)
+    state = narrowed(problem, gap)
     found = state.worst[None, :]
     if state.hull is not None and problem.rank > 1:
         cells = state.hull.worst(SLACK * state.upper, HULL_CELLS)

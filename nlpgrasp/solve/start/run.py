@@ -15,8 +15,7 @@ from nlpgrasp.solve.after.robust_ascent import steady
 from nlpgrasp.solve.ascent.exchange import exchange
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
-from nlpgrasp.solve.start.screen import MANY, draw_start
-from nlpgrasp.solve.start.touch import touching_candidates
+from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -63,12 +62,10 @@ class _Attempts:
     def __iter__(self) -> Iterator[StartGrasp]:
         """Yield a grasp for each first program that ends with one; there is at least one."""
         bench = self.bench
-        candidates = iter(draw_start(bench, self.rng))
-        if not bench.follows_contacts and len(bench.problem.models) >= MANY:
-            candidates = touching_candidates(bench, candidates, self.stop)
+        drawn = candidates(bench, self.rng, self.stop)
         self.clock.mark("screen")
         while True:
-            first = solve_first(bench, candidates, self.rng)
+            first = solve_first(bench, drawn, self.rng)
             self.clock.mark("vertex")
             if first is None:
                 return

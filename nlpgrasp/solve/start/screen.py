@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations_with_replacement, product
 
 import numpy as np
 
 from nlpgrasp.common.directions import directions
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.screening import sampled_ratios, screening_score
-from nlpgrasp.solve.start.touch import TOUCHING, touching
+from nlpgrasp.solve.start.touch import TOUCHING, touching, touching_candidates
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
@@ -38,6 +39,17 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
         return draw_posed_start(bench, rng)
     batches = 1 if bench.problem.task.is_centred or bench.rows.narrow else BATCHES
     return [max((_best_placement(bench, rng) for _ in range(batches)), key=lambda found: found[0])[1]]
+
+
+def candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterator[Placed]:
+    """Return an iterator over what a start begins from, the most promising first.
+
+    A hand with many contacts is first moved to where all of them touch.
+    """
+    drawn = iter(draw_start(bench, rng))
+    if not bench.follows_contacts and len(bench.problem.models) >= MANY:
+        return touching_candidates(bench, drawn, stop)
+    return drawn
 
 
 def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, Placed]:

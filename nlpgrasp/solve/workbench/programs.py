@@ -76,10 +76,12 @@ class ExchangeProgram:
     ----------
     problem : GraspProblem
     options : SolveOptions
+    most : int
+        Cutting planes at most, where IPOPT solves it: its time goes by their number.
     """
 
-    def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
-        self._problem, self._options = problem, options
+    def __init__(self, problem: GraspProblem, options: SolveOptions, most: int = SLOTS) -> None:
+        self._problem, self._options, self._most = problem, options, most
 
     @cached_property
     def linearises(self) -> bool:
@@ -91,7 +93,9 @@ class ExchangeProgram:
     @property
     def slots(self) -> int:
         """Number of cutting planes that the program holds."""
-        return SLOTS if self.linearises or has_closed_form(self._problem) else SLOTS_WITH_FORCES
+        if self.linearises:
+            return SLOTS
+        return min(self._most, SLOTS if has_closed_form(self._problem) else SLOTS_WITH_FORCES)
 
     @cached_property
     def compiled(self) -> CompiledProgram:

@@ -17,6 +17,7 @@ from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import (
+    SLOTS,
     ExchangeProgram,
     budget_at,
     closure_budget,
@@ -37,6 +38,8 @@ class Workbench:
     ----------
     problem : GraspProblem
     options : SolveOptions
+    cuts : int
+        Cutting planes that the exchange's program holds at most.
 
     Attributes
     ----------
@@ -49,13 +52,13 @@ class Workbench:
     exchange : ExchangeProgram
     """
 
-    def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
+    def __init__(self, problem: GraspProblem, options: SolveOptions, cuts: int = SLOTS) -> None:
         self.problem, self.options = problem, options
         self.scaling = Scaling.of(problem)
         self.rows = RowValues(problem)
         self.surface = SurfaceSamples(problem)
         self.hand_points = HandPoints(problem)
-        self.exchange = ExchangeProgram(problem, options)
+        self.exchange = ExchangeProgram(problem, options, cuts)
         self._first: dict[int, CompiledProgram] = {}  # by the number of samples
 
     def with_task(self, problem: GraspProblem) -> Workbench:

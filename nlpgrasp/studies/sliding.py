@@ -1,0 +1,82 @@
+"""A local optimum that is followed: looked at and slid by looser polytopes than a solve's; the certificate decides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solve.ascent.ascend import Rules, ascend
+from nlpgrasp.solve.ascent.cuts import with_known
+from nlpgrasp.solve.ascent.exchange import exchange_rules
+from nlpgrasp.solve.ascent.state import AscentState
+from nlpgrasp.solve.ascent.steps.registry import model_of
+from nlpgrasp.solve.ascent.weakest import Descents, weakest_at
+from nlpgrasp.solve.workbench.workbench import Workbench
+
+LOOSE = Descents(60, 30, 0.01)
+CUTS = 48  # of the exchange's program: a third of a solve's, in a third of the time
+SEEN = 24  # of a branch's directions, those found last, tell how good others can be at most
+GAIN = 2e-3  # relative: a slide ends, without a trial, where the model promises less
+LAP = 6  # rounds of a slide from afar at a time
+NEAR_RADIUS, NEAR_ROUNDS = 0.05, 8  # of a branch that was at its best: the task changes a little, and so do contacts
+NEVER = -1
+
+
+@dataclass
+class Branch(AscentState):
+    """A local optimum that is followed.
+
+    Parameters
+    ----------
+    placed, value, cuts, multipliers, effort, rounds, history
+        As for ``AscentState``.
+    settled : int
+        The step at which it was slid to its best last.
+    """
+
+    settled: int = NEVER
+
+
+def look(bench: Workbench, state: Branch, rng: np.random.Generator) -> None:
+    """Compute quality and weakest directions of a branch for the task at hand."""
+    task, none = bench.problem.task, np.zeros((0, bench.problem.dimension))
+    weakest = weakest_at(bench, state.placed, rng, with_known(state.cuts, none, task), LOOSE)
+    state.value, state.cuts = weakest.value, with_known(state.cuts, weakest.directions, task)
+
+
+def at_most(bench: Workbench, states: Sequence[Branch]) -> FloatArray:
+    """Return what the quality of each branch is at most for the task at hand, (n,).
+
+    It is the least ratio of supports (3.4-3) along the directions in which any of them was weak.
+    """
+    result = np.full(len(states), np.inf)
+    known = [state.cuts[-SEEN:] for state in states if len(state.cuts)]
+    if known:
+        y = with_known(np.concatenate(known), np.zeros((0, bench.problem.dimension)), bench.problem.task)
+        for i, state in enumerate(states):
+            result[i] = np.min(bench.wrench_set(state.placed).support(y)[0], initial=np.inf)
+    return result
+
+
+def slide(bench: Workbench, state: Branch, rng: np.random.Generator, step: int) -> bool:
+    """Slide a branch that was looked at towards its best; return whether it got there, in ``step`` of the path."""
+    rules = exchange_rules(bench)
+    rounds, radius = (LAP, rules.radius) if state.settled == NEVER else (NEAR_ROUNDS, min(rules.radius, NEAR_RADIUS))
+    rules = replace(rules, rounds=min(rules.rounds, rounds), radius=radius, untried=GAIN, descents=LOOSE)
+    if _slid(bench, state, rng, rules):
+        state.settled = step
+        return True
+    return False
+
+
+def _slid(bench: Workbench, state: Branch, rng: np.random.Generator, rules: Rules) -> bool:
+    """Slide by these rules; return whether that ended before its rounds were used up."""
+    for _ in ascend(bench, state, model_of(bench).make(bench), rules, rng, Stop()):
+        pass
+    early = state.rounds < rules.rounds
+    state.rounds = 0
+    return early

@@ -1,0 +1,106 @@
+"""Random paths of tasks, for tests and the benchmark of following: half of them turn by more than 60 degrees."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+import nlpgrasp as ng
+from nlpgrasp.bodies import Body
+
+COUNT, STEPS, STARTS = 30, 8, 6
+WIDE, SMALL = (1.1, 2.0), (0.1, 0.9)  # turns in radians
+PLANAR = (
+    ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]]),
+    ng.Polygon([[0.0, 0.0], [2.0, 0.0], [2.5, 1.0], [1.0, 2.0], [-0.3, 1.2]]),
+)
+SPATIAL = (ng.Box([0.08, 0.05, 0.04]), ng.Ellipsoid([0.05, 0.03, 0.04]))
+
+
+@dataclass(frozen=True)
+class RandomPath:
+    """Tasks whose middle, a force, turns: in the plane, or about an axis."""
+
+    body: Body
+    contacts: int
+    middle: np.ndarray
+    axis: np.ndarray | None
+    turn: float
+
+    def at(self, share):
+        """Return the problem after this share of the turn."""
+        angle = self.turn * share
+        if self.axis is None:
+            c, s = np.cos(angle), np.sin(angle)
+            middle = [*(np.array([[c, -s], [s, c]]) @ self.middle), 0.1 * share]
+            task, friction = ng.TaskEllipsoid([1.0, 0.7, 0.4], center=middle), 0.6
+        else:
+            turned = self.middle * np.cos(angle) + np.cross(self.axis, self.middle) * np.sin(angle)
+            task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.01, 0.01, 0.01], center=[*turned, 0.0, 0.0, 0.0])
+            friction = 0.8
+        return ng.GraspProblem(self.body, [ng.FrictionContact(friction)] * self.contacts, task)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A path followed and solved cold: certified qualities, 0 without a grasp, and CPU seconds.
+
+    Lost are the steps without a grasp for which the cold solve, or any other step, has one.
+    """
+
+    followed: np.ndarray
+    cold: np.ndarray
+    seconds: float
+    cold_seconds: float
+    lost: int
+
+    @property
+    def ratio(self):
+        """The least share of a cold solve's quality."""
+        some = self.cold > 0.0
+        return float(np.min(self.followed[some] / self.cold[some], initial=np.inf))
+
+
+def random_path(number):
+    """Return path ``number``: two planar ones, then a spatial one; two that turn far, then two that do not."""
+    rng = np.random.default_rng(number)
+    turn = float(rng.uniform(*(WIDE if number % 4 < 2 else SMALL)) * rng.choice([-1.0, 1.0]))
+    if number % 3 < 2:
+        middle = rng.uniform(0.3, 1.3) * _unit(rng.normal(size=2))
+        return RandomPath(PLANAR[number % 2], int(rng.integers(2, 5)), middle, None, turn)
+    axis = _unit(rng.normal(size=3))
+    middle = rng.uniform(0.2, 0.8) * _unit(np.cross(axis, rng.normal(size=3)))
+    return RandomPath(SPATIAL[number // 3 % 2], int(rng.integers(3, 5)), middle, axis, turn)
+
+
+def compared(number):
+    """Return path ``number`` followed (None where that finds no grasp at all) and solved cold, with the CPU seconds."""
+    path, shares = random_path(number), np.linspace(0.0, 1.0, STEPS)
+    options = ng.SolveOptions(workers=1, shadow_prices=False)
+    begun = time.process_time()
+    try:
+        steps = ng.follow_task(path.at, shares, starts=STARTS, options=options).steps
+    except ng.InputError as error:
+        if "no grasp found" not in str(error):
+            raise
+        steps = ()
+    middle = time.process_time()
+    cold = [ng.solve(path.at(share), STARTS, options=options) for share in shares]
+    cold_seconds = time.process_time() - middle
+    followed = [_certified(step.solution) for step in steps] or [0.0] * STEPS
+    grasps = [one.grasp for one in (*cold, *(step.solution for step in steps)) if one.grasp is not None]
+    tasks = [path.at(share).task for share in shares]
+    lost = sum(any(_holds(g, task) for g in grasps) for f, task in zip(followed, tasks, strict=True) if f <= 0.0)
+    return Compared(np.array(followed), np.array([_certified(one) for one in cold]), middle - begun, cold_seconds, lost)
+
+
+def _certified(solution):
+    return solution.mu.lower if solution.status is ng.Status.SOLVED else 0.0
+
+
+def _holds(grasp, task):
+    return ng.mu(grasp, task, rtol=0.1).lower > 0.0
+
+
+def _unit(v):
+    return v / np.linalg.norm(v)
