@@ -106,6 +106,7 @@ class Ongoing:
         bounds = Bounds(max(found.lower, known.lower), min(found.upper, known.upper), found.worst_direction)
         place = next(i for i, r in enumerate(self.results) if r is best)
         self.results[place] = replace(best, record=replace(best.record, mu=bounds))
+        self.floor = max(self.floor, bounds.lower)  # so that it stays the best, and the answer
 
     def finish(self) -> GraspSolution:
         """Return the answer, with what is worth knowing about it."""

@@ -147,7 +147,7 @@ def test_one_soft_finger_of_two_closes_a_pinch():
     assert not by["hard", "hard"].solution.success
     assert by["hard", "hard"].mu.upper == 0.0
     assert choice.best(at_most={"soft": 1}).types == ("hard", "soft")
-    assert by["soft", "soft"].mu.lower > by["hard", "soft"].mu.upper > 0.0
+    assert by["soft", "soft"].mu.lower >= by["hard", "soft"].mu.lower > 0.5
 
 
 @pytest.mark.parametrize(
