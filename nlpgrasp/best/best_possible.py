@@ -12,7 +12,7 @@ from nlpgrasp.best.search import Search
 from nlpgrasp.best.tree.certificate import certificate
 from nlpgrasp.common.stopping.interrupt import Interrupt
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.common.validation import number
+from nlpgrasp.common.validation import number, share
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 
@@ -50,9 +50,7 @@ def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | 
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, "a GraspProblem")
-    gap = number("gap", gap, above=0.0)
-    if gap > 1.0:
-        raise InputError("gap", gap, "a share above 0, at most 1")
+    gap = share("gap", gap)
     limit = None if time_limit is None else number("time_limit", time_limit, above=0.0)
     begun = time.monotonic()
     search = Search(scope_of(problem), gap)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from nlpgrasp.best.bound.twists import Twists
+from nlpgrasp.best.bound.weakest import Design, descended
 from nlpgrasp.best.climb import Climber, Spot
 from nlpgrasp.best.scope.pieces import NONE
 from nlpgrasp.best.scope.scope import Scope
@@ -20,8 +21,29 @@ from nlpgrasp.quality import Bounds, mu
 
 ROUGH, FINE = 0.01, 0.15  # width of a grasp's certificate: at first, and at last relative to the gap asked for
 SHARE = 0.8  # of the gap that the tree closes; the rest is the certificate's
-CLIMBS, MORE, SAME = 3, 150, 3  # at first; nodes that are worth one more; from designs in the same root cells
+CLIMBS, MORE, SAME = 4, 60, 3  # at first; nodes that are worth one more; from designs in the same root cells
+LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
 BETTER = 1e-3
+
+
+@dataclass(frozen=True)
+class Met:
+    """A grasp that a climb ended with.
+
+    Parameters
+    ----------
+    value : float
+        What its mu seems to be; not certified.
+    points, normals : (k, space) array
+        Metres; unit, into the body.
+    faces : tuple of str
+        The face each contact is on.
+    """
+
+    value: float
+    points: FloatArray
+    normals: FloatArray
+    faces: tuple[str, ...]
 
 
 class Search:
@@ -44,7 +66,19 @@ class Search:
         self.faces: tuple[str, ...] = ()
         self.mu = Bounds(0.0, 0.0)
         self.value = 0.0  # what the best grasp's mu seems to be, within its certificate
+        self.met: list[Met] = []
+        self._begun = False
+        self._elsewhere = 0.0
         self._climbs: Counter[tuple[int, ...]] = Counter()
+
+    def expect(self, mu: float) -> None:
+        """Compare with a grasp found elsewhere, of this certified quality, where it is better than the best met."""
+        self._elsewhere = max(self._elsewhere, mu)
+        self.value = max(self.value, mu)
+
+    @property
+    def _known(self) -> float:
+        return max(self.mu.lower, self._elsewhere)
 
     @property
     def target(self) -> float:
@@ -54,23 +88,29 @@ class Search:
     @property
     def upper(self) -> float:
         """The bound on mu over all placements."""
-        return max(self.tree.upper, self.mu.lower)
+        return max(self.tree.upper, self._known)
 
     @property
     def closed(self) -> bool:
         """Whether the bound is within the gap of the best grasp's certified mu."""
-        return self.upper <= self.mu.lower * (1.0 + self.gap)
+        return self.upper <= self._known * (1.0 + self.gap)
+
+    @property
+    def searched(self) -> bool:
+        """Whether there is nothing more to look at: the gap is closed, as far as it can be, or memory is full."""
+        return self.closed or self.tree.top <= self.target or self.tree.full
 
     def run(self, stopped: Callable[[], bool], watch: Callable[[Search], None] | None = None) -> None:
         """Search until the gap is closed, memory is full, or ``stopped`` says so; the bound holds at any time."""
-        nodes = self.tree.begin(self.target)
+        nodes = self.tree.grow(self.target) if self._begun else self.tree.begin(self.target)
+        self._begun = True
         while True:
             self._look(nodes)
             if watch is not None:
                 watch(self)
-            if self.tree.upper <= self.target:
+            if self.tree.top <= self.target:
                 self.refine()
-            if self.closed or self.tree.full or stopped():
+            if self.searched or stopped():
                 return
             nodes = self.tree.grow(self.target)
 
@@ -78,22 +118,40 @@ class Search:
         """Certify the best grasp as narrowly as the gap asks for."""
         if self.grasp is not None and self.mu.gap > FINE * self.gap:
             self.mu = self._certified(self.grasp, FINE * self.gap)
-            self.value = self.mu.lower
+            self.value = self._known
 
     def _certified(self, grasp: Grasp, rtol: float) -> Bounds:
         return mu(grasp, self.scope.task, rtol, force_budget=self.scope.problem.budget)
 
     def _look(self, nodes: Sequence[Node]) -> None:
-        """Climb from the heaviest rows of the loosest new node."""
-        for node in sorted(nodes)[:2]:
-            spots = self._spots(node)
-            roots = self._roots(node)
-            if self._climbs[roots] >= SAME or self._climbs.total() >= CLIMBS + self.tree.nodes // MORE:
+        """Climb from the heaviest rows of those new nodes where they seem to be the best grasps."""
+        open_nodes = [node for node in nodes if node.rows.size]
+        if not open_nodes:
+            return
+        for i in np.argsort(-self._values(open_nodes), kind="stable")[:LOOKED].tolist():
+            node, allowance = open_nodes[i], CLIMBS + self.tree.nodes // MORE
+            spots, roots = self._spots(node), self._roots(node)
+            if self._climbs[roots] >= SAME or self._climbs.total() >= allowance:
                 continue
             if not all(spot.allowed for spot in spots):
                 continue
             self._climbs[roots] += 1
             self.offer(*self.climber.climb(spots, self.twists[node.twists], self.value))
+
+    def _values(self, nodes: Sequence[Node]) -> FloatArray:
+        """Return what mu seems to be with each contact at its heaviest row, (b,)."""
+        heavy = np.array([n.rows[np.arange(len(n.rows)), np.argmax(n.design, axis=1)] for n in nodes])
+        designs, start = [], 0
+        for pieces in self.scope.pieces:
+            rows = heavy[:, start : start + len(pieces.slots)]
+            designs.append(Design.over(pieces.supports, rows, np.ones(rows.shape), rows.shape[1]))
+            start += rows.shape[1]
+        measure, tried = self.scope.measure, self.twists.tried()
+        every = np.broadcast_to(tried, (len(nodes), *tried.shape))
+        weakest = np.argsort(sum(d.value(every) for d in designs), axis=1)[:, :STARTS]
+        found = descended(designs, self.scope.task, tried[weakest])[0]
+        supports = np.concatenate([d.supports(found) for d in designs], axis=2)
+        return np.asarray(np.min(measure.combined(supports, 2), axis=1))
 
     def _roots(self, node: Node) -> tuple[int, ...]:
         """Return the root cells that a node's cells are parts of."""
@@ -116,22 +174,16 @@ class Search:
         return spots
 
     def offer(self, spots: Sequence[Spot], value: float) -> None:
-        """Certify a grasp that seems better than the best so far."""
+        """Remember a grasp, and certify it where it seems better than the best so far."""
+        placed = [spots[i] for i in np.argsort(self.scope.slots)]
+        points, normals = np.stack([s.point for s in placed]), np.stack([s.normal for s in placed])
+        met = Met(value, points, normals, tuple(s.surface.name for s in placed))
+        if value > 0.0:
+            self.met.append(met)
         if value <= self.value * (1.0 + BETTER):
             return
-        order = np.argsort(self.scope.slots)
-        placed = [spots[i] for i in order]
-        points: FloatArray = np.stack([s.point for s in placed])
-        normals: FloatArray = np.stack([s.normal for s in placed])
-        problem = self.scope.problem
-        grasp = Grasp(points, normals, problem.models, problem.origin)
+        grasp = Grasp(points, normals, self.scope.problem.models, self.scope.origin)
         found = self._certified(grasp, ROUGH)
         if found.lower > self.mu.lower:
-            self.grasp, self.mu, self.faces = grasp, found, tuple(s.surface.name for s in placed)
-            self.value = min(value, found.upper)
-
-
-def deadline(seconds: float) -> Callable[[], bool]:
-    """Return what says whether some seconds are over, counted from now."""
-    end = time.monotonic() + seconds
-    return lambda: time.monotonic() >= end
+            self.grasp, self.mu, self.faces = grasp, found, met.faces
+            self.value = max(min(value, found.upper), self._elsewhere)

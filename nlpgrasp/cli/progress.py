@@ -91,6 +91,7 @@ def done(solution: GraspSolution, path: str | None) -> dict[str, object]:
         "message": solution.status.value,
         "kind": solution.kind,
         "mu": pair(solution.mu),
+        "best_possible": solution.best_possible if math.isfinite(solution.best_possible) else None,
         "seconds": solution.solver["seconds"]["total"],
         "file": path,
     }

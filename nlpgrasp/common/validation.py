@@ -44,6 +44,14 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
     return result
 
 
+def share(field: str, value: object) -> float:
+    """Return a share above 0, at most 1, or raise ``InputError``."""
+    found = number(field, value, above=0.0)
+    if found > 1.0:
+        raise InputError(field, value, "a share above 0, at most 1")
+    return found
+
+
 def integer(field: str, value: object, *, at_least: int, at_most: int = 10**9) -> int:
     """Return ``value`` as an int within inclusive limits, or raise ``InputError``."""
     allowed = f"a whole number from {at_least} to {at_most}"

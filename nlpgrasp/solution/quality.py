@@ -12,6 +12,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import UNKNOWN
 from nlpgrasp.solution.schema.types import MuData, QualityData
 
@@ -29,6 +30,8 @@ class Quality:
     delta : Bounds or None
     nu : Volume or None
     robust : Robustness or None
+    bound : GlobalBound or None
+        On mu over all placements.
     """
 
     mu: Bounds
@@ -36,6 +39,7 @@ class Quality:
     delta: Bounds | None = None
     nu: Volume | None = None
     robust: Robustness | None = None
+    bound: GlobalBound | None = None
 
     def to_dict(self) -> QualityData:
         """Return the measures as JSON data, None for what is not known."""
@@ -49,12 +53,13 @@ class Quality:
         paper = self.mu.beta
         if paper is not None and self.mu.task_beta != 1.0:
             mu["beta"] = paper.to_dict()
-        return {
+        data: QualityData = {
             "mu": mu if math.isfinite(self.mu.upper) else None,
             "delta": None if self.delta is None else self.delta.to_dict(),
             "nu": None if self.nu is None else self.nu.to_dict(),
             "robust": None if self.robust is None else self.robust.to_dict(),
         }
+        return data if self.bound is None else {**data, "best_possible": self.bound.to_dict(self.mu.lower)}
 
     @classmethod
     def from_dict(cls, data: QualityData, dimension: int | None, name: str) -> Quality:
@@ -74,12 +79,14 @@ class Quality:
             On an empty interval, or arrays that do not fit the dimension or each other.
         """
         mu, delta, nu, robust = data["mu"], data.get("delta"), data.get("nu"), data.get("robust")
+        bound, lower = data.get("best_possible"), 0.0 if mu is None else mu["lower"]
         return cls(
             UNKNOWN if mu is None else _mu_of(mu, dimension, f"{name}.mu"),
             "mu" if mu is None else mu["kind"],
             None if delta is None else Bounds.from_dict(delta, f"{name}.delta"),
             None if nu is None else Volume.from_dict(nu, f"{name}.nu"),
             None if robust is None else Robustness.from_dict(robust, f"{name}.robust"),
+            None if bound is None else GlobalBound.from_dict(bound, lower, f"{name}.best_possible"),
         )
 
 

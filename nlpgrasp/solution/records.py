@@ -18,6 +18,7 @@ class Status(Enum):
     """How a solve, or one of its starts, ended. The value says what it means and what to do."""
 
     SOLVED = "Solved: a grasp with a certified quality above zero, locally optimal at most."
+    OPTIMAL = "Optimal: a grasp with a certified quality within the gap asked for of the best that any placement has."
     NO_GRASP = (
         "No grasp found: no start ended with a certified quality above zero. Try more starts, other faces, "
         "more friction or fewer constraints; this is not a proof that none exists."

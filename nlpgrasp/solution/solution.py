@@ -13,10 +13,11 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
-from nlpgrasp.solution.asked import Asked
 from nlpgrasp.solution.file import read, write
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.forces import forces_and_moments, held_wrenches
+from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.measured import Measured
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality import Quality, check_beta
 from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of, winner_of
@@ -25,7 +26,7 @@ from nlpgrasp.solution.schema.types import SolutionData, SolverData
 
 
 @dataclass(frozen=True)
-class GraspSolution(Asked):
+class GraspSolution(Measured):
     """A grasp found, its certified quality and the evidence.
 
     Parameters
@@ -55,6 +56,8 @@ class GraspSolution(Asked):
         What limits cost, those that bind first.
     robust : Robustness or None
         What is left of mu when contacts are off and friction is less.
+    bound : GlobalBound or None
+        On mu over all placements; None for a problem that it does not cover.
     why_not : WhyNot or None
         Where no grasp was found.
     hand : mapping or None
@@ -85,6 +88,7 @@ class GraspSolution(Asked):
     constraints: tuple[ConstraintReport, ...] = ()
     prices: tuple[ShadowPrice, ...] = ()
     robust: Robustness | None = None
+    bound: GlobalBound | None = None
     why_not: WhyNot | None = None
     hand: Json | None = None
     surface: SurfaceMatch | None = None
@@ -92,26 +96,6 @@ class GraspSolution(Asked):
     starts: tuple[StartRecord, ...] = ()
     best_start: int | None = None
     solver: SolverData = field(default_factory=SolverData)
-
-    @property
-    def success(self) -> bool:
-        """Whether a grasp with a certified quality above zero was found."""
-        return self.grasp is not None and self.mu.lower > 0.0
-
-    @property
-    def label(self) -> str:
-        """The measure that ``mu`` holds, in words: ``"mu"`` or ``"mu-tilde"``."""
-        return "mu-tilde" if self.kind == "mu_tilde" else "mu"
-
-    @property
-    def beta(self) -> Bounds | None:
-        """Mu in the paper's sense, the beta of the largest ``A_beta`` (3.3-4a), for a centred task ellipsoid."""
-        return self._measured.beta
-
-    @property
-    def _measured(self) -> Bounds:
-        scale = self.task.paper_beta if self.kind == "mu" and self.grasp is not None else None
-        return self.mu.of_measure(self.kind, scale)
 
     @property
     def winner(self) -> StartRecord | None:
@@ -159,7 +143,7 @@ class GraspSolution(Asked):
             "problem": dict(self.problem),
             "grasp": None if placed is None else placed.to_dict(),
             "hand": None if self.hand is None else dict(self.hand),
-            "quality": Quality(self._measured, self.kind, self.delta, self.nu, self.robust).to_dict(),
+            "quality": self._quality.to_dict(),
             "forces": [held.to_dict() for held in held_wrenches(self.forces, self.moments)],
             "constraints": [report.to_dict() for report in self.constraints],
             "shadow_prices": [price.to_dict() for price in self.prices],
@@ -209,6 +193,7 @@ class GraspSolution(Asked):
             constraints=tuple(map(ConstraintReport.from_dict, data.get("constraints", []))),
             prices=tuple(map(ShadowPrice.from_dict, data.get("shadow_prices", []))),
             robust=quality.robust,
+            bound=quality.bound,
             why_not=None if why_not is None else WhyNot.from_dict(why_not),
             hand=data.get("hand"),
             surface=None if placed is None else placed.surface,
@@ -237,11 +222,11 @@ class GraspSolution(Asked):
         return cls.from_dict(read(path), str(path))
 
     def __str__(self) -> str:
-        lines = [f"{self.name}: {self.status.value}"]
+        lines = [self.title]
         if self.grasp is not None:
-            paper = "" if self.task.paper_beta in (None, 1.0) else f", beta of the paper in {self.beta}"
-            lines.append(f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}){paper}")
-            lines += PlacedGrasp(self.grasp, self.faces, self.surface).lines()
+            lines += [*self.quality_lines(), *PlacedGrasp(self.grasp, self.faces, self.surface).lines()]
+        elif self.bound is not None:
+            lines.append(f"  {self.bound.line(0.0)}")
         if self.robust is not None:
             lines.append(f"  {self.robust}")
         lines += [f"  {price}" for price in self.prices[:3]]

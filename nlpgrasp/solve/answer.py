@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -20,6 +20,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, finger_forces, mu, nu
 from nlpgrasp.solution.findings import WhyNot
+from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.schema.types import SolverData
 from nlpgrasp.solution.solution import GraspSolution
@@ -51,6 +52,8 @@ class Search:
         Why it ended before all starts were done.
     deadline : float or None
         ``time.monotonic()`` value of the time limit.
+    bound : GlobalBound or None
+        On mu over all placements.
     """
 
     problem: GraspProblem
@@ -59,6 +62,7 @@ class Search:
     results: Sequence[StartResult]
     cut_short: Status | None = None
     deadline: float | None = None
+    bound: GlobalBound | None = None
 
     @property
     def effort(self) -> Effort:
@@ -69,6 +73,10 @@ class Search:
     def records(self) -> tuple[StartRecord, ...]:
         """Records of the starts, in their order."""
         return tuple(r.record for r in self.results)
+
+    def bound_above(self, lower: float) -> GlobalBound | None:
+        """Return the bound beside a grasp of this certified quality, which it may be below by rounding alone."""
+        return None if self.bound is None else replace(self.bound, upper=max(self.bound.upper, lower))
 
     def certificate_deadline(self) -> float | None:
         """Return when the answer's certificate has to be done; None where there is time."""
@@ -105,8 +113,9 @@ def _without_grasp(search: Search, why_not: WhyNot | None) -> GraspSolution:
     if why_not is not None and why_not.locally_infeasible:
         found = Status.LOCALLY_INFEASIBLE
     problem, status = search.problem, search.cut_short or found
+    told = problem.to_dict()
     return GraspSolution(
-        status, problem.name, problem.to_dict(), kind=problem.task.measure, why_not=why_not, starts=records
+        status, problem.name, told, kind=problem.task.measure, bound=search.bound, why_not=why_not, starts=records
     )
 
 
@@ -119,8 +128,9 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     lower, upper = max(bounds.lower, best.record.mu.lower), min(bounds.upper, best.record.mu.upper)
     forces, moments = _forces(problem.task, grasp, budget, lower)
     scale = grasp.mean_arm
+    bound = search.bound_above(lower)
     return GraspSolution(
-        status=search.cut_short or Status.SOLVED,
+        status=search.cut_short or _status(search.options, bound, lower),
         name=problem.name,
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,
@@ -134,12 +144,19 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         constraints=best.constraints,
         prices=after.prices,
         robust=after.robust,
+        bound=bound,
         hand=_hand_data(problem, found, after),
         surface=found.surface,
         drawing=after.drawing,
         starts=search.records,
         best_start=best.record.index,
     )
+
+
+def _status(options: SolveOptions, bound: GlobalBound | None, lower: float) -> Status:
+    """Return how a search ended that found a grasp: whether it is as close to the best as was asked for."""
+    closed = options.gap is not None and bound is not None and bound.gap(lower) <= options.gap
+    return Status.OPTIMAL if closed else Status.SOLVED
 
 
 def _hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json | None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from nlpgrasp.common.validation import integer, number
+from nlpgrasp.common.validation import integer, number, share
 from nlpgrasp.errors import InputError
 
 TRANSCRIPTIONS = ("vertex", "support")
+NARROW = 0.2  # of a gap asked for: what certificates may take of it
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,13 @@ class SolveOptions:
     maximise_robust : bool
         Move the contacts to where the worst placement is best (on smooth bodies, without a hand that has a pose), and
         take the start whose worst placement is best instead of the one with the best mu.
+    global_bound : bool
+        Look over all placements before the starts, for about a second: it bounds mu from above and meets grasps that
+        starts begin from. Without it all starts draw for themselves, and nothing says how far the answer is from the
+        best.
+    gap : float, optional
+        Go on after the starts, searching all placements, until the grasp is proved to be this close to the best
+        possible (a share above 0, at most 1), or until the time limit. Without it a short look states a bound.
     time_limit : float, optional
         Seconds of wall time for the whole solve; the best grasp so far is returned.
     workers : int, optional
@@ -63,6 +71,8 @@ class SolveOptions:
     robust_offset: float = 0.001
     robust_friction: float = 0.1
     maximise_robust: bool = False
+    global_bound: bool = True
+    gap: float | None = None
     time_limit: float | None = None
     workers: int | None = None
     max_iterations: int = 300
@@ -83,14 +93,24 @@ class SolveOptions:
         if self.time_limit is not None:
             limit = number("SolveOptions.time_limit", self.time_limit, above=0.0)
             object.__setattr__(self, "time_limit", limit)
+        if self.gap is not None:
+            object.__setattr__(self, "gap", share("SolveOptions.gap", self.gap))
+            if not self.global_bound:
+                raise InputError("SolveOptions.gap", self.gap, "no gap with global_bound=False")
         if self.workers is not None:
             workers = integer("SolveOptions.workers", self.workers, at_least=1, at_most=1024)
             object.__setattr__(self, "workers", workers)
         if not isinstance(self.exchange, bool | str) or self.exchange == "":
             raise InputError("SolveOptions.exchange", self.exchange, "True or False, or the name of a model")
-        for name in ("shadow_prices", "maximise_robust"):
+        for name in ("shadow_prices", "maximise_robust", "global_bound"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
+
+    def narrow(self) -> SolveOptions:
+        """Return the options with certificates as narrow as the gap that is asked for needs."""
+        if self.gap is None:
+            return self
+        return replace(self, rtol=min(self.rtol, NARROW * self.gap), final_rtol=min(self.final_rtol, NARROW * self.gap))
 
     def to_dict(self) -> dict[str, bool | int | float | str | None]:
         """Return the options as JSON data, by the names of their fields."""

@@ -22,6 +22,7 @@ from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
 from nlpgrasp.solve.ascent.steps.registry import check_name
 from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.outlook.close_gap import close_gap
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -41,9 +42,11 @@ def solve(
 ) -> GraspSolution:
     """Find the best grasp over several seeded starts and certify it.
 
-    Each start draws random placements, screens them, solves the first program, refines the best contacts with
+    A short look over all placements bounds mu from above and meets grasps that half of the starts begin from. Each
+    other start draws random placements, screens them, solves the first program, refines the best contacts with
     the exchange, puts them on the body and certifies them. The answer is the start with the best certified
-    bounds; it is a local optimum at most. The same seed gives the same answer with any number of workers
+    bounds; ``solution.gap`` says how far it is from the best possible, at most, and with ``SolveOptions(gap=...)``
+    the search goes on until it is as close as that. The same seed gives the same answer with any number of workers
     (unless a time limit or Ctrl-C cuts the solve short).
 
     Parameters
@@ -80,7 +83,7 @@ def solve(
         raise InputError("options", options, "a SolveOptions")
     check_name(options.exchange)
     check_json(problem.to_dict())
-    solution = _run(Runner(problem, options, starts), seed, progress)
+    solution = _run(Runner(problem, options.narrow(), starts), seed, progress)
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution
@@ -108,8 +111,12 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
                     progress(result.record, Bounds(0.0, float("inf")) if best is None else best.record.mu)
             results.sort(key=lambda r: r.record.index)
             begun_all = len(results) == runner.count and all(r.record.message != NOT_BEGUN for r in results)
+            if options.gap is not None:
+                close_gap(runner, results, options.gap, stop)
             cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
-            search = Search(runner.problem, options, seed, results, cut_short, deadline)
+            seen = runner.outlook(stop)
+            bound = None if seen is None else seen.bound()
+            search = Search(runner.problem, options, seed, results, cut_short, deadline, bound)
             after = Aftermath()
             if not stop.requested() and any(isinstance(r, StartGrasp) for r in results):
                 after = runner.look_back(best_of(results), results, seed, stop)

@@ -74,7 +74,9 @@ def test_the_answer_does_not_depend_on_the_number_of_workers():
 
 
 def test_another_seed_is_another_search():
-    options = ng.SolveOptions(shadow_prices=False, workers=1, exchange=False, rtol=0.5, final_rtol=0.5)
+    options = ng.SolveOptions(
+        shadow_prices=False, workers=1, exchange=False, rtol=0.5, final_rtol=0.5, global_bound=False
+    )
     a, b = (ng.solve(ellipsoid(), starts=1, seed=s, options=options) for s in (0, 1))
     assert not np.array_equal(a.grasp.points, b.grasp.points)
 
@@ -82,7 +84,9 @@ def test_another_seed_is_another_search():
 @pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["vertex", "support"])
 def test_both_transcriptions_lead_to_a_grasp(transcription):
-    options = ng.SolveOptions(shadow_prices=False, workers=1, transcription=transcription, rtol=0.05, final_rtol=0.05)
+    options = ng.SolveOptions(
+        shadow_prices=False, workers=1, transcription=transcription, rtol=0.05, final_rtol=0.05, global_bound=False
+    )
     assert ng.solve(ellipsoid(), starts=1, options=options).mu.upper == pytest.approx(0.73193, rel=1e-4)
 
 
@@ -143,7 +147,7 @@ def test_planar_face_assignments_are_enumerated():
     square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0] * 3, center=[0, 0.5, 0]))
     solution = ng.solve(problem, starts=2, options=ng.SolveOptions(shadow_prices=False, workers=1))
-    assert solution.faces == ("edge0", "edge2")
+    assert sorted(solution.faces) == ["edge0", "edge2"]
     assert solution.mu.upper == pytest.approx(0.37993, abs=1e-4)
 
 
@@ -219,7 +223,8 @@ def test_workbench_directions_for_a_flat_task():
 def test_a_flat_task_without_torque(capfd):
     """Smooth fingers on a sphere: no torque is asked for and none can be exerted; more equations than unknowns."""
     problem = ng.GraspProblem(ng.Sphere(0.03), [ng.PointContact()] * 4, ng.TaskEllipsoid([1, 1, 1, 0, 0, 0]))
-    solution = ng.solve(problem, starts=2, options=ng.SolveOptions(shadow_prices=False, workers=1))
+    options = ng.SolveOptions(shadow_prices=False, workers=1, global_bound=False)
+    solution = ng.solve(problem, starts=2, options=options)
     assert solution.mu.upper == pytest.approx(1 / np.sqrt(3.0), rel=1e-4)  # the best there is
     assert all(start.message == "Solve_Succeeded" and start.iterations > 0 for start in solution.starts)
     assert "overconstrained" not in capfd.readouterr().err

@@ -38,9 +38,14 @@ class Tree:
         self._seen: dict[Cells, tuple[Cells, int]] = {}
 
     @property
+    def top(self) -> float:
+        """The loosest bound of a node that is open, 0 where none is."""
+        return self._heap[0].bound if self._heap else 0.0
+
+    @property
     def upper(self) -> float:
         """An upper bound on mu over all placements."""
-        return max(self._closed, self._heap[0].bound if self._heap else 0.0)
+        return max(self._closed, self.top)
 
     @property
     def full(self) -> bool:

@@ -31,10 +31,21 @@ class RobustData(TypedDict):
     normals: list[Vector]
 
 
+class GlobalBoundData(TypedDict):
+    """The entry ``quality.best_possible``."""
+
+    upper: float
+    gap: float | None
+    nodes: NotRequired[int]
+    dropped: NotRequired[list[str]]
+    certificate: NotRequired[Json]
+
+
 class QualityData(TypedDict):
     """The entry ``quality``."""
 
     mu: MuData | None
+    best_possible: NotRequired[GlobalBoundData]
     delta: NotRequired[Measure | None]
     nu: NotRequired[Measure | None]
     robust: NotRequired[RobustData | None]

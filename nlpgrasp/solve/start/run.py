@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -13,19 +14,22 @@ from nlpgrasp.quality import mu
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
 from nlpgrasp.solve.ascent.exchange import exchange
+from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
-from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
+KNOWN = "from the search of all placements"  # message of a start
 GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 
 
-def run_start(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResult:
-    """Run start ``index``; what it does depends on seed and index only.
+def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Placed | None = None) -> StartResult:
+    """Run start ``index``, from a placement where one is known to be good; it depends on that, seed and index only.
 
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
     Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
@@ -33,7 +37,7 @@ def run_start(bench: Workbench, index: int, seed: int, stop: Stop) -> StartResul
     clock = _Clock()
     with one_thread():
         try:
-            found = _best_attempt(_Attempts(bench, index, np.random.default_rng([seed, index]), stop, clock))
+            found = _best_attempt(_Attempts(bench, index, np.random.default_rng([seed, index]), stop, clock, known))
         except (RuntimeError, np.linalg.LinAlgError) as error:
             text = f"{type(error).__name__}: {error}"
             return StartResult(StartRecord(index, Status.FAILED, seconds=clock.seconds, message=text))
@@ -56,13 +60,26 @@ class _Clock:
 class _Attempts:
     """What a start makes of its candidates, one after another."""
 
-    def __init__(self, bench: Workbench, index: int, rng: np.random.Generator, stop: Stop, clock: _Clock) -> None:
+    def __init__(
+        self,
+        bench: Workbench,
+        index: int,
+        rng: np.random.Generator,
+        stop: Stop,
+        clock: _Clock,
+        known: Placed | None,
+    ) -> None:
         self.bench, self.index, self.rng, self.stop, self.clock = bench, index, rng, stop, clock
+        self._known = None if known is None else with_hand(bench, known)
 
     def __iter__(self) -> Iterator[StartGrasp]:
-        """Yield a grasp for each first program that ends with one; there is at least one."""
-        bench = self.bench
-        drawn = candidates(bench, self.rng, self.stop)
+        """Yield the grasp from the known placement, then one for each first program that ends with one."""
+        bench, known = self.bench, self._known
+        if known is not None and bench.violation(known) <= FEASIBLE:
+            state = AscentState(known, multipliers=np.zeros(len(bench.rows.named)))
+            yield self._finished(FirstResult(state, np.nan, np.nan, KNOWN))
+            known = None
+        drawn = chain([] if known is None else [known], candidates(bench, self.rng, self.stop))
         self.clock.mark("screen")
         while True:
             first = solve_first(bench, drawn, self.rng)
@@ -102,6 +119,12 @@ class _Attempts:
             history=tuple(state.history),
         )
         return StartGrasp(record, found, constraint_reports(bench, found, state.multipliers), state.effort, robust)
+
+
+def with_hand(bench: Workbench, placed: Placed) -> Placed:
+    """Return a placement with the values that a hand whose variables follow from the contacts has there."""
+    hand = bench.hand_points.start(placed.points[None], bench.inward_normals(placed)[None])
+    return Placed(placed.faces, placed.points, {name: value[0] for name, value in hand.items()})
 
 
 def _best_attempt(attempts: _Attempts) -> StartGrasp:

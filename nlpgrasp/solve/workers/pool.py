@@ -18,8 +18,11 @@ from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.ascent.steps.registry import model_of
 from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.outlook.outlook import Outlook, outlook
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.programs import follows_contacts
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
 from nlpgrasp.solve.workers.processes import Processes, cores
@@ -56,6 +59,7 @@ class Runner:
         self.problem, self.options, self.count = problem, options, starts
         self.workers = 1 if bench is not None else min(options.workers or cores(), starts)
         self._bench = bench
+        self._outlook: Outlook | None = None
         self._parcel: Parcel[LazyBench[_Asked]] | None = None
 
     def check_model(self) -> None:
@@ -69,12 +73,28 @@ class Runner:
         if isinstance(self.options.exchange, str):
             model_of(self.bench)
 
+    def outlook(self, stop: Stop) -> Outlook | None:
+        """Return a look over all placements, taken where it is first asked for; None where none is possible."""
+        if self._outlook is None:
+            self._outlook = outlook(self.problem, self.options, stop)
+        return self._outlook
+
     def starts(self, seed: int, stop: Stop) -> Iterator[StartResult]:
-        """Yield each start's result as it is done, in any order."""
+        """Yield each start's result as it is done, in any order.
+
+        The first three quarters of them begin from the best grasps that the outlook met, as many as there are.
+        """
+        begin = self._known(stop)
         if self.workers == 1:
-            yield from self._here(seed, stop)
+            yield from self._here(begin, seed, stop)
         else:
-            yield from self._in_processes(seed, stop)
+            yield from self._in_processes(begin, seed, stop)
+
+    def _known(self, stop: Stop) -> list[Placed | None]:
+        """Return what each start begins from, None where it draws for itself."""
+        seen = self.outlook(stop) if follows_contacts(self.problem) else None
+        known: list[Placed | None] = [] if seen is None else [*seen.placements((3 * self.count + 3) // 4)]
+        return known + [None] * (self.count - len(known))
 
     def look_back(self, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:
         """Return what is worth knowing after the starts; nothing where a worker ends over it."""
@@ -93,21 +113,21 @@ class Runner:
             self._bench = Workbench(self.problem, self.options)
         return self._bench
 
-    def _here(self, seed: int, stop: Stop) -> Iterator[StartResult]:
+    def _here(self, begin: Sequence[Placed | None], seed: int, stop: Stop) -> Iterator[StartResult]:
         """Run the starts in this process; once a stop is requested the running start finishes with what it has."""
-        for index in range(self.count):
+        for index, known in enumerate(begin):
             if stop.requested():
                 break
-            yield run_start(self.bench, index, seed, stop)
+            yield run_start(self.bench, index, seed, stop, known)
 
-    def _in_processes(self, seed: int, stop: Stop) -> Iterator[StartResult]:
+    def _in_processes(self, begin: Sequence[Placed | None], seed: int, stop: Stop) -> Iterator[StartResult]:
         try:
             self._parcel = Parcel.of(LazyBench(partial(_Asked, self.problem, self.options)))
         except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
             reason = f"{type(error).__name__}: {error}"
             raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
         processes = Processes(self.workers)
-        pending = {processes.submit(_work, self._parcel, index, seed, stop): index for index in range(self.count)}
+        pending = {processes.submit(_work, self._parcel, i, seed, stop, known): i for i, known in enumerate(begin)}
         give_up = None
         while pending:
             done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
@@ -122,9 +142,11 @@ class Runner:
                     break
 
 
-def _work(parcel: Parcel[LazyBench[_Asked]], index: int, seed: int, stop: Stop) -> StartResult | None:
+def _work(
+    parcel: Parcel[LazyBench[_Asked]], index: int, seed: int, stop: Stop, known: Placed | None
+) -> StartResult | None:
     """Run one start in a worker; None where it is too late to begin."""
-    return None if stop.requested() else run_start(parcel.unpacked().bench, index, seed, stop)
+    return None if stop.requested() else run_start(parcel.unpacked().bench, index, seed, stop, known)
 
 
 def _look_back(

@@ -8,6 +8,7 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check
 
+WITH_GRASP = (Status.SOLVED, Status.OPTIMAL)
 WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
 SAME = 1e-9  # relative
 
@@ -22,15 +23,18 @@ def outcome_checks(solution: GraspSolution) -> list[Check]:
 def _status(solution: GraspSolution) -> Iterator[str]:
     status = solution.status.name.lower()
     if solution.grasp is None:
-        if solution.status is Status.SOLVED:
-            yield "solved, and no grasp"
+        if solution.status in WITH_GRASP:
+            yield f"{status}, and no grasp"
         if solution.best_start is not None:
             yield f"no grasp, and start {solution.best_start} found it"
         return
     if solution.status in WITHOUT_GRASP or (solution.status is Status.NO_GRASP and solution.mu.lower > 0.0):
         yield f"{status}, and a grasp with mu in {solution.mu}"
-    elif solution.status is Status.SOLVED and not solution.mu.lower > 0.0:
+    elif solution.status in WITH_GRASP and not solution.mu.lower > 0.0:
         yield f"{status}, and no certified quality above zero"
+    asked = solution.solver.get("options", {}).get("gap")
+    if solution.status is Status.OPTIMAL and not (isinstance(asked, float) and solution.gap <= asked):
+        yield f"optimal, and {solution.gap:.2%} below the best possible, {asked} asked for"
     if solution.why_not is not None:
         yield "a grasp, and why there is none"
 

@@ -52,7 +52,7 @@ def width(name: str, stated: Bounds, found: Bounds, rtol: float) -> Check:
 def widths(solution: GraspSolution, found: Bounds) -> list[Check]:
     """Check the width of the stated interval; that of a solve that was cut short may have any lower bound."""
     gap = solution.solver.get("options", {}).get("final_rtol", ANY_GAP)
-    asked = number("final_rtol", gap, above=0.0) if solution.status is Status.SOLVED else np.inf
+    asked = number("final_rtol", gap, above=0.0) if solution.status in (Status.SOLVED, Status.OPTIMAL) else np.inf
     return [width("width", solution.mu, found, asked)]
 
 

@@ -1,0 +1,76 @@
+"""How good the grasp of a solution is: by itself, and against the best that any placement allows."""
+
+from __future__ import annotations
+
+import math
+
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.volume import Volume
+from nlpgrasp.solution.asked import Asked
+from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.quality import Quality
+from nlpgrasp.solution.records import Status
+
+
+class Measured(Asked):
+    """The measures of a grasp, for what is asked."""
+
+    name: str
+    status: Status
+    grasp: Grasp | None
+    mu: Bounds
+    kind: str
+    delta: Bounds | None
+    nu: Volume | None
+    robust: Robustness | None
+    bound: GlobalBound | None
+
+    @property
+    def success(self) -> bool:
+        """Whether a grasp with a certified quality above zero was found."""
+        return self.grasp is not None and self.mu.lower > 0.0
+
+    @property
+    def label(self) -> str:
+        """The measure that ``mu`` holds, in words: ``"mu"`` or ``"mu-tilde"``."""
+        return "mu-tilde" if self.kind == "mu_tilde" else "mu"
+
+    @property
+    def beta(self) -> Bounds | None:
+        """Mu in the paper's sense, the beta of the largest ``A_beta`` (3.3-4a), for a centred task ellipsoid."""
+        return self._measured.beta
+
+    @property
+    def best_possible(self) -> float:
+        """A certified bound on mu over all placements of the contacts; inf where there is none."""
+        return math.inf if self.bound is None else self.bound.upper
+
+    @property
+    def gap(self) -> float:
+        """``best_possible / mu.lower - 1``: by how much of its own quality the grasp misses the best, at most."""
+        return math.inf if self.bound is None else self.bound.gap(self.mu.lower)
+
+    @property
+    def title(self) -> str:
+        """Name and status in a line; where the gap is closed, how close."""
+        told = self.status.value
+        if self.status is Status.OPTIMAL:
+            told = f"Optimal within {self.gap:.2%}: {told.removeprefix('Optimal: ')}"
+        return f"{self.name}: {told}"
+
+    def quality_lines(self) -> list[str]:
+        """Return the certified quality in words, and how far it is from the best possible."""
+        paper = "" if self.task.paper_beta in (None, 1.0) else f", beta of the paper in {self.beta}"
+        lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}){paper}"]
+        return lines if self.bound is None else [*lines, f"  {self.bound.line(self.mu.lower)}"]
+
+    @property
+    def _measured(self) -> Bounds:
+        scale = self.task.paper_beta if self.kind == "mu" and self.grasp is not None else None
+        return self.mu.of_measure(self.kind, scale)
+
+    @property
+    def _quality(self) -> Quality:
+        return Quality(self._measured, self.kind, self.delta, self.nu, self.robust, self.bound)

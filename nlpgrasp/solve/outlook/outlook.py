@@ -1,0 +1,120 @@
+"""A look over all placements before the starts: how good any can be, and which are worth a start."""
+
+from __future__ import annotations
+
+import json
+from collections import OrderedDict
+
+import numpy as np
+
+from nlpgrasp.best.scope.scope import scope_of
+from nlpgrasp.best.search import Met, Search
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.errors import InputError
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.workbench.placed import Placed
+
+NODES = 400  # of the tree, by default: about a second
+GAP = 0.01  # that the tree aims at where none is asked for
+SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
+APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same
+KEPT = 8  # problems whose outlook is remembered
+
+
+class Outlook:
+    """The search of all placements of a problem.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    gap : float
+        Relative, at which to stop.
+
+    Raises
+    ------
+    InputError
+        On a problem that the bound does not cover.
+    """
+
+    def __init__(self, problem: GraspProblem, gap: float) -> None:
+        self._search = Search(scope_of(problem), gap)
+        self._size = problem.body.size
+        self._placements: dict[int, Placed] = {}
+
+    def look(self, nodes: int, stop: Stop) -> None:
+        """Search until the tree has some nodes more, its gap is closed, or a stop."""
+        tree = self._search.tree
+        last = tree.nodes + nodes
+        self._search.run(lambda: tree.nodes >= last or stop.requested())
+
+    def expect(self, mu: float) -> None:
+        """Compare bounds with a grasp found elsewhere, of this certified quality, where it is better."""
+        self._search.expect(mu)
+
+    @property
+    def upper(self) -> float:
+        """The bound on mu over all placements, so far."""
+        return self._search.upper
+
+    @property
+    def searched(self) -> bool:
+        """Whether there is nothing left to look at."""
+        return self._search.searched
+
+    def placements(self, count: int, least: float = 0.0) -> list[Placed]:
+        """Return up to ``count`` grasps that the search met, best first and apart from each other.
+
+        Parameters
+        ----------
+        count : int
+        least : float
+            What their mu has to exceed, as far as it seems.
+        """
+        met = self._search.met
+        found: list[Met] = []
+        chosen: list[Placed] = []
+        for i in sorted(range(len(met)), key=lambda j: -met[j].value):
+            near = (np.max(np.linalg.norm(met[i].points - other.points, axis=1)) for other in found)
+            if met[i].value > least and len(found) < count and min(near, default=np.inf) >= APART * self._size:
+                found.append(met[i])
+                chosen.append(self._placements.setdefault(i, Placed(met[i].faces, met[i].points)))
+        return chosen
+
+    def bound(self) -> GlobalBound:
+        """Return what holds of all placements so far."""
+        return GlobalBound(self.upper, self._search.tree.nodes, self._search.scope.dropped)
+
+
+_remembered: OrderedDict[str, Outlook] = OrderedDict()
+
+
+def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook | None:
+    """Return a short look over all placements of a problem, None where the bound does not cover it or is not wanted.
+
+    It depends on the problem alone. The latest few are remembered, as an experiment solves a problem with many seeds;
+    where a gap is asked for the look is a new one, for the search goes on from it.
+    """
+    if not options.global_bound:
+        return None
+    key = _key(problem)
+    if options.gap is None and key in _remembered:
+        _remembered.move_to_end(key)
+        return _remembered[key]
+    try:
+        found = Outlook(problem, GAP if options.gap is None else SHARE * options.gap)
+    except InputError:
+        return None
+    found.look(NODES, stop)
+    if options.gap is None and not stop.requested():
+        _remembered[key] = found
+        while len(_remembered) > KEPT:
+            _remembered.popitem(last=False)
+    return found
+
+
+def _key(problem: GraspProblem) -> str:
+    """Return what tells a problem from others."""
+    faces = [list(problem.allowed_faces(i)) for i in range(len(problem.models))]
+    return json.dumps([problem.to_dict(), problem.origin.tolist(), faces], sort_keys=True)

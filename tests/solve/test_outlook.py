@@ -1,0 +1,89 @@
+"""A look over all placements before the starts: bounds, starts, and gaps that are closed."""
+
+import math
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+
+SQUARE = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+QUICK = {"workers": 1, "shadow_prices": False}
+
+
+def square(contacts=2, **more):
+    return ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * contacts, ng.TaskEllipsoid([1.0] * 3), **more)
+
+
+def test_a_solution_says_how_far_it_is_from_the_best():
+    solution = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
+    assert solution.mu.lower <= 0.44721 * (1 + 1e-4) <= solution.best_possible * (1 + 2e-4)
+    assert solution.gap == pytest.approx(solution.best_possible / solution.mu.lower - 1, rel=1e-12)
+    assert f"at most {solution.gap:.2%} below the best possible" in str(solution)
+    kept = ng.GraspSolution.from_dict(solution.to_dict())
+    assert (kept.best_possible, kept.gap) == (solution.best_possible, solution.gap)
+
+
+def test_a_gap_is_closed_and_the_status_says_so(tmp_path):
+    solution = ng.solve(square(3), starts=1, options=ng.SolveOptions(gap=0.01, **QUICK))
+    assert solution.status is ng.Status.OPTIMAL
+    assert solution.gap <= 0.01
+    assert f"Optimal within {solution.gap:.2%}" in str(solution)
+    assert ng.verify(solution.save(tmp_path / "square.json"))
+
+
+def test_starts_begin_from_what_the_look_met_and_some_do_not():
+    solution = ng.solve(square(3), starts=4, options=ng.SolveOptions(**QUICK))
+    messages = [start.message for start in solution.starts]
+    assert "from the search of all placements" in messages
+    assert any(m != "from the search of all placements" for m in messages)
+
+
+def test_no_look_where_none_is_wanted_or_possible():
+    without = ng.solve(square(), starts=1, options=ng.SolveOptions(global_bound=False, **QUICK))
+    assert (without.best_possible, without.gap) == (math.inf, math.inf)
+    assert "best_possible" not in without.to_dict()["quality"]
+    round_ = ng.PlanarImplicit(lambda p: p[0] ** 4 + p[1] ** 4 - 1, [[-2, -2], [2, 2]])
+    problem = ng.GraspProblem(round_, [ng.LineContact(0.5, 0.2)] * 2, ng.TaskEllipsoid([1.0] * 3))
+    assert ng.solve(problem, starts=1, options=ng.SolveOptions(**QUICK)).best_possible == math.inf
+
+
+def test_a_bound_without_a_grasp_proves_that_there_is_none():
+    problem = square(1)
+    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(**QUICK))
+    assert not solution.success
+    assert solution.best_possible == pytest.approx(0.0, abs=1e-9)
+    assert "no placement is above 0" in str(solution)
+
+
+def test_an_easy_grasp_that_random_starts_miss():
+    task = ng.lift([0, 0, 0], 0.3) + ng.disturbance(1, 0.01)
+    problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, task)
+    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(**QUICK))
+    assert solution.mu.lower > 0.26
+    assert solution.best_possible > 0.272
+
+
+@pytest.mark.parametrize("gap", [0.0, -0.1, 1.5, math.nan])
+def test_gaps_out_of_range(gap):
+    with pytest.raises(ng.InputError, match=r"SolveOptions\.gap"):
+        ng.SolveOptions(gap=gap)
+    with pytest.raises(ng.InputError, match="no gap with global_bound=False"):
+        ng.SolveOptions(gap=0.1, global_bound=False)
+
+
+def test_files_whose_bound_contradicts_the_grasp_are_refused():
+    data = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK)).to_dict()
+    low = {**data["quality"]["best_possible"], "upper": 0.9 * data["quality"]["mu"]["lower"]}
+    with pytest.raises(ng.InputError, match=r"best_possible\.upper"):
+        ng.GraspSolution.from_dict({**data, "quality": {**data["quality"], "best_possible": low}})
+    wide = {**data["quality"]["best_possible"], "gap": 0.5}
+    with pytest.raises(ng.InputError, match=r"best_possible\.gap"):
+        ng.GraspSolution.from_dict({**data, "quality": {**data["quality"], "best_possible": wide}})
+
+
+def test_the_same_seed_gives_the_same_answer_with_the_look_remembered():
+    options = ng.SolveOptions(**QUICK)
+    first, again = (ng.solve(square(3), starts=2, seed=5, options=options) for _ in range(2))
+    assert np.array_equal(first.grasp.points, again.grasp.points)
+    assert first.best_possible == again.best_possible
