@@ -16,6 +16,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.bound.file import bound_file, verify_bound
 from nlpgrasp.verify.check import BROKEN, Check, Verification, guarded, no_sense
 from nlpgrasp.verify.claims.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
 from nlpgrasp.verify.claims.outcome import outcome_checks
@@ -27,11 +28,12 @@ from nlpgrasp.verify.sources import Sources
 def verify(
     solution: GraspSolution | str | Path, rtol: float = 0.01, folders: Iterable[str | Path] = ()
 ) -> Verification:
-    """Check a solution, or a solution file, from what is in it: problem, grasp, hand.
+    """Check a solution, a solution file or a bound file, from what is in it: problem, grasp, hand, certificate.
 
     Parameters
     ----------
     solution : GraspSolution, str or Path
+        Of a file, either what ``GraspSolution.save`` or what ``BestPossible.save`` wrote.
     rtol : float
         Relative gap of the new certificate.
     folders : iterable of str or Path
@@ -48,6 +50,7 @@ def verify(
         have other normals; when a row of the constraints or the hand is missing, has another limit than the problem
         says, another value than positions and hand give, or is broken. What cannot be recomputed (a mesh or URDF that
         is not there or has another fingerprint, an expression that stays in a script) is a check that was not made.
+        A bound file fails when its bound does not follow from its certificate (docs/how_close.md).
 
     Raises
     ------
@@ -55,6 +58,9 @@ def verify(
         When the file cannot be read or is not of schema 1.
     """
     file = None if isinstance(solution, GraspSolution) else Path(solution)
+    bound = None if file is None else bound_file(file)
+    if bound is not None:
+        return verify_bound(bound, rtol, Sources.beside(file, folders))
     if not isinstance(solution, GraspSolution):
         solution = GraspSolution.load(solution)
     told = guarded("outcome", lambda: outcome_checks(solution))

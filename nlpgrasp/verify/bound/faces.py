@@ -1,0 +1,227 @@
+"""Whether the cells that a certificate begins with cover the faces that a contact may use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.verify.bound.cells.bundle import cell_of
+from nlpgrasp.verify.bound.cells.polygon import Polygon, below
+from nlpgrasp.verify.bound.places import Places
+from nlpgrasp.verify.check import NotMadeError
+
+SAME = 1e-9  # relative to the body's size
+TURNS = {"sector": 8, "revolved": 4}  # parts of a turn
+Faces = dict[str, "FlatFace | list[Json]"]
+
+
+@dataclass(frozen=True)
+class FlatFace:
+    """A polygon, or a segment, with one normal.
+
+    Parameters
+    ----------
+    corners : (m, space) array
+        In order, metres.
+    normal : (space,) array
+        Unit, into the body.
+    """
+
+    corners: FloatArray
+    normal: FloatArray
+
+
+def faces_of(body: Json) -> Faces:
+    """Return the faces of a body by name: flat ones, or of curved ones cells that cover them."""
+    kind = body["type"]
+    if kind not in MAKERS:
+        raise NotMadeError(f"nothing recomputes the cells of a {kind}")
+    return dict(MAKERS[kind](body))
+
+
+def _box(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
+    half = array("extents", body["extents"], (3,)) / 2.0
+    around = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    for axis, sign in product(range(3), (1.0, -1.0)):
+        corners = np.insert(around, axis, sign, axis=1) * half
+        yield ("+" if sign > 0.0 else "-") + "xyz"[axis], FlatFace(corners, -sign * np.eye(3)[axis])
+
+
+def _polygon(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
+    for i, edge in enumerate(_edges(array("vertices", body["vertices"], (None, 2)))):
+        yield f"edge{i}", edge
+
+
+def _edges(corners: FloatArray) -> Iterator[FlatFace]:
+    """Yield the edges of a polygon (m, 2) that goes around counter-clockwise."""
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        along = (end - start) / np.linalg.norm(end - start)
+        yield FlatFace(np.stack([start, end]), np.array([-along[1], along[0]]))
+
+
+def _prism(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
+    corners = array("polygon", body["polygon"], (None, 2))
+    half = number("height", body["height"], above=0.0) / 2.0
+    for i, edge in enumerate(_edges(corners)):
+        low, high = (np.column_stack([edge.corners, np.full(2, z)]) for z in (-half, half))
+        yield f"side{i}", FlatFace(np.concatenate([low, high[::-1]]), np.append(edge.normal, 0.0))
+    for name, sign in (("top", 1.0), ("bottom", -1.0)):
+        level = np.column_stack([corners, np.full(len(corners), sign * half)])
+        yield name, FlatFace(level, np.array([0.0, 0.0, -sign]))
+
+
+def _ellipsoid(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
+    axes = [body["radius"]] * 3 if body["type"] == "sphere" else body["semi_axes"]
+    octants = [np.diag(signs).tolist() for signs in product((1.0, -1.0), repeat=3)]
+    yield "surface", [{"kind": "ellipsoid", "corners": octant, "semi_axes": axes} for octant in octants]
+
+
+def _cylinder(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
+    radius, half = body["radius"], body["height"] / 2.0
+    side = {"kind": "revolved", "radii": [0.0, radius], "along": [-half, half]}
+    yield "side", [{**side, "angles": angles} for angles in _turn("revolved")]
+    for name, sign in (("top", 1.0), ("bottom", -1.0)):
+        disc = {"kind": "sector", "radii": [0.0, radius], "height": sign * half, "normal": [0.0, 0.0, -sign]}
+        yield name, [{**disc, "angles": angles} for angles in _turn("sector")]
+
+
+def _torus(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
+    whole = {"kind": "revolved", "radii": [body["major_radius"], body["minor_radius"]]}
+    ways = [[t - np.pi for t in turn] for turn in _turn("revolved")]
+    yield "surface", [{**whole, "angles": a, "along": t} for a, t in product(_turn("revolved"), ways)]
+
+
+def _turn(kind: str) -> list[list[float]]:
+    ends = np.linspace(0.0, 2.0 * np.pi, TURNS[kind] + 1).tolist()
+    return [ends[i : i + 2] for i in range(TURNS[kind])]
+
+
+MAKERS = {
+    "box": _box,
+    "polygon": _polygon,
+    "prism": _prism,
+    "sphere": _ellipsoid,
+    "ellipsoid": _ellipsoid,
+    "cylinder": _cylinder,
+    "torus": _torus,
+}
+
+
+def uncovered(faces: Faces, own: Places, roots: Sequence[Json], size: float) -> list[str]:
+    """Return the faces of which a contact may use a part that no root covers."""
+    members = [cell for root in roots for cell in _members(root)]
+    missing = []
+    for name, face in faces.items():
+        if name not in own.faces:
+            continue
+        if isinstance(face, FlatFace):
+            left = _left(face, own, [m for m in members if _on(m, face, size)], size)
+        else:
+            left = not all(own.exclude(cell_of(c), SAME * size) or is_among(c, members, size) for c in face)
+        missing += [name] if left else []
+    return missing
+
+
+def _members(root: Json) -> Iterator[Json]:
+    """Yield the cells that a root is made of."""
+    if root["kind"] != "bundle":
+        yield root
+        return
+    for member in root["members"]:
+        yield from _members(member)
+
+
+def is_among(cell: Json, others: Sequence[Json], size: float) -> bool:
+    """Return whether one of some cells has the same numbers as a cell, to rounding."""
+    return any(_alike(cell, other, SAME * max(size, 1.0)) for other in others)
+
+
+def _alike(cell: Json, other: Json, tolerance: float) -> bool:
+    if cell["kind"] != other["kind"]:
+        return False
+    for name, value in cell.items():
+        if name != "kind":
+            mine, given = np.asarray(value, dtype=float), np.asarray(other[name], dtype=float)
+            if mine.shape != given.shape or not np.all(np.abs(mine - given) <= tolerance):
+                return False
+    return True
+
+
+def _on(cell: Json, face: FlatFace, size: float) -> bool:
+    """Return whether a cell is a polygon in the plane of a face, with its normal."""
+    if cell["kind"] != "polygon":
+        return False
+    polygon = Polygon(cell)
+    if polygon.vertices.shape[1] != len(face.normal) or not np.all(np.abs(polygon.normal - face.normal) <= SAME):
+        return False
+    return bool(np.all(np.abs((polygon.vertices - face.corners[0]) @ face.normal) <= SAME * size))
+
+
+def _left(face: FlatFace, own: Places, cells: Sequence[Json], size: float) -> bool:
+    """Return whether anything that is allowed is left of a face without some polygons in its plane."""
+    polygons = [Polygon(cell).vertices for cell in cells]
+    if any(_same_corners(face.corners, p, SAME * size) for p in polygons):
+        return False
+    if not all(_convex(p, face.normal, size) for p in (face.corners, *polygons)):
+        raise NotMadeError("a face that is not convex, under constraints")
+    left = [face.corners]
+    for polygon in polygons:
+        left = [part for piece in left for part in _outside(piece, *_sides(polygon, face.normal))]
+    for A, b, radius in own.inside:
+        for row, offset in zip(A, b + radius * (A @ face.normal), strict=True):
+            left = [below(piece, piece @ row - offset) for piece in left if len(piece)]
+    for hole in own.outside:
+        left = [part for piece in left for part in _outside(piece, *hole)]
+    return any(_wide(piece, SAME * size) for piece in left)
+
+
+def _same_corners(corners: FloatArray, others: FloatArray, tolerance: float) -> bool:
+    """Return whether two polygons have the same corners in the same order, from whichever."""
+    if corners.shape != others.shape:
+        return False
+    turns = [np.roll(others, shift, axis=0) for shift in range(len(others))]
+    return any(np.all(np.abs(corners - turned) <= tolerance) for turned in turns)
+
+
+def _outside(piece: FloatArray, A: FloatArray, b: FloatArray) -> list[FloatArray]:
+    """Return convex pieces that cover what a convex piece has outside of a convex region ``A p <= b``."""
+    parts = []
+    for row, offset in zip(A, b, strict=True):
+        if len(piece) < 2:
+            break
+        height = piece @ row - offset
+        parts.append(below(piece, -height))
+        piece = below(piece, height)
+    return [part for part in parts if len(part) >= 2]
+
+
+def _sides(polygon: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the outward unit vectors and offsets of the sides of a convex polygon, of a segment at its ends."""
+    if len(polygon) == 2:
+        along = (polygon[1] - polygon[0]) / np.linalg.norm(polygon[1] - polygon[0])
+        return np.stack([along, -along]), np.array([along @ polygon[1], -along @ polygon[0]])
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    long = np.linalg.norm(edges, axis=1) > 0.0
+    outward = np.cross(edges[long], normal)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    if np.sum(outward * (polygon[long] - polygon.mean(axis=0))) < 0.0:
+        outward = -outward
+    return outward, np.sum(outward * polygon[long], axis=1)
+
+
+def _convex(polygon: FloatArray, normal: FloatArray, size: float) -> bool:
+    A, b = _sides(polygon, normal)
+    return bool(np.all(polygon @ A.T <= b + SAME * size))
+
+
+def _wide(piece: FloatArray, least: float) -> bool:
+    """Return whether a convex piece is wider than a length in every direction; a segment longer than it."""
+    if len(piece) < 2:
+        return False
+    spread = np.linalg.svd(piece - piece.mean(axis=0), compute_uv=False)
+    return bool(spread[min(len(spread), piece.shape[1] - 1) - 1] > least)

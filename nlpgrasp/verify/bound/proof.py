@@ -1,0 +1,197 @@
+"""The checks of a certificate: what it covers, by which symmetries, and what follows for mu."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.tasks import Task, task_from_dict
+from nlpgrasp.verify.bound import motions, turned
+from nlpgrasp.verify.bound.faces import SAME, Faces, faces_of, uncovered
+from nlpgrasp.verify.bound.leaves import Leaves
+from nlpgrasp.verify.bound.places import Places, places
+from nlpgrasp.verify.bound.supports import Budget
+from nlpgrasp.verify.bound.tree import Group, Nodes
+from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
+from nlpgrasp.verify.placement import Surface
+from nlpgrasp.verify.registry import BODIES
+from nlpgrasp.verify.sources import Sources
+
+UNIT = 1e-9  # relative: how far the task's work along a direction may be from 1
+RECOMPUTED = 1e-10  # of the largest bound: how far one that is stated may be from the one computed again
+
+
+class Proof:
+    """A problem and the certificate of a bound on mu over all placements.
+
+    Parameters
+    ----------
+    problem : mapping
+        As of a solution file.
+    data : mapping
+        The certificate.
+    sources : Sources
+    """
+
+    def __init__(self, problem: Json, data: Json, sources: Sources) -> None:
+        self.problem, self.data, self.sources = problem, data, sources
+
+    @cached_property
+    def task(self) -> Task:
+        """What is asked for, about the torque origin."""
+        return task_from_dict(self.problem["task"])
+
+    @cached_property
+    def origin(self) -> FloatArray:
+        """Torque origin, (space,), metres."""
+        return array("origin", self.data["origin"], (2 if self.task.dimension == 3 else 3,))
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The body as numbers."""
+        return BODIES.of(self.problem["body"])(self.problem["body"], self.sources)
+
+    @cached_property
+    def size(self) -> float:
+        """Half the diagonal of the body's bounding box, metres."""
+        return 0.5 * float(np.linalg.norm(self.surface.bounds[1] - self.surface.bounds[0]))
+
+    @cached_property
+    def faces(self) -> Faces:
+        """The body's faces."""
+        return faces_of(self.problem["body"])
+
+    @cached_property
+    def asked(self) -> tuple[list[Places], list[str]]:
+        """Where each contact may be, and what is left out."""
+        return places(self.problem, tuple(self.faces), len(self.origin), self.sources)
+
+    @cached_property
+    def groups(self) -> list[Group]:
+        """Contacts that are alike, with their cells."""
+        return [Group(group) for group in self.data["groups"]]
+
+    @cached_property
+    def nodes(self) -> Nodes:
+        """Choices of a cell for each contact."""
+        return Nodes(self.data, self.groups, self.size)
+
+    def checks(self, upper: float, dropped: Sequence[str]) -> list[Check]:
+        """Return whether a bound follows from the certificate.
+
+        Parameters
+        ----------
+        upper : float
+            The bound that is claimed.
+        dropped : sequence of str
+            What is said to be left out.
+        """
+        parts: dict[str, Callable[[], tuple[str, str]]] = {
+            "dropped": partial(self._dropped, dropped),
+            "alike": self._alike,
+            "faces covered": self._covered,
+            "turned": self._turned,
+            "cuts": self._cuts,
+            "nodes": self._nodes,
+            "symmetries": self._symmetries,
+            "directions": self._directions,
+            "leaves": self._leaves,
+            "upper": partial(self._upper, upper),
+        }
+        return [_check(name, part) for name, part in parts.items()]
+
+    def _dropped(self, stated: Sequence[str]) -> tuple[str, str]:
+        found = self.asked[1]
+        wrong = "" if list(stated) == found else f"stated {list(stated)}, the problem leaves out {found}"
+        return wrong, ", ".join(found) if found else "nothing left out"
+
+    def _alike(self) -> tuple[str, str]:
+        own, contacts = self.asked[0], self.problem["contacts"]
+        numbers = [i for group in self.groups for i in group.contacts]
+        if sorted(numbers) != list(range(len(contacts))):
+            return f"cells for the contacts {numbers}, of {len(contacts)}", ""
+        for first, *rest in (group.contacts for group in self.groups):
+            for other in rest:
+                if contacts[first] != contacts[other] or not own[first].same(own[other]):
+                    return f"contacts {first} and {other} are not alike", ""
+        return "", f"{len(contacts)} contacts in {len(self.groups)} groups"
+
+    def _covered(self) -> tuple[str, str]:
+        for data, group in zip(self.data["groups"], self.groups, strict=True):
+            own = self.asked[0][group.contacts[0]]
+            cells = [cell for _, cell in data["roots"]]
+            left = [] if data["turned"] is not None else uncovered(self.faces, own, cells, self.size)
+            if left:
+                return f"contact {group.contacts[0]} may also be elsewhere on {', '.join(left)}", ""
+        return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
+
+    def _turned(self) -> tuple[str, str]:
+        turning = turned.Turning(self.problem["body"], self.task, self.origin, self.size)
+        ways = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
+        wrong = turned.wrong_with(self.data["groups"], turning, self.faces, self.asked[0])
+        return wrong, ", ".join(ways) if ways else "no contact is turned to a line"
+
+    def _cuts(self) -> tuple[str, str]:
+        for group in self.groups:
+            wrong = group.wrongly_left_out(self.asked[0][group.contacts[0]], SAME * self.size)
+            if wrong:
+                return f"a part of cell {wrong[0]} is left out, though constraints allow it", ""
+        return "", f"{sum(len(group.parts) for group in self.groups)} cells cut"
+
+    def _nodes(self) -> tuple[str, str]:
+        nodes = self.nodes
+        counts = f"{len(nodes.splits)} cut, {len(nodes.twins)} twins, {len(nodes.leaves)} leaves"
+        return nodes.uncovered(), counts
+
+    def _symmetries(self) -> tuple[str, str]:
+        for i, motion in enumerate(self.data["motions"]):
+            wrong = motions.wrong_with(motion, self.problem, self.task, self.origin, self.asked[0], self.size)
+            if wrong:
+                return f"motion {i}: {wrong}", ""
+        false = self.nodes.false_twins()
+        wrong = f"node {list(false[0])} is not mapped onto its twin" if false else ""
+        return wrong, f"{len(self.data['motions'])} motions, {len(self.nodes.twins)} twins"
+
+    @cached_property
+    def leaves(self) -> Leaves:
+        """What bounds are computed from."""
+        budget = Budget.of(self.problem["force_budget"])
+        return Leaves(self.data, self.groups, self.problem["contacts"], self.task, budget)
+
+    def _directions(self) -> tuple[str, str]:
+        off = float(np.max(np.abs(self.leaves.reach - 1.0), initial=0.0))
+        detail = f"the task's work along {len(self.leaves.reach)} directions is 1 to {off:.2g}"
+        return "" if off <= UNIT else detail, detail
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """The leaves' bounds as stated and computed again."""
+        return self.leaves.bounds()
+
+    def _leaves(self) -> tuple[str, str]:
+        stated, found = self.bounds
+        off = np.abs(stated - found) / float(np.max(found, initial=1e-300))
+        worst = int(np.argmax(off)) if len(off) else 0
+        if not np.all(off <= RECOMPUTED):
+            return f"leaf {worst} states {stated[worst]:.12g}, computed again {found[worst]:.12g}", ""
+        return "", f"{len(found)} bounds computed again, {float(np.max(off, initial=0.0)):.2g} off at most"
+
+    def _upper(self, upper: float) -> tuple[str, str]:
+        most = float(np.max(self.bounds[1], initial=0.0))
+        detail = f"stated {upper:.12g}, from the leaves {most:.12g}"
+        return "" if upper >= most * (1.0 - RECOMPUTED) else detail, detail
+
+
+def _check(name: str, part: Callable[[], tuple[str, str]]) -> Check:
+    """Return the check of a part, which says what is wrong, if anything, and what was seen."""
+    try:
+        wrong, seen = part()
+    except NotMadeError as reason:
+        return Check.not_made(name, str(reason))
+    except BROKEN as error:
+        return Check(name, False, no_sense(error))
+    return Check(name, not wrong, wrong or seen)

@@ -1,0 +1,157 @@
+"""How much work one contact does along a twist at most, by formulas of this room's own.
+
+For the velocity v of a contact point and the twist's turning tau, a force with normal part n does the work
+``n v_n + f_t . v_t + m tau_n``. Its largest value needs the sizes a = |v_t| and |tau_n| alone, each with a
+coefficient c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.verify.bound.cells.cell import Rows
+from nlpgrasp.verify.check import NotMadeError
+
+NARROWINGS = 50  # of an interval of angles by a third: to the square root of rounding, where the work is flat
+BUDGETS = {"l2": (2.0, True), "per_finger": (1.0, False), "per_finger_size": (1.0, True), "shared": (8.0, False)}
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a unit of force means: ``phi_G^p <= sum of s^p``, of a shared budget the largest s.
+
+    Parameters
+    ----------
+    power : float
+        p.
+    lengths : bool
+        Whether a unit is a force's length and not its normal part.
+    shared : bool
+    """
+
+    power: float
+    lengths: bool
+    shared: bool
+
+    @classmethod
+    def of(cls, data: str | Json) -> Budget:
+        """Return the budget of its JSON data; raise ``NotMadeError`` on another than the four."""
+        kind = data if isinstance(data, str) else str(data["type"])
+        if kind not in BUDGETS:
+            raise NotMadeError(f"nothing recomputes bounds under the force budget {kind!r}")
+        return cls(*BUDGETS[kind], shared=kind == "shared")
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What a contact can do: normal force, friction, torsion.
+
+    Parameters
+    ----------
+    coefficients : tuple of float
+        Of friction, and of torsion in metres, as many as there are.
+    elliptic : bool
+        Whether friction and torsion share one ellipse.
+    budget : Budget
+    """
+
+    coefficients: tuple[float, ...]
+    elliptic: bool
+    budget: Budget
+
+    @classmethod
+    def of(cls, data: Json, budget: Budget) -> Contact:
+        """Return the contact of its JSON data; raise ``NotMadeError`` on another than point, friction or soft."""
+        names = {"point": (), "friction": ("friction",), "soft": ("friction", "torsional_friction")}.get(data["model"])
+        if names is None:
+            raise NotMadeError(f"nothing recomputes bounds for a {data['model']} contact")
+        elliptic = len(names) == 2 and data.get("torsion_model", "box") == "elliptic"
+        return cls(tuple(number(name, data[name], above=0.0) for name in names), elliptic, budget)
+
+    @property
+    def steepness(self) -> float:
+        """The length of the longest force of one unit."""
+        return 1.0 if self.budget.lengths else float(np.sqrt(1.0 + sum(c**2 for c in self.coefficients)))
+
+    def work(self, normal: FloatArray, sizes: Sequence[FloatArray]) -> FloatArray:
+        """Return the most work of one unit, for works along the normal and in each other part, all of one shape."""
+        parts = list(zip(self.coefficients, sizes, strict=False))
+        if not self.budget.lengths:
+            others = [c * a for c, a in parts]
+            both = np.hypot(*others) if self.elliptic else sum(others)
+            return np.maximum(normal + both, 0.0)
+        return self._elliptic(normal, *sizes) if self.elliptic else self._longest(normal, parts)
+
+    def _longest(self, normal: FloatArray, parts: Sequence[tuple[float, FloatArray]]) -> FloatArray:
+        """Return the length of the projection onto ``a <= c n`` for every part.
+
+        The squared distance at a normal force n is ``(n - v_n)^2 + sum of (a - c n)_+^2``. Its slope is the least of
+        ``n - v_n - sum over A of c (a - c n)`` over sets A of parts, so that it vanishes at the largest of their roots.
+        """
+        n = np.maximum(normal, 0.0)
+        for chosen in product((False, True), repeat=len(parts)):
+            own = [part for part, there in zip(parts, chosen, strict=True) if there]
+            n = np.maximum(n, (normal + sum(c * a for c, a in own)) / (1.0 + sum(c**2 for c, _ in own)))
+        return np.asarray(np.sqrt(n**2 + sum(np.minimum(a, c * n) ** 2 for c, a in parts)))
+
+    def _elliptic(self, normal: FloatArray, sliding: FloatArray, turning: FloatArray) -> FloatArray:
+        """Return the length of the projection onto ``|(f_t / c_1, m / c_2)| <= n``: over the cone's rim by sections."""
+        c, d = self.coefficients
+
+        def along(angle: FloatArray) -> FloatArray:
+            x, y = c * np.cos(angle), d * np.sin(angle)
+            return np.asarray((normal + x * sliding + y * turning) / np.sqrt(1.0 + x**2 + y**2))
+
+        low, high = np.zeros_like(normal), np.full_like(normal, 0.5 * np.pi)
+        for _ in range(NARROWINGS):
+            third = (high - low) / 3.0
+            rising = along(low + third) < along(high - third)
+            low, high = np.where(rising, low + third, low), np.where(rising, high, high - third)
+        ends = [along(np.zeros_like(normal)), along(np.full_like(normal, 0.5 * np.pi))]
+        rim = np.maximum(np.maximum(along(0.5 * (low + high)), np.maximum(*ends)), 0.0)
+        inside = np.hypot(sliding / c, turning / d) <= normal
+        return np.where(inside, np.sqrt(normal**2 + sliding**2 + turning**2), rim)
+
+    def powers(self, rows: Rows, twists: FloatArray, origin: FloatArray) -> FloatArray:
+        """Return what no contact near each row exceeds along twists, to the budget's power.
+
+        That is ``s^p + p (s + L x)^(p - 1) L z`` with the steepness L, the work z that bends add to an interpolation
+        between rows and the work x by which the row's neighbours differ from it.
+
+        Parameters
+        ----------
+        rows : Rows
+            Of m contacts.
+        twists : (j, d) array
+        origin : (space,) array
+            Torque origin, metres.
+
+        Returns
+        -------
+        (m, j) array
+        """
+        arms, space = rows.points - origin, len(origin)
+        velocity = twists[None, :, :space] + _turned(twists[:, space:], arms)
+        normal = np.sum(velocity * rows.normals[:, None], axis=2)
+        sliding = np.linalg.norm(velocity - normal[..., None] * rows.normals[:, None], axis=2)
+        torsion = np.abs(rows.normals @ twists[:, space:].T) if space == 3 else np.zeros_like(normal)
+        s, p = self.work(normal, [sliding, torsion]), self.budget.power
+        speed, turning = np.linalg.norm(velocity, axis=2), np.linalg.norm(twists[:, space:], axis=1)
+        weights = rows.bends
+        about = weights[..., 1] + (weights[..., 2] if len(self.coefficients) == 2 else 0.0)
+        off, more = (weights[:, i, 0, None] * speed + about[:, i, None] * turning for i in (0, 1))
+        L = self.steepness
+        return np.asarray(s**p + p * (s + L * more) ** (p - 1.0) * L * off)
+
+
+def _turned(turning: FloatArray, arms: FloatArray) -> FloatArray:
+    """Return ``tau x arm`` for every arm (m, space) and turning (j, 1 or 3), (m, j, space)."""
+    if arms.shape[1] == 2:
+        return np.asarray(turning[None] * np.stack([-arms[:, 1], arms[:, 0]], axis=1)[:, None])
+    return np.cross(turning[None], arms[:, None])

@@ -1,0 +1,167 @@
+"""Whether the nodes of a certificate leave no placement out: every one is cut, a twin of another, or a leaf."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import chain, combinations_with_replacement, product
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.verify.bound.cells.bundle import cell_of, same_place
+from nlpgrasp.verify.bound.cells.cell import Cell
+from nlpgrasp.verify.bound.places import Places
+
+SAME = 1e-8  # relative to the body's size
+Node = tuple[int, ...]
+
+
+class Group:
+    """The cells of contacts that are alike, by number.
+
+    Parameters
+    ----------
+    data : mapping
+        ``contacts``, ``roots``, ``cuts``.
+    """
+
+    def __init__(self, data: Json) -> None:
+        self.contacts = tuple(int(i) for i in data["contacts"])
+        self.roots = tuple(int(number) for number, _ in data["roots"])
+        self.cells: dict[int, Cell] = {int(number): cell_of(cell) for number, cell in data["roots"]}
+        self.parts: dict[int, tuple[int, ...]] = {}
+        self.left_out: list[tuple[int, Cell]] = []
+        if len(self.cells) != len(self.roots):
+            raise ValueError("two cells of one number")
+        for number, cut, *parts in data["cuts"]:
+            self._cut(int(number), cut, parts)
+
+    def _cut(self, number: int, cut: int | list[list[int]], parts: Sequence[int | None]) -> None:
+        """Add the parts of a cell; None for one that constraints exclude."""
+        if number in self.parts or len(parts) != 2:
+            raise ValueError(f"cell {number} is cut into {len(parts)} parts, or twice")
+        for part, cell in zip(parts, self.cells[number].parts(cut), strict=True):
+            if part is None:
+                self.left_out.append((number, cell))
+            elif part in self.cells:
+                raise ValueError(f"two cells of number {part}")
+            else:
+                self.cells[part] = cell
+        self.parts[number] = tuple(part for part in parts if part is not None)
+
+    def wrongly_left_out(self, own: Places, slack: float) -> list[int]:
+        """Return the numbers of cells of which a part was left out that constraints do not exclude."""
+        return [number for number, cell in self.left_out if not own.exclude(cell, slack)]
+
+
+class Nodes:
+    """The nodes of a certificate.
+
+    Parameters
+    ----------
+    data : mapping
+        ``splits``, ``twins``, ``leaves``.
+    groups : sequence of Group
+    size : float
+        Of the body, metres.
+    """
+
+    def __init__(self, data: Json, groups: Sequence[Group], size: float) -> None:
+        self.groups, self._tolerance = groups, SAME * size
+        self.splits: dict[Node, int] = {self._node(cells): int(slot) for cells, slot in data["splits"]}
+        self.twins = {self._node(cells): (int(motion), self._node(other)) for cells, motion, other in data["twins"]}
+        self.leaves = {self._node(leaf[0]) for leaf in data["leaves"]}
+        space = groups[0].cells[groups[0].roots[0]].anchors().shape[1]
+        self.motions = [
+            (array("rotation", m["rotation"], (space, space)), array("translation", m["translation"], (space,)))
+            for m in data["motions"]
+        ]
+        self._images: dict[tuple[int, int, int], FloatArray] = {}
+
+    def _node(self, cells: Sequence[int]) -> Node:
+        """Return cells by slot, those of contacts that are alike in order."""
+        if len(cells) != sum(len(group.contacts) for group in self.groups):
+            raise ValueError(f"a node of {len(cells)} cells")
+        return tuple(chain.from_iterable(sorted(part) for part in self._by_group([int(c) for c in cells])))
+
+    def _by_group(self, cells: Sequence[int]) -> list[list[int]]:
+        parts, start = [], 0
+        for group in self.groups:
+            parts.append(list(cells[start : start + len(group.contacts)]))
+            start += len(group.contacts)
+        return parts
+
+    def roots(self) -> list[Node]:
+        """Return every choice of cells to begin with."""
+        choices = product(*(combinations_with_replacement(sorted(g.roots), len(g.contacts)) for g in self.groups))
+        return [tuple(chain.from_iterable(choice)) for choice in choices]
+
+    def uncovered(self) -> str:
+        """Return which node is neither cut, a twin nor a leaf, or is so only by itself; nothing where all are covered.
+
+        What a node needs is followed until leaves alone are left. A placement in a node is in one of its parts, or has
+        an image in its twin, so that it has an image in a leaf: unless the way there goes in a circle.
+        """
+        done: set[Node] = set()
+        on_way: set[Node] = set()
+        stack = self.roots()
+        while stack:
+            node = stack[-1]
+            if node in done:
+                stack.pop()
+            elif node in on_way:
+                on_way.remove(node)
+                done.add(stack.pop())
+            elif node in self.leaves:
+                done.add(stack.pop())
+            else:
+                needed = self._needed(node)
+                if needed is None:
+                    return f"node {list(node)} is neither cut, nor a twin, nor a leaf"
+                on_way.add(node)
+                if any(other in on_way for other in needed):
+                    return f"node {list(node)} rests on itself"
+                stack += needed
+        return ""
+
+    def _needed(self, node: Node) -> list[Node] | None:
+        """Return the nodes that have to be covered for a node to be, None where nothing says how."""
+        if node in self.twins:
+            return [self.twins[node][1]]
+        if node not in self.splits:
+            return None
+        slot, parts, start = self.splits[node], self._by_group(node), 0
+        for i, group in enumerate(self.groups):
+            if start <= slot < start + len(parts[i]) and node[slot] in group.parts:
+                cell = node[slot]
+                rest, times = [c for c in parts[i] if c != cell], parts[i].count(cell)
+                chosen = combinations_with_replacement(group.parts[cell], times)
+                options = [sorted([*rest, *new]) for new in chosen]
+                return [tuple(chain.from_iterable([*parts[:i], own, *parts[i + 1 :]])) for own in options]
+            start += len(parts[i])
+        return None
+
+    def false_twins(self) -> list[Node]:
+        """Return the nodes whose motion does not map their cells onto those of the node that stands for them."""
+        return [node for node, (motion, other) in self.twins.items() if not self._maps(node, motion, other)]
+
+    def _maps(self, node: Node, motion: int, other: Node) -> bool:
+        for i, (own, there) in enumerate(zip(self._by_group(node), self._by_group(other), strict=True)):
+            left = Counter(there)
+            for cell in own:
+                image = self._image(i, motion, cell)
+                cells, near = self.groups[i].cells, self._tolerance
+                match = next((c for c in left if left[c] and same_place(cells[c], cells[cell], image, near)), None)
+                if match is None:
+                    return False
+                left[match] -= 1
+        return True
+
+    def _image(self, group: int, motion: int, cell: int) -> FloatArray:
+        key = group, motion, cell
+        if key not in self._images:
+            R, t = self.motions[motion]
+            self._images[key] = np.asarray(self.groups[group].cells[cell].anchors() @ R.T + t)
+        return self._images[key]

@@ -1,0 +1,228 @@
+"""A bound file is verified as it is, and fails at the check that is about what was changed in it."""
+
+import json
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.verify.bound.proof import Proof
+from nlpgrasp.verify.sources import Sources
+from tests.verify.edits import put
+
+FRICTION, SOFT = ng.FrictionContact(0.5), ng.SoftContact(0.5, 0.2)
+PLANE, SPACE = ng.TaskEllipsoid([1.0, 1.0, 1.0]), ng.TaskEllipsoid([1.0] * 6)
+SQUARE = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+TRIANGLE = [[0, 0], [2, 0], [0, 1]]
+KEPT = [ng.Table(-0.9), ng.Forbid("edge2"), ng.Workspace(ng.BoxRegion([-2, -2], [2, 0.2]))]
+HOLE = [ng.Forbid(ng.BoxRegion([-0.3, -0.3, -0.6], [0.3, 0.3, 0.6])), ng.Table(-0.4)]
+
+
+def problem(body, contacts, **more):
+    return ng.GraspProblem(body, contacts, PLANE if body.space == 2 else SPACE, **more)
+
+
+PROBLEMS = {
+    "square": problem(SQUARE, [FRICTION] * 3),
+    "square, limited": problem(SQUARE, [FRICTION] * 2, constraints=KEPT),
+    "square, shared": problem(SQUARE, [FRICTION] * 2, force_budget="shared"),
+    "square, hand": problem(
+        SQUARE,
+        [FRICTION] * 2,
+        force_budget="per_finger",
+        constraints=[ng.Spread(0.5), ng.Table(-0.8)],
+        hand=ng.Fingertips(2, 0.05, reach=1.5),
+    ),
+    "sphere": problem(ng.Sphere(1.3), [FRICTION] * 3),
+    "box": problem(ng.Box([2, 1, 1]), [FRICTION] * 4),
+    "box, hole": problem(ng.Box([2, 1, 1]), [FRICTION] * 3, constraints=HOLE),
+    "box, soft": problem(ng.Box([2, 1, 1]), [SOFT, SOFT], force_budget="per_finger_size"),
+    "cylinder": problem(ng.Cylinder(1.0, 2.0), [FRICTION] * 3),
+    "cylinder, mixed": problem(ng.Cylinder(1.0, 2.0), [SOFT, FRICTION, ng.PointContact()]),
+    "box, elliptic": problem(ng.Box([2, 1, 1]), [ng.SoftContact(0.5, 0.2, model="elliptic"), ng.PointContact()]),
+    "torus": problem(ng.Torus(1.0, 0.4), [SOFT] * 2),
+    "ellipsoid": problem(ng.Ellipsoid([2, 1, 1]), [FRICTION] * 3),
+    "ellipsoid, limited": problem(ng.Ellipsoid([2, 1, 1.5]), [FRICTION] * 3, constraints=[ng.Table(-1)]),
+    "prism": problem(
+        ng.Prism(TRIANGLE, 1.0), [FRICTION] * 2, constraints=[ng.Obstacle(ng.Sphere(0.5), position=[0, 0, 0.8])]
+    ),
+    "lift": ng.GraspProblem(
+        ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, ng.lift([0, 0, 0], 0.3) + ng.disturbance(1, 0.01)
+    ),
+}
+_FILES = {}
+
+
+def bound_data(name, seconds=0.6):
+    """Return the data of a bound file of one of the problems; each is searched once."""
+    if name not in _FILES:
+        _FILES[name] = json.dumps(ng.best_possible(PROBLEMS[name], gap=0.02, time_limit=seconds).to_dict())
+    return json.loads(_FILES[name])
+
+
+def verified(data, tmp_path):
+    path = tmp_path / "bound.json"
+    path.write_text(json.dumps(data))
+    return ng.verify(path)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_a_bound_is_computed_again_as_it_is_claimed(name, tmp_path):
+    data = bound_data(name)
+    verification = verified(data, tmp_path)
+    assert verification.passed, str(verification)
+    assert verification.not_made == ()
+    stated, found = Proof(data["problem"], data["certificate"], Sources()).bounds
+    assert np.max(np.abs(stated - found)) <= 1e-12 * np.max(found)
+    assert abs(np.max(found) - data["upper"]) <= 1e-12 * data["upper"]
+
+
+def share(factor):
+    return lambda value: factor * value
+
+
+def scaled(data):
+    data["problem"]["task"]["axes"] = (1.01 * np.array(data["problem"]["task"]["axes"])).tolist()
+
+
+def without_leaf(data):
+    del data["certificate"]["leaves"][0]
+
+
+def without_root(data):
+    del data["certificate"]["groups"][0]["roots"][0]
+
+
+def without_part(data):
+    cut = next(c for c in data["certificate"]["groups"][0]["cuts"] if c[2] is not None)
+    cut[2] = None
+
+
+def in_a_circle(data):
+    twins, leaves, motions = (data["certificate"][key] for key in ("twins", "leaves", "motions"))
+    motions.append({"rotation": np.eye(2).tolist(), "translation": [0.0, 0.0]})
+    cells = leaves.pop(0)[0]
+    twins.append([cells, len(motions) - 1, cells])
+
+
+def other_motion(data):
+    motion = data["certificate"]["motions"][0]
+    c, s = np.cos(0.01), np.sin(0.01)
+    motion["rotation"] = (np.array([[c, -s], [s, c]]) @ motion["rotation"]).tolist()
+
+
+def other_twin(data):
+    twins, leaves = data["certificate"]["twins"], data["certificate"]["leaves"]
+    twins[0][2] = leaves[0][0] if leaves[0][0] != twins[0][2] else leaves[1][0]
+
+
+def leaf(i, value):
+    return put(("certificate", "leaves", 0, i, *([] if i == 3 else [0])), value)
+
+
+SQUARE_EDITS = {
+    "the bound is lower": (put(("upper",), share(0.999)), "upper"),
+    "a leaf's bound is lower": (leaf(3, share(0.999)), "leaves"),
+    "a weight": (leaf(2, share(1.01)), "leaves"),
+    "a weight below zero": (leaf(2, share(-1.0)), "leaves"),
+    "a direction": (put(("certificate", "directions", 0, 0), share(1.01)), "directions"),
+    "a vertex of a cell": (
+        put(("certificate", "groups", 0, "roots", 0, 1, "vertices", 0, 0), share(0.99)),
+        "faces covered",
+    ),
+    "a normal of a cell": (
+        put(("certificate", "groups", 0, "roots", 0, 1, "normal"), [0.6, 0.8]),
+        "faces covered",
+    ),
+    "a leaf is left out": (without_leaf, "nodes"),
+    "a root is left out": (without_root, "faces covered"),
+    "a part of a cell is left out": (without_part, "cuts"),
+    "a node rests on itself": (in_a_circle, "nodes"),
+    "another motion": (other_motion, "symmetries"),
+    "another node in a twin's place": (other_twin, "symmetries"),
+    "the task is larger": (scaled, "directions"),
+    "the body is larger": (put(("problem", "body", "vertices", 0, 0), -1.01), "faces covered"),
+    "more friction": (put(("problem", "contacts", 0, "friction"), 0.51), "alike"),
+    "another force budget": (put(("problem", "force_budget"), "per_finger"), "leaves"),
+    "another torque origin": (put(("certificate", "origin", 0), 0.01), "symmetries"),
+    "something is left out": (put(("dropped",), ["the hand (fingertips)"]), "dropped"),
+    "a contact of no group": (put(("certificate", "groups", 0, "contacts"), [0, 1, 1]), "alike"),
+    "the grasp's quality": (put(("grasp", "mu"), {"lower": 0.717, "upper": 0.719}), "certified quality"),
+    "the grasp's quality above the bound": (
+        put(("grasp", "mu"), {"lower": 0.8, "upper": 0.9}),
+        "grasp below the bound",
+    ),
+    "a contact off its face": (put(("grasp", "positions", 0, 0), share(1.001)), "grasp"),
+    "another face": (put(("grasp", "faces", 0), "edge9"), "grasp"),
+    "the gap": (put(("gap",), share(0.9)), "gap"),
+    "closed": (put(("closed",), lambda closed: not closed), "gap"),
+    "no directions": (put(("certificate", "directions"), []), "leaves"),
+    "no cells": (put(("certificate", "groups"), []), "nodes"),
+}
+
+
+@pytest.mark.parametrize("name", SQUARE_EDITS)
+def test_an_edit_fails_at_its_check(name, tmp_path):
+    edit, check = SQUARE_EDITS[name]
+    data = bound_data("square")
+    edit(data)
+    verification = verified(data, tmp_path)
+    assert check in [c.name for c in verification.checks if c.failed], str(verification)
+
+
+OTHER_EDITS = {
+    "hand": ("square, hand", put(("dropped", 0), "the fingers"), "dropped"),
+    "table": ("square, limited", put(("problem", "constraints", 0, "height"), -0.95), "faces covered"),
+    "forbidden face": ("square, limited", put(("problem", "constraints", 1, "faces"), ["edge1"]), "grasp"),
+    "workspace": ("square, limited", put(("problem", "constraints", 2, "region", "upper", 1), 0.3), "faces covered"),
+    "radius of fingertips": ("square, hand", put(("problem", "hand", "radius"), 0.01), "faces covered"),
+    "hole": ("box, hole", put(("problem", "constraints", 0, "region", "upper", 0), 0.2), "faces covered"),
+    "extents": ("box", put(("problem", "body", "extents", 0), 2.002), "faces covered"),
+    "height": ("cylinder", put(("problem", "body", "height"), 2.01), "turned"),
+    "tube": ("torus", put(("problem", "body", "minor_radius"), 0.41), "turned"),
+    "semi-axes": ("ellipsoid", put(("problem", "body", "semi_axes", 0), 2.01), "turned"),
+    "semi-axes of a cell": (
+        "ellipsoid, limited",
+        put(("certificate", "groups", 0, "roots", 0, 1, "semi_axes", 0), 1.9),
+        "faces covered",
+    ),
+    "pole": ("sphere", put(("problem", "body", "radius"), 1.31), "turned"),
+    "task that does not turn": ("sphere", put(("problem", "task", "axes", 0, 0), 1.1), "turned"),
+    "constraint that does not turn": (
+        "sphere",
+        put(("problem", "constraints"), [{"type": "table", "height": -2.0, "clearance": 0.0}]),
+        "turned",
+    ),
+    "turned where it is not": ("box", put(("certificate", "groups", 0, "turned"), "half-plane"), "turned"),
+    "torsion": ("box, soft", put(("problem", "contacts", 0, "torsional_friction"), 0.21), "alike"),
+}
+
+
+@pytest.mark.parametrize("name", OTHER_EDITS)
+def test_an_edit_of_another_problem_fails_at_its_check(name, tmp_path):
+    which, edit, check = OTHER_EDITS[name]
+    data = bound_data(which)
+    edit(data)
+    verification = verified(data, tmp_path)
+    assert check in [c.name for c in verification.checks if c.failed], str(verification)
+
+
+def test_a_body_that_nothing_recomputes_is_no_check_that_failed(tmp_path):
+    data = bound_data("square")
+    data["problem"]["body"] = {"type": "planar_implicit", "bounds": [[-2, -2], [2, 2]]}
+    verification = verified(data, tmp_path)
+    assert "faces covered" in [check.name for check in verification.not_made]
+
+
+@pytest.mark.parametrize("schema", ["nlpgrasp-bound/2", "nlpgrasp-bound/"])
+def test_another_version_is_refused(schema, tmp_path):
+    data = bound_data("square") | {"schema": schema}
+    with pytest.raises(ng.InputError, match="schema"):
+        verified(data, tmp_path)
+
+
+def test_a_file_without_its_certificate_is_refused(tmp_path):
+    data = bound_data("square")
+    del data["certificate"]
+    with pytest.raises(ng.InputError, match="no certificate"):
+        verified(data, tmp_path)
