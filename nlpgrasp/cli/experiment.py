@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
+from math import isfinite
 from pathlib import Path
 from types import TracebackType
 from typing import Annotated
@@ -99,6 +100,9 @@ def _done(result: ExperimentResult, missing: list[str]) -> dict[str, object]:
             "variation": v.name,
             "rank": rank,
             "mu": pair(v.mu) if v.best is not None else None,
+            "best_possible": v.best_possible if isfinite(v.best_possible) else None,
+            "gap": v.gap if isfinite(v.gap) else None,
+            "origin": v.best.origin if v.best is not None else "",
             "ties": list(tied),
             "seconds": v.seconds,
             "starts": list(v.starts),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -52,6 +53,10 @@ class Column:
     value: Callable[[Entry], Cell]
 
 
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
 COLUMNS = (
     Column("experiment", "name of the experiment", lambda e: e.experiment),
     Column("variation", "name of the variation", lambda e: e.record.variation),
@@ -60,6 +65,13 @@ COLUMNS = (
     Column("kind", "mu or mu_tilde", lambda e: e.record.kind),
     Column("mu_lower", "certified, of the grasp found; 0 without one", lambda e: e.record.mu.lower),
     Column("mu_upper", "certified", lambda e: e.record.mu.upper),
+    Column(
+        "best_possible",
+        "certified bound on mu over all placements; empty where there is none",
+        lambda e: _finite(e.record.best_possible),
+    ),
+    Column("gap", "best_possible / mu_lower - 1; empty without a grasp or a bound", lambda e: _finite(e.record.gap)),
+    Column("origin", "whose grasp it is; empty where the solve found it", lambda e: e.record.origin),
     Column(
         "rank",
         "of the variation: 1 plus the number of variations that are certainly better; empty where nothing is done",

@@ -43,13 +43,13 @@ class Comparison:
         return tuple(r.mu for r in self.records)
 
     def __str__(self) -> str:
-        heads = ["rank", "solution", "mu certified in", "contacts", "seconds", "starts", "ties with", "active"]
+        heads = ["rank", "solution", "mu certified in", "gap", "contacts", "seconds", "starts", "ties with", "active"]
         body = []
         for name, record, rank, tied in zip(self.names, self.records, self.ranks, self.ties, strict=True):
             starts = f"{record.succeeded}/{len(record.starts)}" if record.starts else ""
             found = str(record.mu) if record.success else "no grasp"
             seconds = f"{record.seconds:.1f}" if record.seconds else ""
-            row = [f"{rank}", name, found, f"{record.contacts}", seconds, starts, "; ".join(tied)]
+            row = [f"{rank}", name, found, record.gap_text, f"{record.contacts}", seconds, starts, "; ".join(tied)]
             body.append([*row, "; ".join(record.active)])
         lines = columns(heads, body)
         if not self.comparable:

@@ -6,7 +6,10 @@ import hashlib
 import json
 from collections.abc import Mapping
 
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies.registry import body_from_dict
 from nlpgrasp.common.types import Json
+from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
 
 ALSO_RECORDED = {"unit", "approach", "link_spheres", "watched_pairs"}  # of body and hand, not in older files
@@ -17,6 +20,17 @@ def asked_of(problem: Json) -> str:
     known = without_recorded(problem)
     parts = {k: known.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def body_of(body: Json) -> str:
+    """Return a digest of a body's JSON data, the same for the same body; empty where they do not say all of it."""
+    if body.get("type") != Mesh.kind:  # of a mesh they hold a fingerprint
+        try:
+            body_from_dict(body)
+        except InputError:
+            return ""
+    told = {k: v for k, v in body.items() if k not in ("source", "unit")}
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def measured_by(solution: GraspSolution) -> str:

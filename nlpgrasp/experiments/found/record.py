@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.found.digest import asked_of, measured_by
+from nlpgrasp.experiments.found.digest import asked_of, body_of, measured_by
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
@@ -15,6 +16,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 NOTHING = Bounds(0.0, 0.0)
 NOT_DONE = "not done"  # the failure of a solve whose turn has not come
+HANDED = "from variation "  # begins the message of a start from another variation's grasp
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class SolveRecord:
     iterations : int
         Of IPOPT.
     starts : tuple of StartRecord
+        Its own, without those from grasps of other variations.
     active : tuple of str
         Constraints at their limits, with their fingers.
     prices : tuple of ShadowPrice
@@ -50,6 +53,10 @@ class SolveRecord:
         Whether an earlier run solved it.
     best_start : StartRecord or None
         The start whose grasp the solution holds.
+    body : str
+        Digest of the body; empty where the solution does not say all of it.
+    best_possible : float
+        Certified bound on mu over all placements; inf where there is none.
     """
 
     variation: str
@@ -68,6 +75,8 @@ class SolveRecord:
     asked: str = ""
     earlier: bool = False
     best_start: StartRecord | None = None
+    body: str = ""
+    best_possible: float = math.inf
 
     @classmethod
     def of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
@@ -93,13 +102,15 @@ class SolveRecord:
             solution.kind,
             float(solution.solver.get("seconds", {}).get("total", 0.0)),
             min(int(solution.solver.get("iterations", 0)), 10**15),
-            solution.starts,
+            tuple(s for s in solution.starts if not s.message.startswith(HANDED)),
             active_constraints(solution.constraints),
             solution.prices,
             len(solution.problem.get("contacts", ())),
             measured_by(solution),
             asked=asked_of(solution.problem),
             best_start=solution.winner,
+            body=body_of(solution.problem["body"]),
+            best_possible=solution.best_possible,
         )
 
     @property
@@ -111,6 +122,22 @@ class SolveRecord:
     def success(self) -> bool:
         """Whether a grasp with a certified quality above zero was found."""
         return self.mu.lower > 0.0
+
+    @property
+    def origin(self) -> str:
+        """The variation and the seed that the grasp is from, ``"smooth, seed 2"``; empty where the solve found it."""
+        message = "" if self.best_start is None else self.best_start.message
+        return message.removeprefix(HANDED) if message.startswith(HANDED) else ""
+
+    @property
+    def gap(self) -> float:
+        """By how much of its own quality the grasp misses the best possible, at most; inf where nothing says so."""
+        return max(0.0, self.best_possible / self.mu.lower - 1.0) if self.success else math.inf
+
+    @property
+    def gap_text(self) -> str:
+        """The gap in percent, empty where there is none."""
+        return percent(self.gap)
 
     @property
     def succeeded(self) -> int:
@@ -126,6 +153,11 @@ class SolveRecord:
             best = max(best, start.mu.lower if start.status is Status.SOLVED else 0.0)
             points.append((elapsed, best))
         return tuple(points)
+
+
+def percent(gap: float) -> str:
+    """Return a gap in percent, empty where it is infinite."""
+    return f"{gap:.1%}" if math.isfinite(gap) else ""
 
 
 def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 EXPLAINED = (
-    "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find better."
+    "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find "
+    "better. Gap: how much better than the best of them any grasp could be, at most."
 )
 NOT_COMPARABLE = "They differ in task or force budget: their values of mu measure different things."
 
@@ -156,19 +157,22 @@ class ExperimentResult:
         return frame(self.rows())
 
     def __str__(self) -> str:
-        heads = ["rank", "variation", "mu certified in", "seeds", "seconds", "starts", "ties with", "active"]
+        heads = ["rank", "variation", "mu certified in", "gap", "seeds", "seconds", "starts", "ties with", "active"]
         body = []
         for v, rank, tied in zip(self.variations, self.ranks(), self.ties(), strict=True):
             good, total = v.starts
             active = "; ".join(v.best.active) if v.best is not None else ""
             seconds = f"{v.seconds:.1f}" if v.done else ""
             place, seeds = f"{rank}" if v.done else "", f"{v.agreeing}/{len(v.solves)}"
-            body.append([place, v.name, v.found, seeds, seconds, f"{good}/{total}", "; ".join(tied), active])
+            numbers = [v.found, v.gap_text, seeds, seconds, f"{good}/{total}"]
+            body.append([place, v.name, *numbers, "; ".join(tied), active])
         lines = [f"{self.name}: {sum(v.done for v in self.variations)} of {len(self.solves)} solves done"]
         lines += [*columns(heads, body), EXPLAINED]
         if not self.comparable:
             lines.append(NOT_COMPARABLE)
         for v in self.variations:
+            if v.best is not None and v.best.origin:
+                lines.append(f"{v.name}: the grasp is that of {v.best.origin}")
             if v.best is not None and v.best.prices:
                 lines.append(f"{v.name}: {'; '.join(str(p) for p in v.best.prices[:3])}")
         lines += [f"{s.variation}, seed {s.seed}: {s.failure}" for s in self.failures if s.failure != NOT_DONE]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import median
 
-from nlpgrasp.experiments.found.record import NOT_DONE, NOTHING, SolveRecord
+from nlpgrasp.experiments.found.record import NOT_DONE, NOTHING, SolveRecord, percent
 from nlpgrasp.quality import Bounds
 
 
@@ -34,6 +35,21 @@ class VariationResult:
         """Bounds on the quality of the best grasp that any of the solves found; ``[0, 0]`` without one."""
         found = [s.mu for s in self.solves if s.success]
         return Bounds(max(b.lower for b in found), max(b.upper for b in found)) if found else NOTHING
+
+    @property
+    def best_possible(self) -> float:
+        """Certified bound on mu over all placements: the least that its solves state; inf where there is none."""
+        return min((s.best_possible for s in self.solves), default=math.inf)
+
+    @property
+    def gap(self) -> float:
+        """By how much of its own quality the best grasp misses the best possible, at most; inf if nothing says so."""
+        return max(0.0, self.best_possible / self.mu.lower - 1.0) if self.mu.lower > 0.0 else math.inf
+
+    @property
+    def gap_text(self) -> str:
+        """The gap in percent, empty where there is none."""
+        return percent(self.gap)
 
     @property
     def done(self) -> int:

@@ -64,7 +64,7 @@ def run_cluster(
             if solve is None:
                 return
             job = pack(solve)
-            future = client.submit(work, job, pure=False, key=f"nlpgrasp-{job.parcel.token}-{solve.seed}")
+            future = client.submit(work, job, pure=False, key=job.key)
             under_way[future] = solve
             done.add(future)
 

@@ -1,13 +1,15 @@
 """The output folder of an experiment: one file a solve, written whole or not at all.
 
 ``experiment.json`` is the plan, ``solves/`` holds a solution file for each finished solve, and for each that failed a
-small file that says why. Nothing here is executed when it is read.
+small file that says why. Of a solve whose answer is a grasp of another variation, ``own/`` holds what it found itself,
+and ``handed_on.json`` says among which solves grasps were handed on. Nothing here is executed when it is read.
 """
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
@@ -21,6 +23,7 @@ from nlpgrasp.experiments.run.plan import Plan, check_same, read_plan
 from nlpgrasp.solution.solution import GraspSolution
 
 PLAN, SOLVES, LOCK = "experiment.json", "solves", ".lock"
+OWN, HANDED_ON = "own", "handed_on.json"
 FAILURE_SCHEMA = "nlpgrasp-failure/1"
 
 
@@ -123,8 +126,54 @@ class Folder:
             When it cannot be written, for example because the disk is full.
         """
         write_text(self.file(solve), text)
+        for stale in (self._own_file(solve), self.failure_file(solve)):
+            with suppress(OSError):
+                stale.unlink()
+
+    def _own_file(self, solve: SolveId) -> Path:
+        return self.path / OWN / self.file(solve).name
+
+    def own(self, solve: SolveId) -> Path:
+        """Return where the solution is that a solve found itself, whatever it was handed since."""
+        own = self._own_file(solve)
+        return own if own.is_file() else self.file(solve)
+
+    def keep_handed(self, texts: Mapping[SolveId, str], solves: Sequence[SolveId], state: str) -> None:
+        """Write the solutions that hold another variation's grasp; the other solves have what they found themselves.
+
+        Parameters
+        ----------
+        texts : mapping
+            By solve.
+        solves : sequence of SolveId
+            All that are done.
+        state : str
+            What the texts follow from.
+
+        Raises
+        ------
+        InputError
+            When one cannot be written.
+        """
         with suppress(OSError):
-            self.failure_file(solve).unlink()
+            (self.path / HANDED_ON).unlink()
+        for solve in solves:
+            own = self._own_file(solve)
+            if solve in texts:
+                own.parent.mkdir(exist_ok=True)
+                if not own.is_file():
+                    write_text(own, self.file(solve).read_text(encoding="utf-8"))
+                write_text(self.file(solve), texts[solve])
+            elif own.is_file():
+                os.replace(own, self.file(solve))
+        write_text(self.path / HANDED_ON, state)
+
+    def handed_on(self) -> str:
+        """Return what the solutions that hold another variation's grasp follow from, empty where nothing says so."""
+        try:
+            return (self.path / HANDED_ON).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            return ""
 
     def keep_failure(self, solve: SolveId, message: str) -> None:
         """Write why a solve failed."""
@@ -159,6 +208,6 @@ class Folder:
 
     def sweep(self) -> None:
         """Remove what a run that was ended left half written."""
-        for stale in [*self.path.glob(".nlpgrasp-*.tmp"), *(self.path / SOLVES).glob(".nlpgrasp-*.tmp")]:
+        for stale in (p for name in ("", SOLVES, OWN) for p in (self.path / name).glob(".nlpgrasp-*.tmp")):
             with suppress(OSError):
                 os.unlink(stale)

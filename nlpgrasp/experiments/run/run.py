@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from nlpgrasp.common.shown.text import one_line
@@ -17,6 +18,7 @@ from nlpgrasp.experiments.found.result import ExperimentResult
 from nlpgrasp.experiments.found.stored import read_records
 from nlpgrasp.experiments.run.cluster import ClusterLostError, connect, run_cluster
 from nlpgrasp.experiments.run.folder import Folder
+from nlpgrasp.experiments.run.hand_on import Handing
 from nlpgrasp.experiments.run.local import run_local
 from nlpgrasp.experiments.run.plan import plan_of
 from nlpgrasp.experiments.run.work import Outcome, Packer
@@ -24,6 +26,8 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.workers.processes import cores
 
 Progress = Callable[[SolveRecord], None]
+INTERRUPTED = "Interrupted: go on with --resume."
+GO_ON = "What was written before is kept; go on with --resume."
 
 
 def run_experiment(
@@ -36,6 +40,9 @@ def run_experiment(
     progress: Progress | None = None,
 ) -> ExperimentResult:
     """Solve every variation with every seed; each finished solve is a file in ``out`` at once.
+
+    Then each grasp found is certified under every other variation that it fits, and taken there where it is better than
+    what was found: no grasp of the table refutes its order (docs/experiments.md).
 
     The same experiment gives the same grasps with any number of workers, on this machine or on a cluster.
 
@@ -86,10 +93,9 @@ def run_experiment(
     try:
         place.open(plan_of(experiment), resume)
         run = _Run(experiment, place, progress)
-        solves = run.missing()
-        run.collect(
-            run_local(solves, pack, workers or cores()) if client is None else run_cluster(solves, pack, client)
-        )
+        do = partial(run_local, workers=workers or cores()) if client is None else partial(run_cluster, client=client)
+        if run.collect(do(run.missing(), pack)):
+            run.hand_on(Handing(experiment, place, pack, do))
         return run.result()
     finally:
         place.close()
@@ -116,16 +122,31 @@ class _Run:
             self._record(solve, record)
         return [solve for solve in self.experiment.solves if solve not in done]
 
-    def collect(self, outcomes: Generator[tuple[SolveId, Outcome], None, None]) -> None:
-        """Keep each outcome as it comes, until all are there, the user interrupts, or one cannot be written."""
+    def collect(self, outcomes: Generator[tuple[SolveId, Outcome], None, None]) -> bool:
+        """Keep each outcome as it comes, until all are there, the user interrupts, or one cannot be written.
+
+        Returns whether all are there.
+        """
         with closing(outcomes):
             try:
                 for solve, outcome in outcomes:
                     self._keep(solve, outcome)
+                return True
             except KeyboardInterrupt:
-                self.notes.append("Interrupted: go on with --resume.")
+                self.notes.append(INTERRUPTED)
             except (_NotWrittenError, ClusterLostError) as error:
-                self.notes.append(f"Stopped: {error}. What was written before is kept; go on with --resume.")
+                self.notes.append(f"Stopped: {error}. {GO_ON}")
+        return False
+
+    def hand_on(self, handing: Handing) -> None:
+        """Hand grasps on between the variations; what goes wrong leaves what the solves found themselves."""
+        try:
+            self.records |= handing.done(self.records)
+        except KeyboardInterrupt:
+            self.notes.append(INTERRUPTED)
+        except (InputError, OSError, ClusterLostError) as error:
+            self.notes.append(f"Grasps were not handed on between variations: {one_line(error)}. {GO_ON}")
+        self.notes += handing.notes
 
     def result(self) -> ExperimentResult:
         """Return the result so far."""

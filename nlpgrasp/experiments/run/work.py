@@ -14,10 +14,34 @@ from nlpgrasp.experiments.ask.experiment import Experiment, SolveId
 from nlpgrasp.experiments.ask.variation import Case
 from nlpgrasp.solution.file import text_of
 from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solve.handed import Offer, improved_by
 from nlpgrasp.solve.solve import check_json, solve_again
 from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
 
 _one_at_a_time = threading.Lock()  # IPOPT's linear solver is not for threads
+
+
+@dataclass(frozen=True)
+class HandedOn:
+    """What a solve that is done already is to look at.
+
+    Parameters
+    ----------
+    own : GraspSolution
+        Of the solve.
+    offers : tuple of Offer
+        Grasps of other variations.
+    improve : bool
+        Whether to go on with the exchange from the best of them.
+    turn : int
+        How often grasps were handed on before.
+    """
+
+    own: GraspSolution
+    offers: tuple[Offer, ...]
+    improve: bool
+    turn: int
 
 
 @dataclass(frozen=True)
@@ -29,10 +53,19 @@ class Job:
     solve : SolveId
     parcel : Parcel
         Of the variation in this run: workers keep the programs of the variation they solved last.
+    handed : HandedOn, optional
+        Where the solve is done: the grasps to compare it with.
     """
 
     solve: SolveId
     parcel: Parcel[LazyBench[Case]]
+    handed: HandedOn | None = None
+
+    @property
+    def key(self) -> str:
+        """A name that no other job of the run has."""
+        turn = "" if self.handed is None else f"-handed{self.handed.turn}"
+        return f"nlpgrasp-{self.parcel.token}-{self.solve.seed}{turn}"
 
 
 @dataclass(frozen=True)
@@ -42,7 +75,7 @@ class Outcome:
     Parameters
     ----------
     text : str
-        The solution file; empty where the solve failed.
+        The solution file; empty where the solve failed, and where grasps of others did not change it.
     failure : str
         Why it failed, in one line.
     interrupted : bool
@@ -90,7 +123,10 @@ def work(job: Job) -> Outcome:
     """Solve in this process. Whatever goes wrong is the outcome's message: one solve never costs another."""
     with _one_at_a_time:
         try:
-            asked = job.parcel.unpacked()
+            asked, handed = job.parcel.unpacked(), job.handed
+            if handed is not None:
+                better = improved_by(asked.bench, handed.own, job.solve.seed, handed.offers, handed.improve)
+                return Outcome() if better is None else Outcome(text_of(better.to_dict()))
             solution = solve_again(asked.bench, asked.case.starts, job.solve.seed)
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)

@@ -60,8 +60,8 @@ def _warnings(result: ExperimentResult) -> list[str]:
 
 
 def _table(result: ExperimentResult) -> str:
-    heads = ["Rank", "Variation", "mu certified in", "", "Seeds that agree", "Seconds a solve", "Starts that succeeded"]
-    heads += ["Ties with", "Active constraints"]
+    heads = ["Rank", "Variation", "mu certified in", "", "Gap", "Seeds that agree", "Seconds a solve"]
+    heads += ["Starts that succeeded", "Ties with", "Grasp of", "Active constraints"]
     most = max((v.mu.upper for v in result.variations), default=0.0) or 1.0
     rows = []
     found = zip(result.variations, result.ranks(), result.ties(), strict=True)
@@ -71,10 +71,10 @@ def _table(result: ExperimentResult) -> str:
         span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
         bar = Html(f'<div class="interval" aria-hidden="true">{span}</div>')
         active = "; ".join(v.best.active) if v.best is not None else ""
-        place = f"{rank}" if v.done else ""
-        cells = [place, v.name, v.found, bar, f"{v.agreeing}/{len(v.solves)}", f"{v.seconds:.1f}", f"{good}/{total}"]
-        cells += ["; ".join(tied), active]
-        rows.append(cells)
+        origin = v.best.origin if v.best is not None else ""
+        cells = [f"{rank}" if v.done else "", v.name, v.found, bar, v.gap_text]
+        cells += [f"{v.agreeing}/{len(v.solves)}", f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), origin]
+        rows.append([*cells, active])
     caption = (
         f"Rank: 1 plus the number of variations that are certainly better. Ties: within the certified gap. {EXPLAINED}"
     )

@@ -38,11 +38,14 @@ class Given:
         The body's own inward unit normals, where they are known; NaN for a contact whose normal is to be looked up.
     floor : float
         What its mu is known to be at least, because a smaller grasp in it is certified for as much; else 0.
+    origin : str
+        Where it is from, in words, for the starts' messages.
     """
 
     placed: Placed
     normals: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     floor: float = 0.0
+    origin: str = ""
 
 
 def run_given(bench: Workbench, given: Given, index: int, stop: Stop, improve: bool = True) -> list[StartResult]:
@@ -61,7 +64,8 @@ def _starts(bench: Workbench, given: Given, index: int, stop: Stop, improve: boo
     if not _on_faces(bench, given.placed):
         return
     state = AscentState(given.placed, multipliers=np.zeros(len(bench.rows.named)))
-    as_it_is = _certified(bench, _as_given(bench, given), state, _Start(index, "as given", begun), given.floor)
+    start = _Start(index, given.origin or "as given", begun)
+    as_it_is = _certified(bench, _as_given(bench, given), state, start, given.floor)
     if as_it_is.solved:
         yield as_it_is
         index += 1
@@ -73,7 +77,8 @@ def _starts(bench: Workbench, given: Given, index: int, stop: Stop, improve: boo
         found = put_on_body(bench, state, rng, stop)
     except (RuntimeError, np.linalg.LinAlgError):
         return
-    yield _certified(bench, found, state, _Start(index, "improved from a known grasp", begun), 0.0)
+    message = f"{given.origin}, improved" if given.origin else "improved from a known grasp"
+    yield _certified(bench, found, state, _Start(index, message, begun), 0.0)
 
 
 def _on_faces(bench: Workbench, placed: Placed) -> bool:

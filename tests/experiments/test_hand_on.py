@@ -1,0 +1,133 @@
+"""Grasps handed on between variations: what is taken, what is kept, what follows from the solves alone."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.experiments.found.digest import body_of
+from nlpgrasp.experiments.run.folder import HANDED_ON, OWN
+from tests.experiments.small import QUICK, base, experiment
+
+BLIND = {"max_iterations": 1, "exchange": False, "candidates": 1}  # finds nothing worth having by itself
+VARIATIONS = {
+    "smooth": {},
+    "rough": {"friction": 0.8, "options": BLIND},
+    "three": {"fingers": 3, "options": BLIND},
+    "shared": {"force_budget": "shared", "options": BLIND},
+    "walls": {"constraints": [ng.Forbid(["edge0"])], "options": BLIND},
+}
+OPTIONS = {"options": ng.SolveOptions(**{**QUICK.to_dict(), "global_bound": False})}
+
+
+def run(variations, folder, **settings):
+    how = {name: settings.pop(name) for name in ("resume", "workers") if name in settings}
+    asked = experiment(variations, **{"seeds": [0], **OPTIONS, **settings})
+    return ng.run_experiment(asked, folder, **{"workers": 1, **how})
+
+
+def placed(result):
+    return {s.variation: (result.solution(s.variation, s.seed).faces, s.mu.lower) for s in result.solves if s.success}
+
+
+@pytest.fixture(scope="module")
+def handed(tmp_path_factory):
+    return run(VARIATIONS, tmp_path_factory.mktemp("handed") / "out")
+
+
+def test_what_asks_for_less_is_never_worse(handed):
+    smooth = handed["smooth"].mu
+    for name in ("rough", "three"):
+        assert handed[name].mu.upper >= smooth.lower
+        assert handed[name].mu.lower >= smooth.lower / 1.05, name
+        assert handed[name].best.origin  # found nothing like it itself
+
+
+def test_what_is_taken_says_from_where_and_is_verified(handed):
+    solution = handed.solution("rough")
+    taken = [s for s in solution.starts if s.message.startswith("from variation smooth, seed 0")]
+    assert solution.best_start in [s.index for s in taken]
+    assert len({s.index for s in solution.starts}) == len(solution.starts)
+    for file in (handed.folder / "solves").iterdir():
+        found = ng.GraspSolution.load(file)
+        assert not found.success or ng.verify(file, rtol=0.1), file.name
+    assert "rough: the grasp is that of smooth, seed 0" in str(handed)
+    assert [row["origin"] for row in handed.rows() if row["variation"] == "smooth"] == [""]
+
+
+def test_starts_of_others_do_not_count_as_its_own(handed):
+    assert [v.starts[1] for v in handed.variations] == [1] * len(VARIATIONS)
+
+
+def test_no_grasp_is_taken_that_breaks_a_constraint(handed):
+    walls = handed.solution("walls")
+    assert "edge0" not in walls.faces
+
+
+def test_a_budgets_answer_is_not_beaten_by_that_of_another(handed):
+    budget = handed.solution("shared").budget
+    for name in ("smooth", "rough"):
+        grasp = handed.solution(name).require_grasp()
+        if len(grasp) == 2 and np.isclose(grasp.contacts[0].friction, 0.5):
+            other = ng.mu(grasp, handed.solution("shared").task, 0.001, force_budget=budget)
+            assert other.lower <= handed["shared"].mu.upper * 1.001
+
+
+def test_the_result_does_not_depend_on_the_workers(handed, tmp_path):
+    assert placed(run(VARIATIONS, tmp_path / "out", workers=2)) == placed(handed)
+
+
+def test_resuming_changes_no_file(handed, tmp_path):
+    folder = tmp_path / "out"
+    shutil.copytree(handed.folder, folder)
+    before = {p: p.stat().st_mtime_ns for p in folder.rglob("*.json") if p.parent != folder}
+    again = run(VARIATIONS, folder, resume=True)
+    assert {p: p.stat().st_mtime_ns for p in folder.rglob("*.json") if p.parent != folder} == before
+    assert str(again) == str(ng.ExperimentResult.load(folder))
+    assert placed(again) == placed(handed)
+
+
+def test_variations_added_later_give_what_all_at_once_give(handed, tmp_path):
+    folder = tmp_path / "out"
+    some = {name: VARIATIONS[name] for name in ("rough", "three")}
+    run(some, folder)
+    later = run(VARIATIONS, folder, resume=True)
+    assert placed(later) == placed(handed)
+
+
+def test_what_a_solve_found_itself_is_kept_and_comes_back(handed, tmp_path):
+    folder = tmp_path / "out"
+    shutil.copytree(handed.folder, folder)
+    own = folder / OWN / "rough--seed0.json"
+    assert ng.GraspSolution.load(own).mu.upper < handed["rough"].mu.upper or not ng.GraspSolution.load(own).success
+    assert set(json.loads((folder / HANDED_ON).read_text())["solves"]) == {f"{name}, seed 0" for name in VARIATIONS}
+    (folder / HANDED_ON).unlink()  # as a run that was ended leaves it
+    assert placed(run(VARIATIONS, folder, resume=True)) == placed(handed)
+    (folder / "solves" / "rough--seed0.json").write_text("{")
+    assert placed(run(VARIATIONS, folder, resume=True)) == placed(handed)
+
+
+def test_another_body_gets_nothing(tmp_path):
+    other = ng.Polygon([[-1, -1], [1, -1], [1, 1.1], [-1, 1]])
+    result = run({"smooth": {}, "other": {"body": other, "options": BLIND}}, tmp_path / "out")
+    assert result["other"].best is None or result["other"].best.origin == ""
+    assert not (result.folder / OWN).exists()
+
+
+def test_functions_that_make_the_same_body_take_part(tmp_path):
+    def late():
+        square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        problem = base()
+        return ng.GraspProblem(square, [ng.FrictionContact(0.9)] * 2, problem.task, name="late")
+
+    result = run({"smooth": {}, "late": late}, tmp_path / "out", options=OPTIONS["options"])
+    assert result["late"].mu.upper >= result["smooth"].mu.lower
+
+
+def test_bodies_are_told_apart_by_what_they_state():
+    square, same = (ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]]) for _ in range(2))
+    assert body_of(square.to_dict()) == body_of(same.to_dict()) != body_of(ng.Box([1, 1, 1]).to_dict())
+    hidden = ng.PlanarImplicit(lambda p: p[0] ** 2 + p[1] ** 2 - 1, [[-2, -2], [2, 2]])
+    assert body_of(hidden.to_dict()) == ""
