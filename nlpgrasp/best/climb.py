@@ -81,7 +81,7 @@ class Climber:
             The mu to exceed: a climb that stays far below it ends early.
         """
         best = list(spots)
-        value, cuts = self._weakest(best, twists)
+        value, cuts = self.weakest(best, twists)
         step = FIRST * self.size
         for i in range(ROUNDS):
             if value < known * (1.0 - HOPE / (1 + i)):
@@ -89,7 +89,7 @@ class Climber:
             moved = self._uphill(best, cuts, step)
             if moved is None:
                 break
-            found, weak = self._weakest(moved, cuts)
+            found, weak = self.weakest(moved, cuts)
             cuts = np.concatenate([weak[:KEPT], cuts])[:CUTS]
             if found > (1.0 + GAIN) * value:
                 best, value, step = moved, found, min(1.5 * step, LONGEST * self.size)
@@ -99,7 +99,7 @@ class Climber:
                 break
         return best, value
 
-    def _weakest(self, spots: Sequence[Spot], twists: FloatArray) -> tuple[float, FloatArray]:
+    def weakest(self, spots: Sequence[Spot], twists: FloatArray) -> tuple[float, FloatArray]:
         """Return the least ratio that descents find, and their directions, weakest first."""
         designs, measure = _designs(spots), spots[0].pieces.supports.measure
         first = sum(design.value(self.twists[None])[0] for design in designs) ** (1.0 / measure.power)

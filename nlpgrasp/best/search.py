@@ -11,6 +11,7 @@ import numpy as np
 from nlpgrasp.best.bound.twists import Twists
 from nlpgrasp.best.bound.weakest import Design, descended
 from nlpgrasp.best.climb import Climber, Spot
+from nlpgrasp.best.exchange import Exchange
 from nlpgrasp.best.scope.pieces import NONE
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.tree.nodes import Node
@@ -20,6 +21,7 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality import Bounds, mu
 
 ROUGH, FINE = 0.01, 0.15  # width of a grasp's certificate: at first, and at last relative to the gap asked for
+TWISTS, ROUGH_TWISTS = 16, 32  # directions of a node
 SHARE = 0.8  # of the gap that the tree closes; the rest is the certificate's
 CLIMBS, MORE, SAME = 4, 60, 3  # at first; nodes that are worth one more; from designs in the same root cells
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
@@ -59,9 +61,11 @@ class Search:
     def __init__(self, scope: Scope, gap: float) -> None:
         self.scope, self.gap = scope, gap
         body = scope.problem.body
-        self.twists = Twists(scope.task, body.size)
+        rough = all(surface.rough for pieces in scope.pieces for surface in pieces.surfaces)
+        self.twists = Twists(scope.task, body.size, ROUGH_TWISTS if rough else TWISTS)
         self.tree = Tree(scope, self.twists)
         self.climber = Climber(scope.task, self.twists.lattice, body.size)
+        self.exchange = Exchange.of(scope.pieces, self.climber)
         self.grasp: Grasp | None = None
         self.faces: tuple[str, ...] = ()
         self.mu = Bounds(0.0, 0.0)
@@ -136,6 +140,9 @@ class Search:
             if not all(spot.allowed for spot in spots):
                 continue
             self._climbs[roots] += 1
+            if self.exchange is not None:
+                spots, value = self.exchange.improved(spots, self.twists[node.twists])
+                self.offer(spots, value)
             self.offer(*self.climber.climb(spots, self.twists[node.twists], self.value))
 
     def _values(self, nodes: Sequence[Node]) -> FloatArray:
@@ -154,7 +161,9 @@ class Search:
         return np.asarray(np.min(measure.combined(supports, 2), axis=1))
 
     def _roots(self, node: Node) -> tuple[int, ...]:
-        """Return the root cells that a node's cells are parts of."""
+        """Return the root cells that a node's cells are parts of; where contacts are exchanged, these cells."""
+        if self.exchange is not None:
+            return node.cells
         result = []
         for cell, pieces in zip(node.cells, (p for p in self.scope.pieces for _ in p.slots), strict=True):
             while pieces.parents[cell] != NONE:

@@ -1,9 +1,12 @@
 """Cells of every kind, and random points of them by other means than rows."""
 
 import numpy as np
+import trimesh
 
+from nlpgrasp.best.cells.clusters import Clusters
 from nlpgrasp.best.cells.disc import SectorCell
 from nlpgrasp.best.cells.ellipsoid import EllipsoidCell
+from nlpgrasp.best.cells.mesh import MeshCell
 from nlpgrasp.best.cells.polygon import PolygonCell
 from nlpgrasp.best.cells.revolved import RevolvedCell
 from nlpgrasp.common.spatial import tangents
@@ -47,12 +50,27 @@ def torus_cell(rng):
     return cell
 
 
+def rough_triangles(rng, subdivisions=3):
+    """Corners and inward normals of a bumpy ball's triangles."""
+    ball = trimesh.creation.icosphere(subdivisions, 1.3)
+    ball.vertices += 0.05 * rng.standard_normal(ball.vertices.shape) * 0.6**subdivisions
+    return np.asarray(ball.triangles), -np.asarray(ball.face_normals)
+
+
+def mesh_cell(rng):
+    cell = MeshCell(Clusters(*rough_triangles(rng), 1.3), 1, 1.3)
+    for _ in range(rng.integers(0, 9)):
+        cell = cell.split()[rng.integers(2)]
+    return cell
+
+
 CELLS = {
     "polygon": polygon_cell,
     "ellipsoid": ellipsoid_cell,
     "sector": sector_cell,
     "side": side_cell,
     "torus": torus_cell,
+    "mesh": mesh_cell,
 }
 
 
@@ -61,6 +79,10 @@ def points_of(cell, count, rng):
     if isinstance(cell, PolygonCell):
         shares = rng.dirichlet(np.full(len(cell.vertices), 0.5), count)
         return shares @ cell.vertices, np.tile(cell.normal, (count, 1))
+    if isinstance(cell, MeshCell):
+        which = rng.choice(cell.clusters.members(cell.node), count)
+        shares = rng.dirichlet(np.full(3, 0.5), count)
+        return np.sum(shares[:, :, None] * cell.clusters.corners[which], axis=1), cell.clusters.normals[which]
     if isinstance(cell, EllipsoidCell):
         u = rng.dirichlet(np.full(len(cell.corners), 0.7), count) @ cell.corners
         points = u / np.linalg.norm(u, axis=1, keepdims=True) * cell.a

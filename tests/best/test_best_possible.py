@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
 
@@ -61,6 +62,17 @@ def test_an_easy_grasp_that_starts_used_to_miss():
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, task)
     best = ng.best_possible(problem, gap=0.1, time_limit=None)
     assert 0.25 < best.mu.lower < 0.275 < best.upper < 0.31
+
+
+def test_a_box_as_a_mesh():
+    known = 0.6992  # of the box itself, closed to 0.1 %
+    box = ng.Mesh(trimesh.creation.box([2, 1, 1]), resolution=8)
+    problem = ng.GraspProblem(box, [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))
+    best = ng.best_possible(problem, gap=0.6, time_limit=None)
+    assert best.closed
+    assert best.mu.lower <= known * 1.001 <= best.upper * 1.002
+    assert best.gap <= 0.6
+    assert np.allclose(box.closest(best.grasp.points)[2], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

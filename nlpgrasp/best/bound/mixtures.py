@@ -17,6 +17,7 @@ CENTRING = 0.05
 ENOUGH = 1e-6  # mean complementarity, relative to the largest support
 INSIDE = 0.95  # share of the way to the boundary
 REGULAR = 1e-9
+LIGHT = 1e-3  # weight below which a direction is left out
 
 
 def mixtures(A: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -42,7 +43,7 @@ def mixtures(A: FloatArray) -> tuple[FloatArray, FloatArray]:
         if np.max(gap) < ENOUGH:
             break
         program.step(CENTRING * np.maximum(gap, 0.01 * ENOUGH))
-    weights = np.maximum(program.directions, 0.0)
+    weights = np.where(program.directions > LIGHT, program.directions, 0.0)
     return weights / np.sum(weights, axis=1, keepdims=True), program.designs
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.best.bound.supports import IntArray
 from nlpgrasp.best.bound.weakest import normalised
+from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.common.directions import directions
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task

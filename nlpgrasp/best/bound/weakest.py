@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.best.bound.measure import Measure
-from nlpgrasp.best.bound.supports import IntArray, Supports
+from nlpgrasp.best.bound.supports import Supports
+from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.tasks import Task

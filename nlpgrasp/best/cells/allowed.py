@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.best.cells.base import Cell, Surface
 from nlpgrasp.best.cells.polygon import FlatFace, clipped
@@ -125,11 +126,18 @@ class Allowed:
 
     def permits(self, points: FloatArray, normals: FloatArray, slack: float) -> bool:
         """Return whether all points (m, space) are allowed, but for a slack in metres."""
-        if any(np.any(limits.excess(points, normals) > slack) for limits in self.inside):
-            return False
-        if any(np.any(np.all(limits.excess(points, normals) < -slack, axis=1)) for limits in self.outside):
-            return False
-        return all(np.all(d.distance(points - d.radius * normals) >= d.least - slack) for d in self.away)
+        return bool(np.all(self.each(points, normals, slack)))
+
+    def each(self, points: FloatArray, normals: FloatArray, slack: float = 0.0) -> NDArray[np.bool_]:
+        """Return which of the points (m, space) are allowed, but for a slack in metres."""
+        kept = np.ones(len(points), dtype=bool)
+        for limits in self.inside:
+            kept &= np.all(limits.excess(points, normals) <= slack, axis=1)
+        for limits in self.outside:
+            kept &= np.any(limits.excess(points, normals) >= -slack, axis=1)
+        for d in self.away:
+            kept &= d.distance(points - d.radius * normals) >= d.least - slack
+        return kept
 
 
 def _without(piece: FloatArray, hole: HalfSpaces) -> list[FloatArray]:

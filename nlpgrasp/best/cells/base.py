@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
+
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -26,11 +29,18 @@ class Rows:
         for a contact with a moment about its normal, of ``|tau|`` once more; ``v = f + tau x (p - o)`` is the twist's
         velocity at the row. With the first, the most that the work z of a contact in the row's part is off a linear
         interpolation; with the second, the most that it differs from the row's own.
+    cones : (m, 2) array or None
+        Of rows that stand for several flat pieces: how far, in radians, the pieces' normals are from the row's, and how
+        far, in metres, their points are; zero for a row that is a contact itself.
+    finer : (m, c) array of int or None
+        Numbers of rows that together stand for the same part more finely, some repeated; -1 where there are none.
     """
 
     points: FloatArray
     normals: FloatArray
     bends: FloatArray | None = None
+    cones: FloatArray | None = None
+    finer: IntArray | None = None
 
 
 Cut = int | list[list[int]]
@@ -49,6 +59,10 @@ class Cell(ABC):
     @abstractmethod
     def rows(self) -> Rows:
         """Return the contacts that stand for the cell."""
+
+    def part_of(self) -> tuple[Rows, IntArray] | None:
+        """Return rows that cells share and the numbers of this cell's; None where it has rows of its own."""
+        return None
 
     @abstractmethod
     def split(self) -> tuple[Cell, ...]:
@@ -80,6 +94,8 @@ class Surface(ABC):
         Of the body's face.
     """
 
+    rough: ClassVar[bool] = False  # whether its normals jump from place to place, so that nothing can climb on it
+
     def __init__(self, name: str) -> None:
         self.name = name
 
@@ -102,3 +118,8 @@ class Surface(ABC):
     def limits(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ``A`` (m, space - 1) and ``b`` (m,): with ``A s <= b`` a step s from the point stays on the face."""
         return np.zeros((0, len(point) - 1)), np.zeros(0)
+
+    def places(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return about so many points, and the inward normals there, of a rough face; of others none."""
+        del count
+        return np.zeros((0, 0)), np.zeros((0, 0))

@@ -9,9 +9,10 @@ import numpy as np
 from nlpgrasp.best.cells.base import Surface
 from nlpgrasp.best.cells.disc import DiscFace
 from nlpgrasp.best.cells.ellipsoid import EllipsoidFace
+from nlpgrasp.best.cells.mesh import MeshFace
 from nlpgrasp.best.cells.polygon import FlatFace
 from nlpgrasp.best.cells.revolved import RevolvedFace
-from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Polygon, Prism, Sphere, Torus
+from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Torus
 from nlpgrasp.common.validation import FloatArray
 
 Faces = list[Surface]
@@ -82,6 +83,10 @@ def _torus(body: Torus) -> Faces:
     return [RevolvedFace("surface", np.array([body.major_radius, body.minor_radius]), np.array([-np.pi, np.pi]))]
 
 
+def _mesh(body: Mesh) -> Faces:
+    return [MeshFace("surface", body)]
+
+
 MAKERS: list[tuple[type, Callable[..., Faces]]] = [
     (Box, _box),
     (Polygon, _polygon),
@@ -90,4 +95,5 @@ MAKERS: list[tuple[type, Callable[..., Faces]]] = [
     (Ellipsoid, _ellipsoid),
     (Cylinder, _cylinder),
     (Torus, _torus),
+    (Mesh, _mesh),
 ]

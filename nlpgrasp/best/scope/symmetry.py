@@ -8,7 +8,7 @@ from itertools import permutations, product
 import numpy as np
 
 from nlpgrasp.best.scope.pieces import NONE, Pieces
-from nlpgrasp.bodies import Body, Polygon, Prism
+from nlpgrasp.bodies import Body, Mesh, Polygon, Prism
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSum
 
@@ -119,6 +119,8 @@ def _sizes(scale: FloatArray, matrix: FloatArray) -> FloatArray:
 
 def _candidates(body: Body) -> list[tuple[FloatArray, FloatArray]]:
     """Return rigid motions and reflections that may map a body onto itself."""
+    if isinstance(body, Mesh):
+        return []
     if isinstance(body, Polygon | Prism):
         flat = _of_polygon(body.corners)
         if isinstance(body, Polygon):

@@ -11,7 +11,8 @@ import numpy as np
 from nlpgrasp.best.bound.twists import Twists
 from nlpgrasp.best.scope.pieces import NONE, Pieces
 from nlpgrasp.best.scope.scope import Scope
-from nlpgrasp.best.tree.nodes import Batch, Cells, Node
+from nlpgrasp.best.tree.batch import Batch
+from nlpgrasp.best.tree.nodes import Cells, Node
 from nlpgrasp.best.tree.proof import Proof
 
 BATCH = 64

@@ -1,0 +1,136 @@
+"""One contact at a time to the best of many places: grasps on surfaces that are too rough to climb."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.best.climb import Climber, Spot
+from nlpgrasp.best.scope.pieces import Pieces
+from nlpgrasp.common.validation import FloatArray
+
+SPREAD, LATEST, ADDED = 60, 80, 8  # directions: well-spread ones, the latest weak ones, of which a round adds some
+ROUNDS = 25
+COUNT = 8000  # places of a contact
+MODEL = 1e-3  # relative: where the known directions and all directions agree on a placement's value
+
+
+class Places:
+    """Many places of contacts that are alike, and their supports along a growing list of directions.
+
+    Parameters
+    ----------
+    pieces : Pieces
+    count : int
+        About how many on each face.
+    """
+
+    def __init__(self, pieces: Pieces, count: int) -> None:
+        self.pieces = pieces
+        points, normals, owner = [], [], []
+        self.surfaces = tuple(dict.fromkeys(pieces.surfaces))
+        for i, surface in enumerate(self.surfaces):
+            found = surface.places(count)
+            kept = pieces.allowed.each(*found)
+            points.append(found[0][kept])
+            normals.append(found[1][kept])
+            owner.append(np.full(int(np.sum(kept)), i))
+        self.points, self.normals, self.owner = (np.concatenate(parts) for parts in (points, normals, owner))
+        self.maps = pieces.supports.maps_at(self.points, self.normals)
+
+    def powers(self, twists: FloatArray) -> FloatArray:
+        """Return supports along twists (m, d) to the measure's power, (m, places)."""
+        supports = self.pieces.supports
+        flat = self.maps.transpose(1, 0, 2).reshape(self.maps.shape[1], -1)
+        z = (twists @ flat).reshape(len(twists), *self.maps.shape[::2])
+        return np.asarray(supports.measure.support(supports.contact, z) ** supports.measure.power)
+
+    def spot(self, place: int) -> Spot:
+        """Return one of them as a spot."""
+        return Spot(self.pieces, self.surfaces[int(self.owner[place])], self.points[place], self.normals[place])
+
+
+class Exchange:
+    """Raises mu of grasps by moves of one contact at a time to the best of all its places.
+
+    Parameters
+    ----------
+    pieces : sequence of Pieces
+    climber : Climber
+        Tells the weakest directions of a grasp.
+    count : int
+        Places of each contact, about.
+    """
+
+    def __init__(self, pieces: Sequence[Pieces], climber: Climber, count: int) -> None:
+        self.climber = climber
+        self.places = [Places(p, count) for p in pieces]
+        self.of_slot = [places for places in self.places for _ in places.pieces.slots]
+        step = max(1, len(climber.twists) // SPREAD)
+        self.spread = climber.twists[::step]
+        self._spread_powers = [places.powers(self.spread) for places in self.places]
+        self.latest = self.spread[:0]
+        self._latest_powers = [powers[:0] for powers in self._spread_powers]
+
+    @classmethod
+    def of(cls, pieces: Sequence[Pieces], climber: Climber) -> Exchange | None:
+        """Return one for contacts on rough faces, None where every face can be climbed on."""
+        rough = all(surface.rough for p in pieces for surface in p.surfaces)
+        return cls(pieces, climber, COUNT) if rough else None
+
+    def improved(self, spots: Sequence[Spot], twists: FloatArray) -> tuple[list[Spot], float]:
+        """Return a grasp that no exchange of one contact betters, and what its mu seems to be.
+
+        Parameters
+        ----------
+        spots : sequence of k Spot
+        twists : (m, d) array
+            Directions that are weak there.
+        """
+        best = list(spots)
+        value, weak = self.climber.weakest(best, twists)
+        for _ in range(ROUNDS):
+            self._add(weak[:ADDED])
+            moved, hoped = self._exchanged(best)
+            if hoped <= value * (1.0 + MODEL):
+                break
+            found, weak = self.climber.weakest(moved, self.latest)
+            if found > value:
+                best, value = moved, found
+        return best, value
+
+    def _add(self, twists: FloatArray) -> None:
+        self.latest = np.concatenate([twists, self.latest])[:LATEST]
+        self._latest_powers = [
+            np.concatenate([places.powers(twists), old])[:LATEST]
+            for places, old in zip(self.places, self._latest_powers, strict=True)
+        ]
+
+    def _exchanged(self, spots: Sequence[Spot]) -> tuple[list[Spot], float]:
+        """Return the spots after exchanges along the known directions, and the least support along these."""
+        twists = np.concatenate([self.spread, self.latest])
+        pairs = zip(self._spread_powers, self._latest_powers, strict=True)
+        tables = dict(zip(self.places, (np.concatenate(pair) for pair in pairs), strict=True))
+        result = list(spots)
+        own = np.stack([_powers(spot, twists) for spot in spots])
+        value, since, i = float(np.min(np.sum(own, axis=0))), 0, 0
+        while since < len(result):
+            table = tables[self.of_slot[i]]
+            rest = np.sum(own, axis=0) - own[i]
+            least = np.min(table + rest[:, None], axis=0)
+            chosen = int(np.argmax(least))
+            since += 1
+            if least[chosen] > value * (1.0 + MODEL):
+                value, since = float(least[chosen]), 1
+                own[i] = table[:, chosen]
+                result[i] = self.of_slot[i].spot(chosen)
+            i = (i + 1) % len(result)
+        return result, value ** (1.0 / spots[0].pieces.supports.measure.power)
+
+
+def _powers(spot: Spot, twists: FloatArray) -> FloatArray:
+    """Return the support of one contact along twists (m, d) to the measure's power."""
+    supports = spot.pieces.supports
+    z = twists @ supports.maps_at(spot.point[None], spot.normal[None])[0]
+    return np.asarray(supports.measure.support(supports.contact, z) ** supports.measure.power)

@@ -1,0 +1,177 @@
+"""Powers of supports over the cells of many nodes at once, and the bounds that mixtures of them give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.best.bound.finer import heaviest, refined
+from nlpgrasp.best.bound.supports import NONE
+from nlpgrasp.best.cells.base import IntArray
+from nlpgrasp.best.scope.pieces import Pieces
+from nlpgrasp.common.validation import FloatArray
+
+FEW = 8  # rows of a cell that a mixture sees all of
+MARGIN = 1e-9  # relative: what rounding may take from a bound
+
+
+@dataclass(frozen=True)
+class Part:
+    """Powers of supports for the slots of some pieces, each distinct pair of node and cell once.
+
+    Parameters
+    ----------
+    pieces : Pieces
+    rows : (c, m) array
+        Of each pair's cell.
+    twists : (c, j, d) array
+    powers : (c, m, j) array
+    owner : (c,) array
+        The node of each pair.
+    back : (b, s) array
+        The pair of each node and slot.
+    """
+
+    pieces: Pieces
+    rows: IntArray
+    twists: FloatArray
+    powers: FloatArray
+    owner: IntArray
+    back: IntArray
+
+    @classmethod
+    def of(cls, pieces: Pieces, cells: IntArray, twists: FloatArray) -> Part:
+        """Return the powers over cells (b, s) along each node's twists (b, j, d)."""
+        pairs = np.arange(len(cells))[:, None] * len(pieces.cells) + cells
+        once, back = np.unique(pairs, return_inverse=True)
+        owner = once // len(pieces.cells)
+        rows = pieces.supports.rows_of(once % len(pieces.cells))
+        powers = pieces.supports.powers(rows, twists[owner])
+        return cls(pieces, rows, twists[owner], powers, owner, back.reshape(cells.shape))
+
+    def mixed(self, weights: FloatArray) -> FloatArray:
+        """Return powers under each node's mixture (b, j), by pair and row."""
+        return np.asarray((self.powers @ weights[self.owner][:, :, None])[:, :, 0])
+
+    def largest(self, weights: FloatArray | None, most: int) -> tuple[IntArray, FloatArray]:
+        """Return the rows that mixtures see, sorted, and their powers: (c, m) and (c, m, j)."""
+        c, m, _ = self.powers.shape
+        if most <= FEW:
+            where = np.broadcast_to(np.minimum(np.arange(most), m - 1), (c, most))
+        else:
+            mixed = np.mean(self.powers, axis=2) if weights is None else self.mixed(weights)
+            along = np.argmax(self.powers, axis=1)
+            where = np.sort(np.concatenate([along, np.argmax(mixed, axis=1)[:, None]], axis=1), axis=1)
+        rows = np.take_along_axis(self.rows, where, axis=1)
+        return rows, np.take_along_axis(self.powers, where[..., None], axis=1)
+
+    def heaviest(self, weights: FloatArray | None) -> IntArray:
+        """Return contacts that do most along each direction and under a mixture, (c, j + 1)."""
+        c, _, j = self.powers.shape
+        mixed = np.mean(self.powers, axis=2) if weights is None else self.mixed(weights)
+        mean = np.full((c, j), 1.0 / j) if weights is None else weights[self.owner]
+        single = self.powers.transpose(0, 2, 1).reshape(c * j, -1)
+        again, alone = np.repeat(np.arange(c), j), self.twists.reshape(c * j, 1, -1)
+        supports = self.pieces.supports
+        along = heaviest(supports, self.rows[again], single, alone, np.ones((c * j, 1))).reshape(c, j)
+        under = heaviest(supports, self.rows, mixed, self.twists, mean)
+        return np.column_stack([along, under])
+
+    def maxima(self, weights: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return the largest power under each node's mixture, and the row that has it or ``NONE``, (b, s)."""
+        mixed, supports = self.mixed(weights), self.pieces.supports
+        if supports.refines:
+            bounds, rows = refined(supports, self.rows, mixed, self.twists, weights[self.owner])
+            return bounds[self.back], rows[self.back]
+        return np.max(mixed, axis=1)[self.back], np.full(self.back.shape, NONE)
+
+
+def _padded(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return arrays (b, s, m, ...) with as many rows each, zeros in place of rows."""
+    most = max(part.shape[2] for part in parts)
+    return [np.pad(part, [(0, 0), (0, 0), (0, most - part.shape[2])] + [(0, 0)] * (part.ndim - 3)) for part in parts]
+
+
+class Table:
+    """Powers of supports for some nodes: by slot, row of its cell, and direction.
+
+    Parameters
+    ----------
+    groups : sequence of (Pieces, slice)
+        And the slots of each.
+    cells : (b, k) array
+        Of each node.
+    twists : (b, j, d) array
+    """
+
+    def __init__(self, groups: Sequence[tuple[Pieces, slice]], cells: IntArray, twists: FloatArray) -> None:
+        self._groups, self._twists = groups, twists
+        self._measure = groups[0][0].supports.measure
+        self._parts = [Part.of(pieces, cells[:, where], twists) for pieces, where in groups]
+        self.rows = np.zeros((0, 0, 0), dtype=np.int64)
+        self.chosen = np.zeros((0, 0, 0, 0))
+        self._largest = np.zeros((0, 0), dtype=np.int64)
+
+    def maxima(self, weights: FloatArray | None) -> FloatArray:
+        """Return the largest mixed power over the rows of each slot, (b, k); of each direction, (b, k, j), for None."""
+        if weights is None:
+            return np.concatenate([np.max(part.powers, axis=1)[part.back] for part in self._parts], axis=1)
+        found = [part.maxima(weights) for part in self._parts]
+        self._largest = np.concatenate([rows for _, rows in found], axis=1)
+        return np.concatenate([values for values, _ in found], axis=1)
+
+    def bounds(self, weights: FloatArray) -> FloatArray:
+        """Return the bounds that mixtures give, (b,), with a margin for rounding."""
+        power = self._measure.power
+        return np.asarray(np.sum(self.maxima(weights), axis=1) ** (1.0 / power) * (1.0 + MARGIN))
+
+    def sharpened(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds and mixtures; one direction alone where the budget's own sum along it is better."""
+        bounds, measure = self.bounds(weights), self._measure
+        if measure.exact:
+            return bounds, weights
+        single = measure.combined(self.maxima(None) ** (1.0 / measure.power), 1) * (1.0 + MARGIN)
+        best = np.argmin(single, axis=1)
+        least = single[np.arange(len(best)), best]
+        alone = np.eye(weights.shape[1])[best]
+        return np.minimum(bounds, least), np.where((least < bounds)[:, None], alone, weights)
+
+    def choose(self, weights: FloatArray | None, pool: IntArray) -> None:
+        """Choose the rows that mixtures see: all of few, else the largest along each direction and under a mixture.
+
+        Where finer rows can replace those of a cell, only such as cannot be replaced, with those of a pool (b, k, p).
+        """
+        most = max(part.powers.shape[1] for part in self._parts)
+        rows, tables = [], []
+        for part, (_, where) in zip(self._parts, self._groups, strict=True):
+            if most > FEW and part.pieces.supports.refines:
+                chosen, powers = self._with_pool(part, part.heaviest(weights), pool[:, where])
+            else:
+                once, its = part.largest(weights, most)
+                chosen, powers = once[part.back], its[part.back]
+            again = np.diff(chosen, axis=2, prepend=-1) == 0  # one row counts once: no designs spread over copies
+            rows.append(chosen)
+            tables.append(np.where(again[..., None], 0.0, powers))
+        self.rows, self.chosen = (np.concatenate(_padded(parts), axis=1) for parts in (rows, tables))
+
+    def _with_pool(self, part: Part, chosen: IntArray, pool: IntArray) -> tuple[IntArray, FloatArray]:
+        """Return rows with those of the pool, (b, s, m), and their powers."""
+        chosen = chosen[part.back]
+        every = np.sort(np.concatenate([chosen, np.where(pool == NONE, chosen[..., :1], pool)], axis=2), axis=2)
+        b, s, m = every.shape
+        powers = part.pieces.supports.powers(every.reshape(b, s * m), self._twists)
+        return every, powers.reshape(b, s, m, -1)
+
+    def pool(self, weights: FloatArray, count: int) -> IntArray:
+        """Return rows that do most under the mixtures, (b, k, count), ``NONE`` where none can be replaced."""
+        b, k, _ = self.rows.shape
+        result = np.full((b, k, count), NONE)
+        for part, (_, where) in zip(self._parts, self._groups, strict=True):
+            if part.pieces.supports.refines:
+                mixed = (self.chosen[:, where] @ weights[:, None, :, None])[..., 0]
+                order = np.argsort(-mixed, axis=2)[..., : count - 1]
+                result[:, where, : order.shape[2]] = np.take_along_axis(self.rows[:, where], order, axis=2)
+                result[:, where, -1] = self._largest[:, where]
+        return result
