@@ -29,9 +29,10 @@ def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | 
     ----------
     problem : GraspProblem
         A body of flat faces (box, prism, polygon), a sphere, an ellipsoid, a cylinder, a torus, or a mesh, of which
-        contacts touch the triangles themselves; point, friction or soft contacts; the ``"l2"``, ``"per_finger"``, ``"per_finger_size"`` or ``"shared"`` budget (the last with a
-        looser bound). Constraints on single contacts shrink where these may be. A hand and constraints between
-        contacts are left out: they only lower mu, and the answer names them.
+        contacts touch the triangles themselves; point, friction or soft contacts; the ``"l2"``, ``"per_finger"``,
+        ``"per_finger_size"`` or ``"shared"`` budget (the last with a looser bound). Constraints on single contacts
+        shrink where these may be. A hand and constraints between contacts are left out: they only lower mu, and the
+        answer names them.
     gap : float
         Relative gap between bound and best grasp at which to stop, above 0, at most 1.
     time_limit : float, optional

@@ -35,7 +35,7 @@ class Met:
     Parameters
     ----------
     value : float
-        What its mu seems to be; not certified.
+        What its mu seems to be; certified only where it seemed to be the best so far.
     points, normals : (k, space) array
         Metres; unit, into the body.
     faces : tuple of str
@@ -186,13 +186,13 @@ class Search:
         """Remember a grasp, and certify it where it seems better than the best so far."""
         placed = [spots[i] for i in np.argsort(self.scope.slots)]
         points, normals = np.stack([s.point for s in placed]), np.stack([s.normal for s in placed])
-        met = Met(value, points, normals, tuple(s.surface.name for s in placed))
+        faces = tuple(s.surface.name for s in placed)
+        if value > self.value * (1.0 + BETTER):
+            grasp = Grasp(points, normals, self.scope.problem.models, self.scope.origin)
+            found = self._certified(grasp, ROUGH)
+            value = min(value, found.upper)
+            if found.lower > self.mu.lower:
+                self.grasp, self.mu, self.faces = grasp, found, faces
+                self.value = max(value, self._elsewhere)
         if value > 0.0:
-            self.met.append(met)
-        if value <= self.value * (1.0 + BETTER):
-            return
-        grasp = Grasp(points, normals, self.scope.problem.models, self.scope.origin)
-        found = self._certified(grasp, ROUGH)
-        if found.lower > self.mu.lower:
-            self.grasp, self.mu, self.faces = grasp, found, met.faces
-            self.value = max(min(value, found.upper), self._elsewhere)
+            self.met.append(Met(value, points, normals, faces))

@@ -47,7 +47,7 @@ class SolveOptions:
     global_bound : bool
         Look over all placements before the starts, for about a second: it bounds mu from above and meets grasps that
         starts begin from. Without it all starts draw for themselves, and nothing says how far the answer is from the
-        best.
+        best. Not on meshes, which take ``ng.best_possible`` minutes.
     gap : float, optional
         Go on after the starts, searching all placements, until the grasp is proved to be this close to the best
         possible (a share above 0, at most 1), or until the time limit. Without it a short look states a bound.

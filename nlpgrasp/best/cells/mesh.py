@@ -51,12 +51,26 @@ class MeshCell(Cell):
         return self.clusters.table, self.clusters.below(self.node, LEVELS)
 
     def split(self) -> tuple[Cell, ...]:
-        """Return both halves of the cluster; of the last one its triangles; both halves of a triangle."""
+        """Return both halves of the cluster; of a triangle its own."""
         if self.node < self.clusters.count // 2:
             return tuple(MeshCell(self.clusters, 2 * self.node + i, self.size) for i in (0, 1))
+        members = self._triangles()
+        if len(members) == 1:
+            return members[0].split()
+        first = self.cut()
+        return tuple(p[0] if len(p) == 1 else BundleCell(p, self.size) for p in (members[:first], members[first:]))
+
+    def cut(self) -> int:
+        """Return how many triangles, in the order in which they are stated, are in the first part; of one, its cut."""
+        if self.node < self.clusters.count // 2:
+            return len(self.clusters.members(2 * self.node))
+        members = self._triangles()
+        return members[0].cut() if len(members) == 1 else len(members) // 2
+
+    def _triangles(self) -> list[PolygonCell]:
+        normals, corners = self.clusters.normals, self.clusters.corners
         members = self.clusters.members(self.node)
-        cells = [_triangle(self.clusters.corners[i], self.clusters.normals[i]) for i in members]
-        return cells[0].split() if len(cells) == 1 else BundleCell(cells, self.size).split()
+        return [PolygonCell(corners[i], normals[i], tangents(normals[i][None])[0]) for i in members]
 
     def ball(self) -> tuple[FloatArray, float]:
         """Return the middle of the cluster's box and the distance to the farthest corner of a triangle."""
@@ -108,11 +122,3 @@ class MeshFace(Surface):
         rank[self.clusters.order] = np.arange(len(rank))
         some = np.argsort(rank[owner], kind="stable")[:: max(1, len(owner) // count)]
         return np.asarray(vertices)[faces[some]].mean(axis=1), self.clusters.normals[owner[some]]
-
-
-def _triangle(corners: FloatArray, normal: FloatArray) -> PolygonCell:
-    """Return a triangle, to be cut along its longest side first."""
-    sides = np.roll(corners, -1, axis=0) - corners
-    longest = sides[int(np.argmax(np.linalg.norm(sides, axis=1)))]
-    along = longest / np.linalg.norm(longest)
-    return PolygonCell(corners, normal, np.stack([along, np.cross(normal, along)]))

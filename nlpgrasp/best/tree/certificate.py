@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.best.bound.supports import IntArray
+from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.scope.pieces import NONE, Pieces
 from nlpgrasp.best.scope.scope import Scope
-from nlpgrasp.best.tree.nodes import Batch, Cells
+from nlpgrasp.best.tree.batch import Batch
+from nlpgrasp.best.tree.nodes import Cells
 from nlpgrasp.best.tree.tree import BATCH, Tree
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlpgrasp.best.bound.supports import IntArray
+from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.tree.nodes import Cells, Node
 from nlpgrasp.common.validation import FloatArray
 

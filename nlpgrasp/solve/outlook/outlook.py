@@ -9,6 +9,7 @@ import numpy as np
 
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Met, Search
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
@@ -96,7 +97,7 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook
     It depends on the problem alone. The latest few are remembered, as an experiment solves a problem with many seeds;
     where a gap is asked for the look is a new one, for the search goes on from it.
     """
-    if not options.global_bound:
+    if not options.global_bound or isinstance(problem.body, Mesh):  # a mesh is bounded too, but in minutes
         return None
     key = _key(problem)
     if options.gap is None and key in _remembered:
