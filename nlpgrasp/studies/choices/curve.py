@@ -32,7 +32,7 @@ class ContactCurve:
         How many starts came within 2 % of the grasp, by number of contacts, those that begin from the grasps with other
         numbers among them: 1 says that it was met once, and a better one may well have been missed.
     possible : mapping of int to float
-        A proved upper bound on mu of any grasp with so many contacts, where one is known.
+        Proved upper bounds on mu of any grasp with so many contacts, beside those that the solutions state.
     """
 
     solutions: tuple[tuple[int, GraspSolution], ...]
@@ -55,6 +55,11 @@ class ContactCurve:
         best = self.best_known
         return {k: 1.0 - found.mu.lower / best[k] if best[k] > 0.0 else 0.0 for k, found in self.solutions}
 
+    @property
+    def best_possible(self) -> dict[int, float]:
+        """A proved upper bound on mu of any grasp, by the number of contacts; inf where nothing is proved."""
+        return {k: min(found.best_possible, self.possible.get(k, np.inf)) for k, found in self.solutions}
+
     def gap(self, contacts: int) -> float:
         """Return how much more than the grasp found may be possible, relative to it: inf where nothing is proved.
 
@@ -64,8 +69,8 @@ class ContactCurve:
             On a number of contacts that was not asked for.
         """
         found = self._at(contacts)
-        bound = self.possible.get(contacts, np.inf)
-        return float(bound / found.mu.lower - 1.0) if found.mu.lower > 0.0 else np.inf
+        bound = self.best_possible[contacts]
+        return max(0.0, float(bound / found.mu.lower - 1.0)) if found.mu.lower > 0.0 else np.inf
 
     def fewest(self, force: float) -> int | None:
         """Return the least number of contacts whose force resists the whole task, or None where none does.
@@ -77,6 +82,19 @@ class ContactCurve:
         """
         limit = number("force", force, above=0.0)
         return next((k for k, found in self.solutions if found.mu.lower * limit >= 1.0), None)
+
+    def fewest_possible(self, force: float) -> int | None:
+        """Return the least number of contacts that is not proved to be too few for a force, or None where all are.
+
+        Where it is ``fewest(force)`` that answer is proved: none of the smaller numbers asked for resists the task.
+
+        Parameters
+        ----------
+        force : float
+            In units of the force budget.
+        """
+        limit = number("force", force, above=0.0)
+        return next((k for k, bound in self.best_possible.items() if bound * limit >= 1.0), None)
 
     def best(self, penalty: Penalty) -> int:
         """Return the number of contacts with the largest mu less penalty, mu at its lower bound; of equals the fewest.
@@ -116,7 +134,7 @@ class ContactCurve:
 
     def to_dict(self) -> Json:
         """Return the curve as JSON data: a row a number of contacts."""
-        short = self.shortfall
+        short, bounds = self.shortfall, self.best_possible
         return {
             "curve": [
                 {
@@ -127,7 +145,8 @@ class ContactCurve:
                     "best_known": self.best_known[k],
                     "shortfall": short[k],
                     "reached": self.reached.get(k),
-                    "possible": self.possible.get(k),
+                    "possible": _finite(bounds[k]),
+                    "gap": _finite(self.gap(k)),
                 }
                 for k, found in self.solutions
             ]
@@ -142,8 +161,10 @@ class ContactCurve:
                 bounds += f", met by {self.reached[k]} of {len(found.starts)} starts"
             if short[k] > 0.0:
                 bounds += f", {short[k]:.1%} below the best known with fewer contacts"
-            if k in self.possible:
-                bounds += f", at most {self.possible[k]:.5g} possible"
+            if np.isfinite(self.gap(k)):
+                bounds += f", at most {self.gap(k):.1%} below the best possible"
+            elif np.isfinite(self.best_possible[k]):
+                bounds += f", at most {self.best_possible[k]:.5g} possible"
             lines.append(f"{k:3d} contacts: {bounds}")
         return "\n".join(lines)
 
@@ -164,6 +185,10 @@ def cost_of(contacts: tuple[ContactModel, ...], mu: float, penalty: Penalty) -> 
             raise InputError("penalty", f"{len(penalty)} prices", f"{len(contacts)}, one a contact")
         return sum(number(f"penalty[{i}]", penalty[i], at_least=0.0) for i in range(len(contacts)))
     return number("penalty", penalty, at_least=0.0) * len(contacts)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _contacts(found: GraspSolution) -> tuple[ContactModel, ...]:

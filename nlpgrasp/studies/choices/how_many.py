@@ -32,7 +32,8 @@ def how_many_contacts(
     so does what is certified here: each grasp with one more contact, where the constraints have room for it, is a start
     for the next number, with the certified bound of the smaller one. Downwards each grasp less a contact is one too.
     Beside its own starts each number begins from the best of thousands of random placements, screened by ``ng.screen``.
-    Under joint torques, and with a hand that has a pose of its own, each number is solved by itself.
+    Under joint torques, and with a hand that has a pose of its own, each number is solved by itself. Every solution
+    states a bound over all placements, so that the curve says of each number how much better it could be at most.
 
     Parameters
     ----------
@@ -42,8 +43,8 @@ def how_many_contacts(
     starts, seed, options
         As of ``solve``.
     possible : mapping of int to float, optional
-        Proved upper bounds on mu by the number of contacts, for the gap to them; such as
-        ``ng.best_possible(problem_with(k)).upper``.
+        Proved upper bounds on mu by the number of contacts that are tighter than those the solutions state; such as
+        ``ng.best_possible(problem_with(k)).upper`` of a longer search.
 
     Raises
     ------
