@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from nlpgrasp.best.result import BestPossible
@@ -15,9 +17,15 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import number, share
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality import Bounds
 
 
-def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | None = 10.0) -> BestPossible:
+def best_possible(
+    problem: GraspProblem,
+    gap: float = 0.01,
+    time_limit: float | None = 10.0,
+    progress: Callable[[float, Bounds, int], None] | None = None,
+) -> BestPossible:
     """Return a bound on mu over all placements of a problem's contacts, and the best grasp met.
 
     Branch and bound (docs/how_close.md): for directions y with unit work of the task and weights w of sum one,
@@ -36,7 +44,10 @@ def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | 
     gap : float
         Relative gap between bound and best grasp at which to stop, above 0, at most 1.
     time_limit : float, optional
-        Seconds of wall time; as long as it takes when left out.
+        Seconds of wall time; as long as it takes when ``None``.
+    progress : callable, optional
+        Called after each batch of nodes with the bound so far, the certified quality of the best grasp met, and how
+        many nodes were looked at.
 
     Returns
     -------
@@ -58,7 +69,7 @@ def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | 
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         stop = Stop(None if limit is None else begun + limit, Path(folder) / "stop")
         with Interrupt(stop):
-            search.run(stop.requested)
+            search.run(stop.requested, None if progress is None else partial(_tell, progress))
     proven, proof = certificate(search.tree)
     upper = max(proven, search.mu.lower)
     return BestPossible(
@@ -73,3 +84,7 @@ def best_possible(problem: GraspProblem, gap: float = 0.01, time_limit: float | 
         {"asked": gap, **proof},
         problem.to_dict(),
     )
+
+
+def _tell(progress: Callable[[float, Bounds, int], None], search: Search) -> None:
+    progress(search.upper, search.mu, search.tree.nodes)

@@ -149,32 +149,24 @@ class BestPossible:
         """Whether another file may hold the certificate itself."""
         return bool(self.certificate) and len(_text(self.certificate)) <= SMALL
 
-    def beside(self, mu: float, file: str | Path | None = None) -> Json:
-        """Return what a solution file states of the bound beside its own grasp.
+    def kept(self, file: str | Path | None = None) -> Json:
+        """Return the certificate as other files hold it: itself, or the name and digest of the saved bound.
 
         Parameters
         ----------
-        mu : float
-            Certified quality of that grasp.
         file : str or Path, optional
-            Where the bound was saved, in the folder of the solution file; the certificate itself goes into the data
-            when left out.
+            Where the bound was saved, in the folder of the other file.
 
         Raises
         ------
         InputError
-            When the certificate is larger than 200 kB and no file is named, or the file cannot be read.
+            When no file is named and the certificate is larger than 200 kB, or the file cannot be read.
         """
-        if file is None and not self.is_small:
+        if file is not None:
+            return {"file": Path(file).name, "sha256": digest(file)}
+        if not self.is_small:
             raise InputError("file", None, "the name of the saved bound, for a certificate of more than 200 kB")
-        gap = self.gap_of(mu)
-        return {
-            "upper": self.upper,
-            "gap": gap if gap < float("inf") else None,
-            "closed": bool(gap <= self.certificate["asked"]),
-            "dropped": list(self.dropped),
-            "certificate": self.certificate if file is None else {"file": Path(file).name, "sha256": digest(file)},
-        }
+        return self.certificate
 
     def __str__(self) -> str:
         without = f", without {', '.join(self.dropped)}" if self.dropped else ""

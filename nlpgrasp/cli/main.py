@@ -1,4 +1,4 @@
-"""``nlpgrasp solve | quality | verify | experiment | report | export | simulate | task``.
+"""``nlpgrasp solve | bound | quality | verify | experiment | report | export | simulate | task``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -14,6 +14,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from nlpgrasp.cli.bound import bound_command
 from nlpgrasp.cli.experiment import experiment_command
 from nlpgrasp.cli.export import export_command
 from nlpgrasp.cli.options import AsJson, File, Folders, Rtol, Script, writable
@@ -78,7 +79,7 @@ def solve_command(
 
 
 def verify_command(file: File, rtol: Rtol = 0.01, folder: Folders = None, as_json: AsJson = False) -> None:
-    """Check a solution file: quality, surface, constraints and hand, by independent code."""
+    """Check a solution file or a bound file by independent code: quality, surface, constraints, hand, certificate."""
     verification = verify(file, rtol, folder or ())
     if as_json:
         checks = [asdict(check) for check in verification.checks]
@@ -102,6 +103,7 @@ def command_line() -> typer.Typer:
     )
     app.callback(invoke_without_command=True)(_root)
     app.command("solve")(solve_command)
+    app.command("bound")(bound_command)
     app.command("verify")(verify_command)
     app.command("quality")(quality_command)
     app.command("experiment")(experiment_command)

@@ -8,6 +8,7 @@ contacts, constraints and hand are recomputed from the problem by formulas of th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.bound.beside import beside_checks
 from nlpgrasp.verify.bound.file import bound_file, verify_bound
 from nlpgrasp.verify.check import BROKEN, Check, Verification, guarded, no_sense
 from nlpgrasp.verify.claims.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
@@ -50,7 +52,8 @@ def verify(
         have other normals; when a row of the constraints or the hand is missing, has another limit than the problem
         says, another value than positions and hand give, or is broken. What cannot be recomputed (a mesh or URDF that
         is not there or has another fingerprint, an expression that stays in a script) is a check that was not made.
-        A bound file fails when its bound does not follow from its certificate (docs/how_close.md).
+        A bound file, or the bound in a solution file, fails when it does not follow from its certificate
+        (docs/how_close.md).
 
     Raises
     ------
@@ -70,7 +73,11 @@ def verify(
         return Verification((Check("grasp", False, f"the file holds no grasp ({status})"), *told), None)
     with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
         found, checks = _quality(solution, grasp, rtol)
-        checks += recomputed(solution, grasp, Sources.beside(file, folders))
+        sources = Sources.beside(file, folders)
+        checks += recomputed(solution, grasp, sources)
+        if found is not None and solution.bound is not None:
+            best, asked = solution.bound, solution.problem
+            checks += guarded("bound", partial(beside_checks, best, asked, grasp, found, sources))
     return Verification((*checks, *told), found)
 
 

@@ -1,5 +1,6 @@
 """The certificate of a bound: kept in files as it is, and no finer than what is claimed."""
 
+import hashlib
 import json
 
 import pytest
@@ -42,16 +43,12 @@ def test_a_search_with_more_leaves_than_are_kept_claims_what_follows_from_those(
 
 def test_a_small_certificate_goes_into_another_file_and_a_large_one_beside_it(tmp_path, monkeypatch):
     best = bound()
-    data = best.beside(0.5 * best.upper)
-    assert data["gap"] == pytest.approx(1.0)
-    assert not data["closed"]
-    assert data["certificate"] == best.certificate
+    assert best.kept() == best.certificate
     file = best.save(tmp_path / "bound.json")
-    assert set(best.beside(best.mu.lower, file)["certificate"]) == {"file", "sha256"}
-    assert best.beside(best.mu.lower, file)["closed"]
+    assert best.kept(file) == {"file": "bound.json", "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
     monkeypatch.setattr("nlpgrasp.best.result.SMALL", 100)
     with pytest.raises(ng.InputError, match="more than 200 kB"):
-        best.beside(0.5)
+        best.kept()
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "nlpgrasp-1"}', '{"schema": "nlpgrasp-bound/1"}'])

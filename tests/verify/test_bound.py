@@ -1,11 +1,13 @@
 """A bound file is verified as it is, and fails at the check that is about what was changed in it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.sources import Sources
 from tests.verify.edits import put
@@ -53,10 +55,13 @@ PROBLEMS = {
 _FILES = {}
 
 
-def bound_data(name, seconds=0.6):
-    """Return the data of a bound file of one of the problems; each is searched once."""
+def bound_data(name):
+    """Return the data of a bound file of one of the problems; each is searched once, for a moment."""
     if name not in _FILES:
-        _FILES[name] = json.dumps(ng.best_possible(PROBLEMS[name], gap=0.02, time_limit=seconds).to_dict())
+        seconds = None if name in ("square", "square, limited", "square, hand") else 0.6
+        data = ng.best_possible(PROBLEMS[name], gap=0.02, time_limit=seconds).to_dict()
+        data["certificate"]["leaves"].sort(key=lambda leaf: -leaf[3])  # the first is what the bound rests on
+        _FILES[name] = json.dumps(data)
     return json.loads(_FILES[name])
 
 
@@ -152,7 +157,7 @@ SQUARE_EDITS = {
         put(("grasp", "mu"), {"lower": 0.8, "upper": 0.9}),
         "grasp below the bound",
     ),
-    "a contact off its face": (put(("grasp", "positions", 0, 0), share(1.001)), "grasp"),
+    "a contact off its face": (put(("grasp", "positions", 0), lambda p: [1.001 * x for x in p]), "grasp"),
     "another face": (put(("grasp", "faces", 0), "edge9"), "grasp"),
     "the gap": (put(("gap",), share(0.9)), "gap"),
     "closed": (put(("closed",), lambda closed: not closed), "gap"),
@@ -226,3 +231,42 @@ def test_a_file_without_its_certificate_is_refused(tmp_path):
     del data["certificate"]
     with pytest.raises(ng.InputError, match="no certificate"):
         verified(data, tmp_path)
+
+
+def test_a_solution_file_holds_its_bound(tmp_path):
+    best = bound_of_square()
+    solution = with_bound(tmp_path, best.kept(), best.upper)
+    checks = {check.name: check for check in ng.verify(solution).checks}
+    assert checks["bound, leaves"].passed
+    assert checks["bound, upper"].passed
+    assert all(check.passed for name, check in checks.items() if name.startswith("bound"))
+    low = {c.name for c in ng.verify(with_bound(tmp_path, best.kept(), 0.999 * best.upper)).checks if c.failed}
+    assert low == {"bound, upper"}
+
+
+def test_a_solution_file_names_its_bound(tmp_path):
+    best = bound_of_square()
+    file = best.save(tmp_path / "square.bound.json")
+    solution = with_bound(tmp_path, best.kept(file), best.upper)
+    assert ng.verify(solution).passed
+    file.write_text(file.read_text().replace('"asked"', '"Asked"'))
+    assert "bound" in [check.name for check in ng.verify(solution).checks if check.failed]
+    file.unlink()
+    assert "bound" in [check.name for check in ng.verify(solution).not_made]
+
+
+def test_a_bound_without_certificate_is_not_verified(tmp_path):
+    solution = with_bound(tmp_path, {}, 2.0)
+    assert "bound" in [check.name for check in ng.verify(solution).not_made]
+
+
+def bound_of_square():
+    bound_data("square")
+    return ng.BestPossible.from_dict(json.loads(_FILES["square"]))
+
+
+def with_bound(tmp_path, certificate, upper):
+    """Return the file of a solution of the square that states this bound."""
+    solution = ng.solve(PROBLEMS["square"], starts=1)
+    bound = GlobalBound(upper, 10, (), certificate)
+    return replace(solution, bound=bound).save(tmp_path / "solution.json")

@@ -1,8 +1,7 @@
-"""Checks of a bound file, and of the bound that a solution file states."""
+"""Checks of a bound file."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -71,7 +70,7 @@ def verify_bound(data: Json, rtol: float, sources: Sources) -> Verification:
                 checks += more
             except BROKEN as error:
                 checks.append(Check("grasp", False, no_sense(error)))
-        checks += guarded("gap", lambda: [gap_check(data, lower)])
+        checks += guarded("gap", lambda: [_gap_check(data, lower)])
     return Verification(tuple(checks), found)
 
 
@@ -107,62 +106,13 @@ def _placed(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
     return Check("grasp", True, f"{len(grasp)} contacts at most {off:.2g} m off their faces")
 
 
-def gap_check(data: Json, lower: float) -> Check:
+def _gap_check(data: Json, lower: float) -> Check:
     """Return whether the stated gap is that of bound and grasp, and whether it is closed as is said."""
-    upper, stated, asked = float(data["upper"]), data["gap"], float(data["certificate"].get("asked", 0.0))
+    upper, stated, asked = float(data["upper"]), data["gap"], float(data["certificate"]["asked"])
     gap = max(upper / lower - 1.0, 0.0) if lower > 0.0 else 0.0 if upper == 0.0 else None
     same = stated is None if gap is None else stated is not None and abs(float(stated) - gap) <= RECOMPUTED
     near = gap is not None and gap <= asked * (1.0 + RECOMPUTED) + RECOMPUTED
-    closed = (data["closed"] is near) if "asked" in data["certificate"] else isinstance(data["closed"], bool)
+    closed = data["closed"] is near
     words = "none" if gap is None else f"{gap:.6g}"
     text = f"stated {stated}, computed again {words}; asked {asked:g}, {'' if data['closed'] else 'not '}closed"
     return Check("gap", bool(same and closed), text)
-
-
-def beside_checks(data: Json, problem: Json, grasp: Grasp, lower: float, sources: Sources) -> list[Check]:
-    """Return the checks of the bound that a solution file states beside its own grasp.
-
-    Parameters
-    ----------
-    data : mapping
-        ``quality.best_possible``: ``upper``, ``gap``, ``closed``, ``dropped``, ``certificate``.
-    problem : mapping
-    grasp : Grasp
-    lower : float
-        Certified quality of the grasp.
-    sources : Sources
-        Where a certificate that has a file of its own is looked for.
-    """
-    certificate = data["certificate"]
-    try:
-        if "file" in certificate:
-            certificate = _from_file(certificate, data, problem, sources)
-    except NotMadeError as reason:
-        return [Check.not_made("bound", str(reason))]
-    except InputError as error:
-        return [Check("bound", False, str(error))]
-    upper, proof = float(data["upper"]), Proof(problem, certificate, sources)
-    checks = proof.checks(upper, data["dropped"])
-    same = bool(np.array_equal(proof.origin, grasp.torque_origin))
-    checks += [
-        Check("torque origin", same, "of the grasp" if same else "another than the grasp's"),
-        Check("grasp below the bound", lower <= upper, f"{lower:.8g} of the grasp, {upper:.8g} over all placements"),
-        gap_check({**data, "certificate": certificate}, lower),
-    ]
-    return [Check(f"bound, {check.name}", check.passed, check.detail, check.made) for check in checks]
-
-
-def _from_file(stated: Json, data: Json, problem: Json, sources: Sources) -> Json:
-    """Return the certificate of the file that is named, which has to be the one that was meant."""
-    path = sources.find(stated["file"])
-    if hashlib.sha256(path.read_bytes()).hexdigest() != stated["sha256"]:
-        raise InputError(path.name, "another fingerprint", "the file that was written with the solution")
-    found = bound_file(path)
-    if found is None:
-        raise InputError(path.name, "no bound", "a bound file")
-    parts = ("body", "contacts", "task", "constraints", "hand", "force_budget")
-    other = [part for part in parts if found["problem"][part] != problem[part]]
-    if other or found["upper"] != data["upper"]:
-        raise InputError(path.name, f"another {', '.join(other) or 'bound'}", "the bound of the same problem")
-    certificate: Json = found["certificate"]
-    return certificate

@@ -1,0 +1,67 @@
+"""Checks of the bound over all placements that a solution file states beside its grasp."""
+
+from __future__ import annotations
+
+import hashlib
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.verify.bound.file import bound_file
+from nlpgrasp.verify.bound.proof import Proof
+from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.sources import Sources
+
+PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget")  # of a problem
+
+
+def beside_checks(bound: GlobalBound, problem: Json, grasp: Grasp, found: Bounds, sources: Sources) -> list[Check]:
+    """Return whether a bound is not below the grasp, and follows from its certificate.
+
+    Parameters
+    ----------
+    bound : GlobalBound
+        Its certificate is in the file itself, or named as ``file`` and ``sha256``.
+    problem : mapping
+        As JSON data.
+    grasp : Grasp
+    found : Bounds
+        The grasp's quality, computed anew.
+    sources : Sources
+        Where the named file is looked for.
+    """
+    text = f"{found.lower:.8g} of the grasp, {bound.upper:.8g} over all placements"
+    checks = [Check("best possible", found.lower <= bound.upper, text)]
+    if not bound.certificate:
+        return [*checks, Check.not_made("bound", "the file holds no certificate of the bound over all placements")]
+    try:
+        certificate = _certificate(bound, problem, sources)
+    except NotMadeError as reason:
+        return [*checks, Check.not_made("bound", str(reason))]
+    except InputError as error:
+        return [*checks, Check("bound", False, str(error))]
+    proof = Proof(problem, certificate, sources)
+    for check in proof.checks(bound.upper, bound.dropped):
+        checks.append(Check(f"bound, {check.name}", check.passed, check.detail, check.made))
+    off = float(max(abs(proof.origin - grasp.torque_origin)))
+    return [*checks, Check("bound, torque origin", off == 0.0, f"{off:.3g} m from the grasp's")]
+
+
+def _certificate(bound: GlobalBound, problem: Json, sources: Sources) -> Json:
+    """Return the certificate; out of a file where one is named, which has to be the file that was meant."""
+    stated = bound.certificate
+    if "file" not in stated:
+        return stated
+    path = sources.find(stated["file"])
+    if hashlib.sha256(path.read_bytes()).hexdigest() != stated["sha256"]:
+        raise InputError(path.name, "another fingerprint", "the file that was written with the solution")
+    data = bound_file(path)
+    if data is None:
+        raise InputError(path.name, "no bound", "a bound file")
+    other = [part for part in PARTS if data["problem"][part] != problem[part]]
+    if other or data["upper"] != bound.upper:
+        raise InputError(path.name, f"another {other[0] if other else 'bound'}", "the bound that the solution states")
+    certificate: Json = data["certificate"]
+    return certificate
