@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from nlpgrasp.best.tree.certificate import is_small
 from nlpgrasp.common.files import read_text, write_text
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts import contact_from_dict
@@ -17,7 +18,6 @@ from nlpgrasp.quality import Bounds
 
 SCHEMA = "nlpgrasp-bound/1"
 LARGEST = 512 * 2**20  # bytes of a file
-SMALL = 200_000  # bytes of a certificate that other files may hold
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class BestPossible:
     @property
     def is_small(self) -> bool:
         """Whether another file may hold the certificate itself."""
-        return bool(self.certificate) and len(_text(self.certificate)) <= SMALL
+        return is_small(self.certificate)
 
     def kept(self, file: str | Path | None = None) -> Json:
         """Return the certificate as other files hold it: itself, or the name and digest of the saved bound.

@@ -6,7 +6,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.verify.claims.outcome import outcome_checks
 from tests.verify import honest
-from tests.verify.edits import failed, put, together, verified
+from tests.verify.edits import failed, put, together, unbounded, verified
 from tests.verify.stated import edited
 
 MU = ("quality", "mu")
@@ -37,8 +37,14 @@ WIDE = {
         together(put((*MU, "upper"), 1e6), put((*MU, "worst_direction"), None)),
         ["width"],
     ),
-    "a lower bound of zero": (together(put((*MU, "lower"), 0.0), put(("forces",), [])), ["width", "outcome"]),
-    "a lower bound a third as high": (put((*MU, "lower"), lambda v: v / 3.0), ["width", "wrenches"]),
+    "a lower bound of zero": (
+        together(unbounded, put((*MU, "lower"), 0.0), put(("forces",), [])),
+        ["width", "outcome"],
+    ),
+    "a lower bound a third as high": (
+        together(unbounded, put((*MU, "lower"), lambda v: v / 3.0)),
+        ["width", "wrenches"],
+    ),
     "an interval of delta": (put(("quality", "delta", "upper"), 1e6), ["delta"]),
     "a lower bound of delta": (put(("quality", "delta", "lower"), 0.0), ["delta"]),
     "an error bar of nu": (
@@ -108,6 +114,7 @@ def test_a_step_that_lost_the_grasp_is_not_solved():
     zero = {"lower": 0.0, "upper": 0.0, "worst_direction": None}
 
     def change(data):
+        unbounded(data)
         data["quality"]["mu"] |= zero
         data["status"], data["forces"], data["solver"]["starts"] = "no_grasp", [], []
         del data["best_start"]

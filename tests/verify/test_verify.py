@@ -7,7 +7,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.verify.claims.evidence import wrench_checks
 from tests.verify import honest
-from tests.verify.edits import failed, verified
+from tests.verify.edits import failed, unbounded, verified
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +24,7 @@ def test_an_honest_file_is_verified(data):
 
 def test_a_claim_that_is_too_high_fails(data):
     def inflate(d):
+        unbounded(d)
         d["quality"]["mu"] |= {"lower": 0.9, "upper": 0.95}
 
     assert {"certified quality", "worst direction"} <= set(failed(verified(data, inflate)))
@@ -31,6 +32,7 @@ def test_a_claim_that_is_too_high_fails(data):
 
 def test_a_claim_that_is_too_low_fails(data):
     def deflate(d):
+        unbounded(d)
         d["quality"]["mu"] |= {"lower": 0.1, "upper": 0.2}
 
     assert "certified quality" in failed(verified(data, deflate))
@@ -83,7 +85,7 @@ def test_another_body_fails(data):
     def grow(d):
         d["problem"]["body"]["semi_axes"][0] = 2.001
 
-    assert failed(verified(data, grow)) == ["surface", "normals"]
+    assert failed(verified(data, grow)) == ["surface", "normals", "bound, faces covered", "bound, turned"]
 
 
 @pytest.mark.parametrize("model", [{"type": "magnet"}, {"type": "friction"}])

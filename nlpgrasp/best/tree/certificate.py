@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 
 from nlpgrasp.best.cells.base import IntArray
@@ -16,6 +18,7 @@ from nlpgrasp.common.validation import FloatArray
 DIGITS = 8  # of weights
 LEAST = 1e-5  # weights below are left out
 TURN_DIGITS = 9  # to which motions are the same
+SMALL = 200_000  # bytes of a certificate that other files may hold
 
 
 def certificate(tree: Tree) -> tuple[float, Json]:
@@ -55,6 +58,11 @@ def certificate(tree: Tree) -> tuple[float, Json]:
         "leaves": leaves,
     }
     return float(np.max(bounds, initial=0.0)), data
+
+
+def is_small(data: Json) -> bool:
+    """Return whether a certificate is so small that other files may hold it."""
+    return len(json.dumps(data, separators=(",", ":"))) <= SMALL
 
 
 def rounded(weights: FloatArray) -> FloatArray:

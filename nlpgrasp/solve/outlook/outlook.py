@@ -9,8 +9,10 @@ import numpy as np
 
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Met, Search
+from nlpgrasp.best.tree.certificate import certificate, is_small
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.global_bound import GlobalBound
@@ -43,6 +45,7 @@ class Outlook:
         self._search = Search(scope_of(problem), gap)
         self._size = problem.body.size
         self._placements: dict[int, Placed] = {}
+        self._certified: tuple[int, float, Json] | None = None
 
     def look(self, nodes: int, stop: Stop) -> None:
         """Search until the tree has some nodes more, its gap is closed, or a stop."""
@@ -84,8 +87,13 @@ class Outlook:
         return chosen
 
     def bound(self) -> GlobalBound:
-        """Return what holds of all placements so far."""
-        return GlobalBound(self.upper, self._search.tree.nodes, self._search.scope.dropped)
+        """Return what holds of all placements so far, with its certificate where that is small."""
+        nodes = self._search.tree.nodes
+        if self._certified is None or self._certified[0] != nodes:
+            self._certified = nodes, *certificate(self._search.tree)
+        _, upper, proof = self._certified
+        kept = proof if is_small(proof) else {}
+        return GlobalBound(max(upper, self.upper), nodes, self._search.scope.dropped, kept)
 
 
 _remembered: OrderedDict[str, Outlook] = OrderedDict()

@@ -43,6 +43,10 @@ def beside_checks(bound: GlobalBound, problem: Json, grasp: Grasp, found: Bounds
     except InputError as error:
         return [*checks, Check("bound", False, str(error))]
     proof = Proof(problem, certificate, sources)
+    try:
+        proof.faces  # noqa: B018
+    except NotMadeError as reason:
+        return [*checks, Check.not_made("bound", str(reason))]
     for check in proof.checks(bound.upper, bound.dropped):
         checks.append(Check(f"bound, {check.name}", check.passed, check.detail, check.made))
     off = float(max(abs(proof.origin - grasp.torque_origin)))

@@ -122,7 +122,7 @@ class Contact:
         """Return what no contact near each row exceeds along twists, to the budget's power.
 
         That is ``s^p + p (s + L x)^(p - 1) L z`` with the steepness L, the work z that bends add to an interpolation
-        between rows and the work x by which the row's neighbours differ from it.
+        between rows and the work x by which the row's neighbours differ from it; ``(s + L x)^p`` where that is less.
 
         Parameters
         ----------
@@ -147,7 +147,9 @@ class Contact:
         about = weights[..., 1] + (weights[..., 2] if len(self.coefficients) == 2 else 0.0)
         off, more = (weights[:, i, 0, None] * speed + about[:, i, None] * turning for i in (0, 1))
         L = self.steepness
-        return np.asarray(s**p + p * (s + L * more) ** (p - 1.0) * L * off)
+        most = s + L * more
+        bent = np.minimum(s**p + p * most ** (p - 1.0) * L * off, most**p)
+        return np.where(np.any(weights, axis=(1, 2))[:, None], bent, s**p)
 
 
 def _turned(turning: FloatArray, arms: FloatArray) -> FloatArray:
