@@ -122,7 +122,11 @@ def other_twin(data):
 
 
 def leaf(i, value):
-    return put(("certificate", "leaves", 0, i, *([] if i == 3 else [0])), value)
+    def edit(data):
+        loosest = max(data["certificate"]["leaves"], key=lambda own: own[3])
+        put((i, *([] if i == 3 else [0])), value)(loosest)
+
+    return edit
 
 
 SQUARE_EDITS = {

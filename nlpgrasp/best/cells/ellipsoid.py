@@ -28,8 +28,10 @@ class EllipsoidCell(Cell):
         |z''|  <=  |tau| |p| + 2 |tau| w |A u'| + (w^2 + w') |v| ,
 
     with ``w |A u'| <= (k + 1/k) / (2 g)``, k the largest over the smallest semi-axis. On a sphere of radius r it is
-    ``|z''| <= |v| + 2 r |tau|``. Every point of a triangle lies on an arc from a vertex to a point of the side
-    across, which two steps of at most its longest side L reach: the rows bound it to ``2 |z''| L^2 / 8``.
+    ``|z''| <= |v| + 2 r |tau|``. Let x_i lead from a point of a triangle along great circles to its corners: there are
+    weights with ``sum l_i x_i = 0``, so that z is the corners' mean with these weights up to
+    ``|z''| sum l_i |x_i|^2 / 2 <= |z''| R^2 / 2``, where a circle of radius R holds the x_i. Their distances are at
+    most ``t / sin t`` times those of the corners on the sphere, t the longest side: that gives R.
 
     Parameters
     ----------
@@ -59,8 +61,9 @@ class EllipsoidCell(Cell):
     def _bends(self, parts: FloatArray) -> FloatArray:
         """Return the bend of each small triangle or arc, (m, 4), with the work v at any of its corners."""
         large, small = float(np.max(self.a)), float(np.min(self.a))
-        side = np.max(_angles(parts, np.roll(parts, -1, axis=1)), axis=1)
-        steps = (parts.shape[1] - 1) * side**2 / 8.0
+        sides = _angles(parts, np.roll(parts, -1, axis=1))
+        side = np.max(sides, axis=1)
+        steps = _enclosing(sides) ** 2 / 2.0
         middle = parts.mean(axis=1)
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         radius = np.max(_angles(parts, middle[:, None]), axis=1)
@@ -170,3 +173,19 @@ def _angles(u: FloatArray, v: FloatArray) -> FloatArray:
 
 def _longest(corners: FloatArray) -> float:
     return float(np.max(_angles(corners, np.roll(corners, -1, axis=0))))
+
+
+def _enclosing(sides: FloatArray) -> FloatArray:
+    """Return the radius of the smallest circle around arcs, or triangles, with these sides as drawn in a plane, (m,).
+
+    Sides (m, c) are angles on the sphere; in the plane that touches it they are longer, by ``t / sin t`` at most.
+    """
+    longest = np.max(sides, axis=1)
+    if sides.shape[1] < 3:
+        return np.asarray(0.5 * longest)
+    a, b, c = (sides * (longest / np.sin(longest))[:, None]).T
+    squares = a**2 + b**2 + c**2 - 2.0 * np.maximum(np.maximum(a, b), c) ** 2
+    area = 0.25 * np.sqrt(np.maximum((a + b + c) * (b + c - a) * (a + c - b) * (a + b - c), 0.0))
+    acute = (squares > 0.0) & (area > 0.0)
+    round_ = a * b * c / (4.0 * np.where(acute, area, 1.0))
+    return np.asarray(np.where(acute, round_, 0.5 * np.maximum(np.maximum(a, b), c)))

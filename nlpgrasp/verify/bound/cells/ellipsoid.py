@@ -87,11 +87,25 @@ class Ellipsoid:
         else:
             farthest = np.minimum(long, np.linalg.norm(centre * self.axes, axis=1) + long * reach)
             arm = farthest + (long / short + short / long) / g
-        off = (
-            np.column_stack([quick, arm + quick * long * side, quick]) * ((parts.shape[1] - 1) * side**2 / 8.0)[:, None]
-        )
+        bowed = 0.5 * self._radius(parts) ** 2
+        off = np.column_stack([quick, arm + quick * long * side, quick]) * bowed[:, None]
         more = np.column_stack([w, long + w * long * side, w]) * side[:, None]
         return np.stack([off, more], axis=1)
+
+    def _radius(self, parts: FloatArray) -> FloatArray:
+        """Return the radius of a circle around each part, drawn flat from any of its points, (m,).
+
+        A part that is drawn along great circles from one of its points has sides at most ``t / sin t`` times as long, t
+        the longest: of an acute triangle that leaves the circle through its corners, of any other half its longest side.
+        """
+        ends = _between(parts, np.roll(parts, -1, axis=1))
+        long = np.max(ends, axis=1)
+        if parts.shape[1] < 3:
+            return np.asarray(0.5 * long)
+        c, b, a = np.sort(ends * (long / np.sin(long))[:, None], axis=1).T
+        cosine = (b**2 + c**2 - a**2) / (2.0 * b * c)  # of the largest angle
+        sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+        return np.asarray(np.where((cosine > 0.0) & (sine > 0.0), 0.5 * a / np.where(sine > 0.0, sine, 1.0), 0.5 * a))
 
     def parts(self, cut: Cut) -> tuple[Ellipsoid, Ellipsoid]:
         """Return both halves of a cut from the middle of a side to the corner across."""
