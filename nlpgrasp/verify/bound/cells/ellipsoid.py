@@ -95,8 +95,9 @@ class Ellipsoid:
     def _radius(self, parts: FloatArray) -> FloatArray:
         """Return the radius of a circle around each part, drawn flat from any of its points, (m,).
 
-        A part that is drawn along great circles from one of its points has sides at most ``t / sin t`` times as long, t
-        the longest: of an acute triangle that leaves the circle through its corners, of any other half its longest side.
+        A part that is drawn along great circles from one of its points has sides at most ``t / sin t`` times as long,
+        t the longest: for an acute triangle that leaves the circle through its corners, for others half its longest
+        side.
         """
         ends = _between(parts, np.roll(parts, -1, axis=1))
         long = np.max(ends, axis=1)
