@@ -216,11 +216,12 @@ def test_an_edit_of_another_problem_fails_at_its_check(name, tmp_path):
     assert check in [c.name for c in verification.checks if c.failed], str(verification)
 
 
-def test_a_body_that_nothing_recomputes_is_no_check_that_failed(tmp_path):
+def test_a_bound_that_nothing_recomputes_is_not_verified(tmp_path):
     data = bound_data("square")
     data["problem"]["body"] = {"type": "planar_implicit", "bounds": [[-2, -2], [2, 2]]}
     verification = verified(data, tmp_path)
     assert "faces covered" in [check.name for check in verification.not_made]
+    assert "bound" in [check.name for check in verification.checks if check.failed]
 
 
 @pytest.mark.parametrize("schema", ["nlpgrasp-bound/2", "nlpgrasp-bound/"])
