@@ -330,7 +330,7 @@ class RandomSteps:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_exchange_model_from_elsewhere(tmp_path, workers):
     problem = ng.GraspProblem(ng.Ellipsoid([0.06, 0.03, 0.03]), [ng.FrictionContact(0.5)] * 3, BALL)
-    options = ng.SolveOptions(exchange="test random", shadow_prices=False, workers=workers)
+    options = ng.SolveOptions(exchange="test random", shadow_prices=False, workers=workers, global_bound=False)
     found = ng.solve(problem, starts=2, options=options)
     for start in found.starts:
         assert list(start.history) == sorted(start.history)
@@ -343,7 +343,7 @@ def test_exchange_models_that_do_not_serve(monkeypatch):
     with pytest.raises(ng.InputError, match="one of 'linear', 'nonlinear'"):
         ng.solve(problem, options=ng.SolveOptions(exchange="by hand"))
     # nor is any start begun: none is left to screen a placement
-    monkeypatch.setattr(start_run, "draw_start", None)
+    monkeypatch.setattr(start_run, "candidates", None)
     for workers in (1, 2):
         with pytest.raises(ng.InputError, match="a model that suits the problem: 'nonlinear'"):
             ng.solve(problem, starts=2, options=ng.SolveOptions(exchange="linear", workers=workers))

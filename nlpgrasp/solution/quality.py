@@ -79,14 +79,14 @@ class Quality:
             On an empty interval, or arrays that do not fit the dimension or each other.
         """
         mu, delta, nu, robust = data["mu"], data.get("delta"), data.get("nu"), data.get("robust")
-        bound, lower = data.get("best_possible"), 0.0 if mu is None else mu["lower"]
+        bound = data.get("best_possible")
         return cls(
             UNKNOWN if mu is None else _mu_of(mu, dimension, f"{name}.mu"),
             "mu" if mu is None else mu["kind"],
             None if delta is None else Bounds.from_dict(delta, f"{name}.delta"),
             None if nu is None else Volume.from_dict(nu, f"{name}.nu"),
             None if robust is None else Robustness.from_dict(robust, f"{name}.robust"),
-            None if bound is None else GlobalBound.from_dict(bound, lower, f"{name}.best_possible"),
+            None if bound is None else GlobalBound.from_dict(bound, f"{name}.best_possible"),
         )
 
 

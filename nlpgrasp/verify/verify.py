@@ -75,9 +75,8 @@ def verify(
         found, checks = _quality(solution, grasp, rtol)
         sources = Sources.beside(file, folders)
         checks += recomputed(solution, grasp, sources)
-        if found is not None and solution.bound is not None:
-            best, asked = solution.bound, solution.problem
-            checks += guarded("bound", partial(beside_checks, best, asked, grasp, found, sources))
+        if found is not None:
+            checks += guarded("bound", partial(beside_checks, solution, grasp, found, sources))
     return Verification((*checks, *told), found)
 
 

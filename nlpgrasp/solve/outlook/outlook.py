@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 from collections import OrderedDict
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +25,7 @@ NODES = 400  # of the tree, by default: about a second
 GAP = 0.01  # that the tree aims at where none is asked for
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same
+TIME = 0.2  # of what is left until a deadline: a look takes no more of it
 KEPT = 8  # problems whose outlook is remembered
 
 
@@ -115,12 +118,20 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook
         found = Outlook(problem, GAP if options.gap is None else SHARE * options.gap)
     except InputError:
         return None
-    found.look(NODES, stop)
-    if options.gap is None and not stop.requested():
+    found.look(NODES, _share_of(stop))
+    if options.gap is None and stop.deadline is None and not stop.requested():
         _remembered[key] = found
         while len(_remembered) > KEPT:
             _remembered.popitem(last=False)
     return found
+
+
+def _share_of(stop: Stop) -> Stop:
+    """Return the stop of a look: a part of the time that there is until a deadline."""
+    if stop.deadline is None:
+        return stop
+    now = time.monotonic()
+    return replace(stop, deadline=now + TIME * max(0.0, stop.deadline - now))
 
 
 def _key(problem: GraspProblem) -> str:

@@ -9,32 +9,40 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bound.faces import faces_of
 from nlpgrasp.verify.bound.file import bound_file
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.check import Check, NotMadeError
 from nlpgrasp.verify.sources import Sources
 
+SAME = 1e-9  # relative
 PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget")  # of a problem
 
 
-def beside_checks(bound: GlobalBound, problem: Json, grasp: Grasp, found: Bounds, sources: Sources) -> list[Check]:
+def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources: Sources) -> list[Check]:
     """Return whether a bound is not below the grasp, and follows from its certificate.
 
     Parameters
     ----------
-    bound : GlobalBound
-        Its certificate is in the file itself, or named as ``file`` and ``sha256``.
-    problem : mapping
-        As JSON data.
+    solution : GraspSolution
+        The certificate of its bound is in the file itself, or named as ``file`` and ``sha256``.
     grasp : Grasp
     found : Bounds
         The grasp's quality, computed anew.
     sources : Sources
         Where the named file is looked for.
     """
+    bound, problem, lower = solution.bound, solution.problem, solution.mu.lower
+    if bound is None:
+        return []
+    gap, stated = bound.gap(lower), bound.stated_gap
+    same = stated is None or gap == stated or abs(gap - stated) <= SAME * max(1.0, gap)
     text = f"{found.lower:.8g} of the grasp, {bound.upper:.8g} over all placements"
-    checks = [Check("best possible", found.lower <= bound.upper, text)]
+    checks = [
+        Check("best possible", max(found.lower, lower) <= bound.upper, text),
+        Check("gap", same, f"stated {gap if stated is None else stated:.6g}, bound over quality {gap:.6g}"),
+    ]
     if not bound.certificate:
         return [*checks, Check.not_made("bound", "the file holds no certificate of the bound over all placements")]
     try:
