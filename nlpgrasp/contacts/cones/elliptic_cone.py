@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 
+NEWTON, LAST = 60, 1e-9  # steps, and the relative size of the last: convergence is quadratic
 AWAY = 1e-9  # the multiplier 1 is a removable singularity of the derivative: step aside by this much
 
 
@@ -74,26 +75,29 @@ def _pressing(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: floa
 
     Over the cone's boundary points ``n (1, mu cos a, mu_t sin a)`` the best n for a given a is
     ``(z + mu r cos a + mu_t s sin a) / (1 + mu^2 cos^2 a + mu_t^2 sin^2 a)``. With the multiplier t of the
-    cone constraint, n solves ``n^2 = (r mu / (mu^2 + t))^2 + (s mu_t / (mu_t^2 + t))^2``, ``n (1 - t) = z``;
-    the difference of both sides is monotone in t on each side of 1 and is found by bisection.
+    cone constraint, n solves ``n^2 = (r mu / (mu^2 + t))^2 + (s mu_t / (mu_t^2 + t))^2``, ``n (1 - t) = z``. With
+    u = t for z > 0, where t is in [0, 1), and u = 1/t for z < 0, where t is above 1, both are
+    ``(1 - u) rho(u) = |z|`` for the root rho of the sum of squares of ``r mu / (mu^2 + u)``, or
+    ``r mu / (1 + mu^2 u)``, and the same of s: the left side is positive, falls and is convex, so that Newton's
+    method from u = 0 rises to the root.
     """
     inside = _inside(z, r, s, mu, mu_t)
     polar = np.hypot(mu * r, mu_t * s) <= -z
     positive = z > 0.0
-    # t in [0, 1) for z > 0 and in (1, inf) for z < 0; u = t or u = 1/t keeps both in [0, 1]
-    low, high = np.zeros_like(z), np.ones_like(z)
-    for _ in range(80):
-        u = 0.5 * (low + high)
-        t = np.where(positive, u, 1.0 / np.maximum(u, 1e-300))
-        radius = np.sqrt((r * mu / (mu**2 + t)) ** 2 + (s * mu_t / (mu_t**2 + t)) ** 2)
-        # n from both equations: z/(1 - t) against radius
-        too_far = np.abs(1.0 - t) * radius < np.abs(z)
-        high = np.where(too_far, u, high)
-        low = np.where(too_far, low, u)
-    u = 0.5 * (low + high)
-    t = np.where(positive, u, 1.0 / np.maximum(u, 1e-300))
-    radius = np.sqrt((r * mu / (mu**2 + t)) ** 2 + (s * mu_t / (mu_t**2 + t)) ** 2)
-    return np.where(inside, z, np.where(polar, 0.0, radius))
+    (p, q), (p_t, q_t) = ((np.where(positive, c**2, 1.0), np.where(positive, 1.0, c**2)) for c in (mu, mu_t))
+    u, size = np.zeros_like(z), np.abs(z)
+    open_ = ~inside & ~polar
+    for _ in range(NEWTON):
+        first, second = (r * mu / (p + q * u)) ** 2, (s * mu_t / (p_t + q_t * u)) ** 2
+        rho = np.sqrt(first + second)
+        safe = np.where(open_, rho, 1.0)
+        slope = rho + (1.0 - u) * (first * q / (p + q * u) + second * q_t / (p_t + q_t * u)) / safe
+        step = np.where(open_, ((1.0 - u) * rho - size) / np.where(open_, slope, 1.0), 0.0)
+        u = np.minimum(u + np.maximum(step, 0.0), 1.0)
+        if not np.any(step > LAST * u):
+            break
+    radius = np.hypot(r * mu / (p + q * u), s * mu_t / (p_t + q_t * u))
+    return np.where(inside, z, np.where(polar, 0.0, np.where(positive, radius, u * radius)))
 
 
 def _rest(
