@@ -61,4 +61,4 @@ class GlobalBound:
         without = f" (without {', '.join(self.dropped)})" if self.dropped else ""
         if mu <= 0.0:
             return f"no placement is above {self.upper:.4g}{without}"
-        return f"at most {self.gap(mu):.2%} below the best possible: no placement is above {self.upper:.4g}{without}"
+        return f"no placement is more than {self.gap(mu):.2%} better: mu is at most {self.upper:.4g} anywhere{without}"

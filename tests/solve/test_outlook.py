@@ -19,7 +19,7 @@ def test_a_solution_says_how_far_it_is_from_the_best():
     solution = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
     assert solution.mu.lower <= 0.44721 * (1 + 1e-4) <= solution.best_possible * (1 + 2e-4)
     assert solution.gap == pytest.approx(solution.best_possible / solution.mu.lower - 1, rel=1e-12)
-    assert f"at most {solution.gap:.2%} below the best possible" in str(solution)
+    assert f"no placement is more than {solution.gap:.2%} better" in str(solution)
     kept = ng.GraspSolution.from_dict(solution.to_dict())
     assert (kept.best_possible, kept.gap) == (solution.best_possible, solution.gap)
 
