@@ -16,7 +16,9 @@ from nlpgrasp.best.tree.nodes import Cells, Node
 from nlpgrasp.best.tree.proof import Proof
 
 BATCH = 64
-WORK = 500_000  # rows times directions of a batch
+WORK = 500_000  # rows times directions of a batch; nodes are cut until there is work for some batches
+BATCHES = 4
+REPLACED = 8  # rows looked at, for each that finer ones may replace
 MOST_OPEN = 100_000  # nodes, beyond which a search ends
 SPREAD = 1e-2  # weight of a cell's squared radius beside the design's variance over it
 
@@ -69,16 +71,19 @@ class Tree:
     def grow(self, target: float) -> list[Node]:
         """Cut the cells of the loosest nodes; return those of the new nodes whose bound exceeds the target."""
         todo: list[tuple[Cells, np.ndarray, np.ndarray | None]] = []
+        work = 0
         self.proof.go_on()
         for _ in range(BATCH):
-            if not self._heap or self._heap[0].bound <= target:
+            if not self._heap or self._heap[0].bound <= target or work >= BATCHES * WORK:
                 break
             node = heapq.heappop(self._heap)
             children = self._children(node)
             if children is None:
                 self._close(node)
                 continue
-            todo += [(cells, node.twists, node.weights) for cells in children if self._is_new(cells)]
+            new = [cells for cells in children if self._is_new(cells)]
+            todo += [(cells, node.twists, node.weights) for cells in new]
+            work += sum(self._work(cells) for cells in new)
         return self._bounded(todo, target)
 
     def _children(self, node: Node) -> list[Cells] | None:
@@ -168,7 +173,11 @@ class Tree:
 
     def _work(self, cells: Cells) -> int:
         """Return how many rows times directions a node takes."""
-        return sum(self._group_of(i)[1].supports.count(cell) for i, cell in enumerate(cells)) * self.twists.per_node
+        rows = 0
+        for slot, cell in enumerate(cells):
+            supports = self._group_of(slot)[1].supports
+            rows += supports.count(cell) * (REPLACED if supports.refines else 1)
+        return rows * self.twists.per_node
 
     def _close(self, node: Node) -> None:
         """Count a node as done: its bound holds for good."""
