@@ -20,6 +20,20 @@ def exchange_rules(bench: Workbench) -> Rules:
     return replace(model_of(bench).rules, rounds=bench.options.exchange_rounds)
 
 
+def exchange_in_turn(bench: Workbench, state: AscentState, rng: np.random.Generator, stop: Stop) -> AscentState:
+    """Improve a state under the paper's budget first, where the problem's is another, and then under its own.
+
+    The support under the paper's budget, a root of a sum of squares over the contacts, is smooth where those of other
+    budgets, a largest one or a sum, have edges: an ascent of theirs from afar ends at such an edge. What is found is
+    a local optimum under the problem's own budget all the same: the second ascent decides (docs/architecture.md).
+    """
+    plain = bench.under_l2
+    if plain is not None and not stop.requested():
+        there = exchange(plain, replace(state, history=[]), rng, stop)
+        state = replace(state, placed=there.placed, effort=there.effort, multipliers=there.multipliers)
+    return exchange(bench, state, rng, stop)
+
+
 def exchange(
     bench: Workbench, state: AscentState, rng: np.random.Generator, stop: Stop, rules: Rules | None = None
 ) -> AscentState:

@@ -13,7 +13,7 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
-from nlpgrasp.solve.ascent.exchange import exchange
+from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
@@ -88,11 +88,20 @@ class _Attempts:
                 return
             yield self._finished(first)
 
+    @property
+    def _under_l2_first(self) -> bool:
+        """Whether this start goes up under the paper's budget first: with a hand's pose each does.
+
+        Without one every other does of those that draw for themselves.
+        """
+        return not self.bench.follows_contacts or (self.index % 2 == 1 and self._known is None)
+
     def _finished(self, first: FirstResult) -> StartGrasp:
         """Refine what the first program found, put it onto the body and certify it."""
         bench, state = self.bench, first.state
         if bench.options.exchange:
-            state = exchange(bench, state, self.rng, self.stop)
+            improve = exchange_in_turn if self._under_l2_first else exchange
+            state = improve(bench, state, self.rng, self.stop)
         self.clock.mark("exchange")
         found = put_on_body(bench, state, self.rng, self.stop)
         self.clock.mark("mesh")

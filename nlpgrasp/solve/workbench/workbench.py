@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -66,10 +67,26 @@ class Workbench:
 
         The first program is the same for all tasks of which it looks at as many samples.
         """
-        result = Workbench(problem, self.options)
-        result.rows, result.surface, result.hand_points = self.rows, self.surface, self.hand_points
+        result = self._sharing(Workbench(problem, self.options))
         result.exchange, result._first = self.exchange, self._first
         return result
+
+    @cached_property
+    def under_l2(self) -> Workbench | None:
+        """The workbench under the paper's budget, for a first ascent; None where the budget is that, or a hand's own.
+
+        Only the exchange's program is another one, with the model of steps that suits it.
+        """
+        problem, budget = self.problem, self.problem.budget
+        if isinstance(budget, L2Budget) or budget.follows_hand:
+            return None
+        options = replace(self.options, exchange=bool(self.options.exchange))
+        return self._sharing(Workbench(problem.unchecked(force_budget=L2Budget()), options))
+
+    def _sharing(self, other: Workbench) -> Workbench:
+        """Return another workbench with this one's rows and samples, which neither task nor budget changes."""
+        other.rows, other.surface, other.hand_points = self.rows, self.surface, self.hand_points
+        return other
 
     @cached_property
     def task_samples(self) -> TaskSamples:
