@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -10,29 +11,32 @@ from scipy.optimize import linear_sum_assignment
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solve.ascent.state import Effort
+from nlpgrasp.solve.outlook.outlook import Outlook, unseen
 from nlpgrasp.solve.start.first_program import solve_first
+from nlpgrasp.solve.start.run import with_hand
 from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.studies.sliding import Branch, at_most, look, slide
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.studies.sliding import GAIN, Branch, at_most, look, slide
 
-SAME, NEAR = (
-    0.02,
-    0.15,
-)  # of the body's size: contacts this close, in any order, are the same grasp, and neighbours
-SHARE = 1 / 3  # of a cold solve's starts are begun at each step, all of them at both ends of the path
+SAME, NEAR = 0.02, 0.15  # of the body's size: contacts this close, in any order, are the same grasp, and neighbours
+SHARE = 1 / 3  # of a cold solve's starts are begun at each step without a search, all of them at both ends of the path
 FOLLOWED = 40  # branches at most: the best at hand
 HOPEFUL, HOPEFUL_NEW = 0.85, 0.7  # of the best's quality: from there on another is slid, and one that never settled
 OTHERS = 3  # slides of other branches a step
 RISING = 5  # slides of a start that begins with next to nothing
+NODES = {2: 400, 3: 100}  # of a step's search, by the body's space: from what is known it needs few
+MET = 6  # grasps of a step's search that become branches, at most
 
 
 class Branches:
     """Local optima that are followed through tasks, each slid to where it is best for the task at hand.
 
-    The first programs of some starts are solved at every step before the first is taken: branches that begin at
-    different tasks differ more than those of many starts at one. They are slid only once they may be the best.
+    Where a search of all placements covers the problem, a short one at each step says whether any is better than the
+    branch at hand, and meets those that are. Elsewhere the first programs of some starts are solved at every step
+    before the first is taken: branches that begin at different tasks differ more than those of many starts at one.
 
     Parameters
     ----------
@@ -41,15 +45,26 @@ class Branches:
     starts : int
         Of a cold solve of one step.
     seed : int
+
+    Attributes
+    ----------
+    states : list of Branch
+    bound : GlobalBound or None
+        Over all placements for the task of the latest step, where the search covers it.
     """
 
     def __init__(self, benches: Sequence[Workbench], starts: int, seed: int) -> None:
         self._starts, self._seed = starts, seed
         self.states: list[Branch] = []
+        self.bound: GlobalBound | None = None
         self._begun_before: set[tuple[int, int]] = set()  # workbench and number of starts
         self._steps, self._best = 0, 0.0  # taken, and the quality known at the last
+        ahead = (_unseen(bench) for bench in benches)
+        first = next(ahead)
+        self._outlooks: Iterator[Outlook | None] = chain([first], ahead)
+        self._complete = first is not None and first.complete
         each = int(np.ceil(SHARE * starts))
-        for step, bench in enumerate(benches):
+        for step, bench in enumerate([] if self._complete else benches):
             end = step in (0, len(benches) - 1)
             self._begin(bench, range(starts) if end else [(step * each + n) % starts for n in range(each)])
 
@@ -87,17 +102,58 @@ class Branches:
             if slide(bench, branch, rng, self._steps) or branch.value <= 0.0:
                 return
 
-    def look(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
-        """Compute the quality of the branches for another task, and drop what has become the same; the best stay.
+    def improve(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
+        """Slide the current branch to where it is best for the next task, and then others that may be better."""
+        self._steps += 1
+        for state in self.states:
+            state.effort, state.value = Effort(), 0.0
+        if current is not None:
+            look(bench, current, rng)
+            slide(bench, current, rng, self._steps)
+        if not self._search(bench, 0.0 if current is None else current.value, rng):
+            self._look(bench, current, rng)
+        for _ in range(OTHERS):
+            following = self._next(bench, current)
+            if following is None:
+                break
+            slide(bench, following, rng, self._steps)
+        self._best = max((state.value for state in self.states), default=0.0)
+
+    def _search(self, bench: Workbench, known: float, rng: np.random.Generator) -> bool:
+        """Search all placements for better ones than is known, and follow those as well.
+
+        Returns whether no other branch needs a look: none can be much better than what is known or was met.
+        """
+        seen = next(self._outlooks)
+        if seen is None:
+            return False
+        seen.expect(known)
+        seen.look(NODES[bench.problem.body.space], Stop())
+        self.bound = seen.bound()
+        done = seen.searched and self._complete
+        for placed in seen.placements(MET, known * (1.0 + GAIN if done else HOPEFUL)):
+            found = bench.snapped(with_hand(bench, placed))
+            if bench.violation(found) <= FEASIBLE and _there(bench, found, self.states) is None:
+                state = Branch(found, multipliers=np.zeros(len(bench.rows.named)))
+                look(bench, state, rng)
+                if state.value <= 0.0:
+                    self._raise(bench, state, rng)
+                self.states.append(state)
+        return done
+
+    def _look(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
+        """Compute the quality of the other branches, and drop what has become the same; the best stay.
 
         A branch that is seen, by directions known of any, to be worse than the best by far is not looked at closely.
+        Without a search of all placements the rest of a cold solve's starts join where the current branch loses much.
         """
-        most, best = at_most(bench, self.states), 0.0
-        order = sorted(range(len(most)), key=lambda i: (self.states[i] is not current, -most[i]))
-        for i in order:
+        most, best = at_most(bench, self.states), max((state.value for state in self.states), default=0.0)
+        for i in np.argsort(-most, kind="stable").tolist():
             state = self.states[i]
-            state.effort, state.value = Effort(), float(most[i])
-            if state is current or most[i] >= HOPEFUL_NEW * best:
+            if state.value > 0.0:
+                continue
+            state.value = float(most[i])
+            if most[i] >= HOPEFUL_NEW * best:
                 look(bench, state, rng)
                 best = max(best, state.value)
         kept = [] if current is None else [current]
@@ -105,24 +161,9 @@ class Branches:
             if len(kept) < FOLLOWED and _there(bench, state.placed, kept) is None:
                 kept.append(state)
         self.states = kept
-
-    def improve(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
-        """Slide the current branch to where it is best, and then others that may be better.
-
-        Where the task takes the current branch away, the rest of a cold solve's starts join first.
-        """
-        self._steps += 1
-        if current is not None:
-            slide(bench, current, rng, self._steps)
-        if current is None or current.value < HOPEFUL * self._best:
+        if not self._complete and (current is None or current.value < HOPEFUL * self._best):
             for state in self._begin(bench, range(self._starts)):
                 look(bench, state, rng)
-        for _ in range(OTHERS):
-            following = self._next(bench, current)
-            if following is None:
-                break
-            slide(bench, following, rng, self._steps)
-        self._best = max((state.value for state in self.states), default=0.0)
 
     def _next(self, bench: Workbench, current: Branch | None) -> Branch | None:
         """Return the best branch that is not yet at its best and has no better one near it."""
@@ -145,6 +186,11 @@ class Branches:
         for state in self._begin(bench, range(self._starts)):
             self._raise(bench, state, rng)
         return self.ranked()[: self._starts]
+
+
+def _unseen(bench: Workbench) -> Outlook | None:
+    """Return a search of all placements for the task of a step; None where its grasps are none to slide."""
+    return unseen(bench.problem, bench.options) if bench.follows_contacts else None
 
 
 def _there(bench: Workbench, placed: Placed, states: Sequence[Branch], near: float = SAME) -> Branch | None:

@@ -1,9 +1,9 @@
 """Dynamic grasping (Section 3.6): the grasp follows a task that changes.
 
 Contacts found for one task are a few steps of the exchange away from the best ones near them for a task a little
-different: the program is the same, only its cuts are others. Local optima that first programs find all along the path
-are followed side by side, so that it is seen where sliding along no longer helps and a regrasp pays; fingers stay
-where they are for less.
+different: the program is the same, only its cuts are others. A short search of all placements says at each step
+whether another local optimum is better by much, so that it is seen where sliding along no longer helps and a regrasp
+pays; fingers stay where they are for less.
 """
 
 from __future__ import annotations
@@ -41,8 +41,9 @@ def follow_task(
     parameters : (m,) array
         At least 2, in the order in which the task changes.
     starts : int
-        Of a cold solve. The first programs of as many look for local optima to follow at both ends of the path, those
-        of a third at each step in between; a step at which no branch has a grasp takes the rest too, and says so.
+        Of a cold solve: what a step takes at which nothing that is followed has a grasp, and says so. Where no search
+        of all placements covers the problem, the first programs of as many look for local optima to follow at both
+        ends of the path, those of a third at each step in between.
     seed : int
     options : SolveOptions, optional
     regrasp_gain : float
@@ -52,7 +53,8 @@ def follow_task(
     Returns
     -------
     DynamicGrasp
-        A step a parameter. One for which there is no grasp, also of a cold solve, has the status ``NO_GRASP``.
+        A step a parameter, with a bound over all placements where the search covers the problem
+        (``step.solution.gap``). One for which there is no grasp, also of a cold solve, has the status ``NO_GRASP``.
 
     Raises
     ------

@@ -11,6 +11,7 @@ import numpy as np
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.answer import solver_record
@@ -82,14 +83,14 @@ class Follower:
         taken = followed or self._anew(bench, rng) or stayed
         self._held = taken
         if taken is None:
-            return _without_grasp(bench.problem, parameter, cold)
+            return _without_grasp(bench.problem, parameter, cold, self._branches.bound)
         regrasp = before is not None and taken.state is not before.state
         went = np.zeros(len(taken.found.grasp))
         if before is not None and taken.found is not before.found:
             went = moved(before.found.grasp, taken.found.grasp, regrasp)
         effort = taken.state.effort
         record = solver_record(bench.options, self._seed, effort, time.monotonic() - begun)
-        solution = replace(_solution(bench, taken), solver=record)
+        solution = replace(_solution(bench, taken), solver=record, bound=self._bound(taken))
         staying = taken.bounds.upper if stayed is None else stayed.bounds.upper
         return DynamicStep(parameter, solution, went, regrasp, staying, cold)
 
@@ -100,7 +101,6 @@ class Follower:
         """
         branches = self._branches
         current = None if stayed is None else stayed.state
-        branches.look(bench, current, rng)
         branches.improve(bench, current, rng)
         best = stayed if stayed is not None and stayed.holds else None
         if best is not None and current is not None and current.value > self._worthwhile * best.worth:
@@ -113,6 +113,11 @@ class Follower:
             if other.holds and (best is None or other.worth > self._worthwhile * best.worth):
                 best = other
         return best
+
+    def _bound(self, taken: Held) -> GlobalBound | None:
+        """Return how good any placement could be, which a grasp's own bound may exceed by rounding alone."""
+        bound = self._branches.bound
+        return None if bound is None else replace(bound, upper=max(bound.upper, taken.bounds.lower))
 
     def _anew(self, bench: Workbench, rng: np.random.Generator) -> Held | None:
         """Return the best grasp of a cold solve, or None."""
@@ -145,7 +150,7 @@ def _solution(bench: Workbench, held: Held) -> GraspSolution:
     )
 
 
-def _without_grasp(problem: GraspProblem, parameter: float, cold: bool) -> DynamicStep:
+def _without_grasp(problem: GraspProblem, parameter: float, cold: bool, bound: GlobalBound | None) -> DynamicStep:
     """Return a step before any grasp was found."""
-    solution = GraspSolution(Status.NO_GRASP, problem.name, problem.to_dict(), kind=problem.task.measure)
+    solution = GraspSolution(Status.NO_GRASP, problem.name, problem.to_dict(), kind=problem.task.measure, bound=bound)
     return DynamicStep(parameter, solution, np.zeros(len(problem.models)), False, 0.0, cold)

@@ -43,9 +43,10 @@ class RandomPath:
 
 @dataclass(frozen=True)
 class Compared:
-    """A path followed and solved cold: certified qualities, 0 without a grasp, and CPU seconds.
+    """A path followed and solved cold at some of its steps: certified qualities there, 0 without a grasp.
 
-    Lost are the steps without a grasp for which the cold solve, or any other step, has one.
+    Seconds of CPU time are those of one step. Lost are the steps of the path without a grasp for which a cold solve, or
+    any other step, has one.
     """
 
     followed: np.ndarray
@@ -73,8 +74,8 @@ def random_path(number):
     return RandomPath(SPATIAL[number // 3 % 2], int(rng.integers(3, 5)), middle, axis, turn)
 
 
-def compared(number):
-    """Return path ``number`` followed (None where that finds no grasp at all) and solved cold, with the CPU seconds."""
+def compared(number, at=range(STEPS)):
+    """Return path ``number`` followed and, at some of its steps, solved cold."""
     path, shares = random_path(number), np.linspace(0.0, 1.0, STEPS)
     options = ng.SolveOptions(workers=1, shadow_prices=False)
     begun = time.process_time()
@@ -85,13 +86,14 @@ def compared(number):
             raise
         steps = ()
     middle = time.process_time()
-    cold = [ng.solve(path.at(share), STARTS, options=options) for share in shares]
+    cold = [ng.solve(path.at(shares[i]), STARTS, options=options) for i in at]
     cold_seconds = time.process_time() - middle
     followed = [_certified(step.solution) for step in steps] or [0.0] * STEPS
     grasps = [one.grasp for one in (*cold, *(step.solution for step in steps)) if one.grasp is not None]
     tasks = [path.at(share).task for share in shares]
     lost = sum(any(_holds(g, task) for g in grasps) for f, task in zip(followed, tasks, strict=True) if f <= 0.0)
-    return Compared(np.array(followed), np.array([_certified(one) for one in cold]), middle - begun, cold_seconds, lost)
+    each = (middle - begun) / STEPS, cold_seconds / len(at)
+    return Compared(np.array(followed)[list(at)], np.array([_certified(one) for one in cold]), *each, lost)
 
 
 def _certified(solution):

@@ -66,6 +66,11 @@ class Outlook:
         return self._search.upper
 
     @property
+    def complete(self) -> bool:
+        """Whether it looks at the whole problem: nothing was left out."""
+        return not self._search.scope.dropped
+
+    @property
     def searched(self) -> bool:
         """Whether there is nothing left to look at."""
         return self._search.searched
@@ -108,15 +113,14 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook
     It depends on the problem alone. The latest few are remembered, as an experiment solves a problem with many seeds;
     where a gap is asked for the look is a new one, for the search goes on from it.
     """
-    if not options.global_bound or isinstance(problem.body, Mesh):  # a mesh is bounded too, but in minutes
+    if not _wanted(problem, options):
         return None
     key = _key(problem)
     if options.gap is None and key in _remembered:
         _remembered.move_to_end(key)
         return _remembered[key]
-    try:
-        found = Outlook(problem, GAP if options.gap is None else SHARE * options.gap)
-    except InputError:
+    found = unseen(problem, options)
+    if found is None:
         return None
     found.look(NODES, _share_of(stop))
     if options.gap is None and stop.deadline is None and not stop.requested():
@@ -132,6 +136,21 @@ def _share_of(stop: Stop) -> Stop:
         return stop
     now = time.monotonic()
     return replace(stop, deadline=now + TIME * max(0.0, stop.deadline - now))
+
+
+def unseen(problem: GraspProblem, options: SolveOptions) -> Outlook | None:
+    """Return an outlook that has not looked yet, None where the bound does not cover the problem or is not wanted."""
+    if not _wanted(problem, options):
+        return None
+    try:
+        return Outlook(problem, GAP if options.gap is None else SHARE * options.gap)
+    except InputError:
+        return None
+
+
+def _wanted(problem: GraspProblem, options: SolveOptions) -> bool:
+    """Return whether to look at all: a mesh is bounded too, but in minutes."""
+    return options.global_bound and not isinstance(problem.body, Mesh)
 
 
 def _key(problem: GraspProblem) -> str:
