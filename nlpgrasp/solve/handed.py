@@ -158,9 +158,10 @@ def _given(bench: Workbench, offer: Offer) -> Given | None:
         if offer.hand is None or len(offer.grasp) != len(models):
             return None
         try:
-            values = hand.values_of(offer.hand)
+            known = hand.values_of(offer.hand)
         except InputError:
             return None
+        values = {v.name: known[v.name] for v in hand.variables(bench.problem.body.bounds)}  # in the program's order
         given: Given | None = Given(Placed(offer.faces, offer.grasp.points, values), offer.grasp.normals)
     else:
         given = with_more(bench, offer.grasp, offer.faces)
@@ -185,7 +186,8 @@ def _answer(
     after = look_back(bench, best, results, seed, stop)
     own_starts = [StartResult(record) for record in own.starts]
     cut_short = own.status if own.status is Status.TIME_LIMIT else None
-    search = Search(bench.problem, bench.options, seed, [*own_starts, *results], cut_short, bound=own.bound)
+    bound = None if own.bound is None else replace(own.bound, stated_gap=None)  # the gap was to another grasp
+    search = Search(bench.problem, bench.options, seed, [*own_starts, *results], cut_short, bound=bound)
     before = own.solver.get("seconds", {})
     effort = search.effort + Effort(
         int(own.solver.get("iterations", 0)), float(before.get("ipopt", 0.0)), float(before.get("functions", 0.0))

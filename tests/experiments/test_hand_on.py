@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,11 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.experiments.found.digest import body_of
 from nlpgrasp.experiments.run.folder import HANDED_ON, OWN
+from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solve.handed import Offer, improved_by
+from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.experiments.small import QUICK, base, experiment
+from tests.hands.urdf import four_finger_hand
 
 BLIND = {"max_iterations": 1, "exchange": False, "candidates": 1}  # finds nothing worth having by itself
 VARIATIONS = {
@@ -85,6 +90,7 @@ def test_resuming_changes_no_file(handed, tmp_path):
     before = {p: p.stat().st_mtime_ns for p in folder.rglob("*.json") if p.parent != folder}
     again = run(VARIATIONS, folder, resume=True)
     assert {p: p.stat().st_mtime_ns for p in folder.rglob("*.json") if p.parent != folder} == before
+    assert again.notes == ()
     assert str(again) == str(ng.ExperimentResult.load(folder))
     assert placed(again) == placed(handed)
 
@@ -126,8 +132,37 @@ def test_functions_that_make_the_same_body_take_part(tmp_path):
     assert result["late"].mu.upper >= result["smooth"].mu.lower
 
 
+def test_the_gap_is_that_of_the_grasp_taken(handed):
+    """A file states a gap of its own: none of a solve that found no grasp."""
+    case = experiment(VARIATIONS, seeds=[0], **OPTIONS).case("rough")
+    own = ng.GraspSolution.load(handed.folder / OWN / "rough--seed0.json")
+    own = replace(own, bound=GlobalBound(5.0, 1, stated_gap=np.inf))
+    smooth = handed.solution("smooth")
+    offer = Offer("from variation smooth, seed 0", smooth.require_grasp(), smooth.faces, None, smooth.mu)
+    taken = improved_by(Workbench(case.problem, case.options), own, 0, [offer], improve=False)
+    assert taken.to_dict()["quality"]["best_possible"]["gap"] == pytest.approx(5.0 / taken.mu.lower - 1.0)
+    assert taken.mu.upper >= smooth.mu.lower
+
+
 def test_bodies_are_told_apart_by_what_they_state():
     square, same = (ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]]) for _ in range(2))
     assert body_of(square.to_dict()) == body_of(same.to_dict()) != body_of(ng.Box([1, 1, 1]).to_dict())
     hidden = ng.PlanarImplicit(lambda p: p[0] ** 2 + p[1] ** 2 - 1, [[-2, -2], [2, 2]])
     assert body_of(hidden.to_dict()) == ""
+
+
+@pytest.mark.slow
+def test_with_a_posed_hand_its_joints_travel_too(tmp_path):
+    """The rougher sphere takes the grasp with palm and joints, which verify checks against the hand's own limits."""
+    contacts = [ng.FrictionContact(0.5)] * 4
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+    ball = ng.GraspProblem(ng.Sphere(0.03), contacts, task, hand=four_finger_hand(), name="ball")
+    variations = {"smooth": {}, "rough": {"friction": 0.8, "options": {**BLIND, "pregrasp_clearance": 0.01}}}
+    asked = ng.Experiment(ball, variations, starts=1, options=ng.SolveOptions(shadow_prices=False))
+    result = ng.run_experiment(asked, tmp_path / "out", workers=1)
+    assert result.notes == ()
+    smooth, rough = result.solution("smooth"), result.solution("rough")
+    assert result["rough"].best.origin == "smooth, seed 0"
+    assert rough.hand["joint_positions"] == pytest.approx(smooth.hand["joint_positions"], abs=1e-9)
+    assert rough.mu.upper >= smooth.mu.lower
+    assert ng.verify(result.folder / "solves" / "rough--seed0.json")
