@@ -238,7 +238,7 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
         (["solve", "square.py", "--starts", "many"], "--starts"),
         (["solve"], "Missing argument"),
         (["resolve"], "No such command"),
-        (["verify", "none.json"], "a solution file that exists"),
+        (["verify", "none.json"], "a solution file or a bound file that exists"),
         (["quality", "square.py"], "not valid JSON"),
         (["verify", "square.json", "--rtol", "-1"], "square.json"),
     ],
