@@ -47,7 +47,8 @@ class Rules:
     looks_back : bool
         Whether directions found at a trial may lower the value of where the ascent stands.
     untried : float
-        Relative: where the model promises less the ascent ends without a trial.
+        Relative: where the model promises less the ascent ends without a trial. Not by default: near an optimum a model
+        that looks back promises a little less than nothing, and a trial tells that the ascent has settled.
     descents : Descents
         How thoroughly trials are searched for weak directions.
     """
@@ -63,7 +64,7 @@ class Rules:
     allowed: float = FEASIBLE
     least_gain: float = 0.0
     looks_back: bool = False
-    untried: float = 0.0
+    untried: float = -np.inf
     descents: Descents = AFTER_A_STEP
 
     def growth(self, gained: float, promised: float) -> float:

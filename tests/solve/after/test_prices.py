@@ -10,7 +10,7 @@ from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import four_finger_hand
 
-OPTIONS = ng.SolveOptions(global_bound=False, workers=1)
+OPTIONS = ng.SolveOptions(workers=1)
 BODY = ng.Ellipsoid([0.06, 0.03, 0.03])
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.06, 0.06, 0.06])
 FOUR = [ng.FrictionContact(0.6)] * 4
