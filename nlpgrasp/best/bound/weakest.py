@@ -84,7 +84,7 @@ def normalised(task: Task, twists: FloatArray) -> FloatArray:
     """Return twists (..., d) scaled so that the task does unit work along them; zero where it does none."""
     reach = task.support(twists.reshape(-1, twists.shape[-1]))[0].reshape(twists.shape[:-1])
     size = np.linalg.norm(twists, axis=-1)
-    does = reach > 1e-12 * size
+    does = (reach > 1e-12 * size) & np.isfinite(size)
     return np.where(does[..., None], twists / np.where(does, reach, 1.0)[..., None], 0.0)
 
 

@@ -11,6 +11,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import ContactModel
 from nlpgrasp.contacts.cones.terms import Blocks, upper_triangle
 
+NOTHING = 1e-100  # a block of this length has no direction, and its square no reciprocal
+
 
 class RangeContact(ContactModel):
     """A contact whose force domain is ``{x : x_n >= 0, |x_j| <= c_j x_n}`` with disjoint blocks j of components.
@@ -57,7 +59,7 @@ class RangeContact(ContactModel):
         result = np.empty((len(row), *pressing.shape))
         v: list[FloatArray] = [np.ones(1)] * n
         for (where, c), size, at in zip(blocks, sizes, limit, strict=True):
-            inverse = 1.0 / np.where(size > 0.0, size, 1.0)
+            inverse = 1.0 / np.where(size > NOTHING, size, 1.0)
             for a in range(where.start, where.stop):
                 v[a] = (c * at) * inverse * z[..., a]
         result[0] = weight
@@ -65,7 +67,7 @@ class RangeContact(ContactModel):
             if i:
                 np.multiply(weight * v[a], v[b], out=result[i])
         for (where, c), size, at in zip(blocks, sizes, limit, strict=True):
-            inverse = 1.0 / np.where(size > 0.0, size, 1.0)
+            inverse = 1.0 / np.where(size > NOTHING, size, 1.0)
             shrink = at * (c * pressing * inverse)  # of the part across t_j
             across = shrink * inverse**2
             for a in range(where.start, where.stop):
