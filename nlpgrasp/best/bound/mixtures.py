@@ -44,7 +44,10 @@ def mixtures(A: FloatArray) -> tuple[FloatArray, FloatArray]:
             break
         program.step(CENTRING * np.maximum(gap, 0.01 * ENOUGH))
     weights = np.where(program.directions > LIGHT, program.directions, 0.0)
-    return weights / np.sum(weights, axis=1, keepdims=True), program.designs
+    good = np.any(weights > 0.0, axis=1) & np.all(np.isfinite(program.designs), axis=(1, 2))
+    weights = np.where(good[:, None], weights, 1.0)  # equal ones where the method failed
+    designs = np.where(good[:, None, None], program.designs, 1.0 / A.shape[2])
+    return weights / np.sum(weights, axis=1, keepdims=True), designs
 
 
 class _Program:

@@ -10,11 +10,8 @@ from nlpgrasp.common.directions import directions
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task
 
-RANDOM, RECENT, TRIED = (
-    200,
-    60,
-    120,
-)  # random ones beside the lattice, latest ones, and how many a design is tried along
+RANDOM, RECENT = 200, 60  # directions at random beside the lattice, and latest ones
+TRIED = 120  # along which a design is tried
 FLAT = 1e-9
 
 
@@ -47,7 +44,12 @@ class Twists:
         self._recent = self.lattice[:0]
 
     def add(self, twists: FloatArray) -> IntArray:
-        """Add directions (m, d) and return their numbers, (m,)."""
+        """Add directions (m, d) and return their numbers, (m,).
+
+        In place of a zero row, along which the task does no work and every bound would be zero, stands one of the
+        lattice.
+        """
+        twists = np.where(np.any(twists != 0.0, axis=1, keepdims=True), twists, self.lattice[:1])
         numbers = np.arange(self._count, self._count + len(twists))
         while self._count + len(twists) > len(self._all):
             self._all = np.concatenate([self._all, np.zeros_like(self._all)])

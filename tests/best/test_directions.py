@@ -1,0 +1,40 @@
+"""Directions have unit work of the task; mixtures of them are as good as those of a linear program."""
+
+import numpy as np
+from scipy.optimize import linprog
+
+import nlpgrasp as ng
+from nlpgrasp.best.bound.mixtures import mixtures
+from nlpgrasp.best.bound.twists import Twists
+
+
+def test_a_direction_without_work_is_never_among_them():
+    """Along it every support would be zero, and with it the bound."""
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    twists = Twists(task, 0.1)
+    numbers = twists.add(np.stack([np.zeros(6), np.array([2.0, 0, 0, 0, 0, 0]) / 2.0]))
+    assert np.allclose(task.support(twists[numbers])[0], 1.0, rtol=1e-12)
+    assert np.array_equal(twists[numbers[1]], [1.0, 0, 0, 0, 0, 0])
+
+
+def test_mixtures_are_those_of_a_linear_program():
+    rng = np.random.default_rng(0)
+    A = rng.random((6, 3, 5, 12)) ** 3
+    weights, designs = mixtures(A)
+    assert np.allclose(weights.sum(axis=1), 1.0, rtol=1e-12)
+    assert np.allclose(designs.sum(axis=2), 1.0, rtol=1e-6)
+    for table, mixture in zip(A, weights, strict=True):
+        k, m, j = table.shape
+        rows = [np.concatenate([table[i], -np.eye(k)[[i] * m]], axis=1) for i in range(k)]
+        objective, one = np.append(np.zeros(j), np.ones(k)), np.append(np.ones(j), np.zeros(k))
+        best = linprog(objective, np.concatenate(rows), np.zeros(k * m), one[None], [1.0]).fun
+        assert best * (1 - 1e-9) <= (table @ mixture).max(axis=1).sum() <= best * (1 + 1e-4)
+
+
+def test_tables_without_a_number_get_equal_weights():
+    A = np.ones((2, 1, 2, 4))
+    A[1] = np.inf
+    with np.errstate(all="ignore"):
+        weights, designs = mixtures(A)
+    assert np.allclose(weights[1], 0.25)
+    assert np.allclose(designs[1], 0.5)
