@@ -13,6 +13,7 @@ from nlpgrasp.contacts.product import project
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import task_for
+from nlpgrasp.quality.inverse_iteration import descend
 from nlpgrasp.tasks import Task
 
 CHUNK = 256  # grasps at once: what the processor's cache holds
@@ -137,30 +138,11 @@ class _View:
 
 
 def _descend(view: _View, task: Task, y: FloatArray) -> FloatArray:
-    """Return the least ratio each grasp shows on the directions, and on descents from the weakest of them.
-
-    With ``phi_A(u) = <w, u>`` for the task's wrench w, the least ``phi_G(u) / <w, u>`` over u is near ``H^-1 w`` with
-    the Hessian H of ``phi_G^2 / 2``: inverse iteration, for a piecewise quadratic function and any task.
-    """
+    """Return the least ratio each grasp shows on the directions, and on descents from the weakest of them."""
     first = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
     least = first.min(axis=1)
     weakest = np.argpartition(first, min(DESCENTS, first.shape[1]) - 1, axis=1)[:, :DESCENTS]
-    u = y[weakest]
-    value, wrench, H = view.quadratic(u, task)
-    step = np.ones(value.shape)
-    for _ in range(STEPS):
-        target = np.linalg.solve(H, wrench[:, :, :, None])[:, :, :, 0]
-        work = np.sum(target * wrench, axis=2)
-        target /= np.where(work > 0.0, work, 1.0)[:, :, None]
-        scale = np.sum(u * wrench, axis=2)[:, :, None]
-        trial = u + step[:, :, None] * (scale * target - u)
-        found, found_wrench, found_H = view.quadratic(trial, task)
-        better = found < value
-        u = np.where(better[:, :, None], trial, u)
-        wrench = np.where(better[:, :, None], found_wrench, wrench)
-        H = np.where(better[:, :, None, None], found_H, H)
-        value = np.where(better, found, value)
-        step = np.where(better, np.minimum(1.0, 2.0 * step), 0.3 * step)
+    value = descend(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
     return np.asarray(np.minimum(least, value.min(axis=1)))
 
 

@@ -12,6 +12,7 @@ from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
+from nlpgrasp.quality.inverse_iteration import descend
 from nlpgrasp.tasks import Task
 
 STEPS = 5
@@ -113,18 +114,5 @@ def descended(
         ratio = np.maximum(value, 0.0) ** (1.0 / power) / np.where(reach > 0.0, reach, 1.0)
         return np.where(reach > 0.0, ratio, np.inf), wrench.reshape(u.shape), H
 
-    u = twists
-    value, wrench, H = model(u)
-    step = np.ones(value.shape)
-    for _ in range(steps):
-        target = np.linalg.solve(H, wrench[..., None])[..., 0]
-        work = np.sum(target * wrench, axis=2)
-        target /= np.where(work > 0.0, work, 1.0)[..., None]
-        trial = u + step[..., None] * (np.sum(u * wrench, axis=2)[..., None] * target - u)
-        found, found_wrench, found_H = model(trial)
-        better = found < value
-        u, wrench = (np.where(better[..., None], new, old) for new, old in ((trial, u), (found_wrench, wrench)))
-        H = np.where(better[..., None, None], found_H, H)
-        value = np.where(better, found, value)
-        step = np.where(better, np.minimum(1.0, 2.0 * step), 0.3 * step)
+    u, value = descend(model, twists, steps)
     return normalised(task, u), value
