@@ -133,16 +133,7 @@ class SoftContact(RangeContact):
         """Return ``||P_K(z)||^2`` for the box; the elliptic cone has no closed form."""
         if self.model != "box":
             return None
-        normal, tangential, torsion = work
-        mu, mu_t = self.friction, self.torsional_friction
-        pressing = ops.fmax(normal, 0.0)
-        for weight, numerator in (
-            (mu**2, normal + mu * tangential),
-            (mu_t**2, normal + mu_t * torsion),
-            (mu**2 + mu_t**2, normal + mu * tangential + mu_t * torsion),
-        ):
-            pressing = ops.fmax(pressing, numerator / (1.0 + weight))
-        return pressing**2 + ops.fmin(tangential, mu * pressing) ** 2 + ops.fmin(torsion, mu_t * pressing) ** 2
+        return squared_box_support(work, self.friction, self.torsional_friction, ops)
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``z_n + mu |z_t| + mu_t |z_tau|``, or with the last two as legs of a right angle."""
@@ -164,3 +155,16 @@ class SoftContact(RangeContact):
         return cls(
             data.get("friction", MISSING), data.get("torsional_friction", MISSING), data.get("torsion_model", "box")
         )
+
+
+def squared_box_support(work: Work, mu: Expression, mu_t: Expression, ops: Ops) -> Expression:
+    """Return ``||P_K(z)||^2`` of the box with these coefficients: numbers, or arrays as the parts of z are."""
+    normal, tangential, torsion = work
+    pressing = ops.fmax(normal, 0.0)
+    for weight, numerator in (
+        (mu**2, normal + mu * tangential),
+        (mu_t**2, normal + mu_t * torsion),
+        (mu**2 + mu_t**2, normal + mu * tangential + mu_t * torsion),
+    ):
+        pressing = ops.fmax(pressing, numerator / (1.0 + weight))
+    return pressing**2 + ops.fmin(tangential, mu * pressing) ** 2 + ops.fmin(torsion, mu_t * pressing) ** 2

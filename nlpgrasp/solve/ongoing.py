@@ -117,8 +117,7 @@ class Ongoing:
             after = self._runner.look_back(best, self.results, self._seed, self._stop)
         # the answer is the best of the grasps, and that is the one looked back at
         told = [r if r is best or best is None else StartResult(r.record) for r in self.results]
-        seen = self._runner.outlook(self._stop)
-        bound = None if seen is None else seen.bound()
+        bound = self._runner.bound(self._stop)
         search = Search(self.problem, self._options, self._seed, told, cut_short, bound=bound)
         effort = replace(search, results=self.results).effort
         seconds = time.monotonic() - self._begun

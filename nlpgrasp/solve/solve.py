@@ -114,9 +114,7 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
             if options.gap is not None:
                 close_gap(runner, results, options.gap, stop)
             cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
-            seen = runner.outlook(stop)
-            bound = None if seen is None else seen.bound()
-            search = Search(runner.problem, options, seed, results, cut_short, deadline, bound)
+            search = Search(runner.problem, options, seed, results, cut_short, deadline, runner.bound(stop))
             after = Aftermath()
             if not stop.requested() and any(isinstance(r, StartGrasp) for r in results):
                 after = runner.look_back(best_of(results), results, seed, stop)

@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import ContactModel, Work
+from nlpgrasp.contacts.soft import squared_box_support
 
 WIDEST = 1.5  # radians, of a cone: in a wider one any force is
 
@@ -45,19 +46,6 @@ def widened(contact: ContactModel, z: FloatArray, turning: FloatArray, turn: Flo
         return np.asarray(s + far * turning)
     mu_t = torsion * np.sqrt(1.0 + mu**2)
     about = np.abs(z[..., 3]) + 2.0 * np.sin(0.5 * turn) * turning
-    square = _squared(along, across, about, mu, mu_t)
+    square = squared_box_support(Work(along, across, about), mu, mu_t, np)
     square = np.where(every, along**2 + across**2 + turning**2, square)
     return np.asarray(np.sqrt(square) + far * turning)
-
-
-def _squared(along: FloatArray, across: FloatArray, about: FloatArray, mu: FloatArray, mu_t: FloatArray) -> FloatArray:
-    """Return the squared support of a soft contact with wider coefficients, as ``SoftContact.squared_support``."""
-    pressing = np.maximum(along, 0.0)
-    for weight, most in (
-        (mu**2, along + mu * across),
-        (mu_t**2, along + mu_t * about),
-        (mu**2 + mu_t**2, along + mu * across + mu_t * about),
-    ):
-        pressing = np.maximum(pressing, most / (1.0 + weight))
-    squares = pressing**2 + np.minimum(across, mu * pressing) ** 2 + np.minimum(about, mu_t * pressing) ** 2
-    return np.asarray(squares)

@@ -14,6 +14,7 @@ from loky.process_executor import BrokenProcessPool
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.ascent.steps.registry import model_of
@@ -78,6 +79,11 @@ class Runner:
         if self._outlook is None:
             self._outlook = outlook(self.problem, self.options, stop)
         return self._outlook
+
+    def bound(self, stop: Stop) -> GlobalBound | None:
+        """Return what the look shows of all placements, None where none is possible."""
+        seen = self.outlook(stop)
+        return None if seen is None else seen.bound()
 
     def starts(self, seed: int, stop: Stop) -> Iterator[StartResult]:
         """Yield each start's result as it is done, in any order.
