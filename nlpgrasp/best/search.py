@@ -148,11 +148,10 @@ class Search:
     def _values(self, nodes: Sequence[Node]) -> FloatArray:
         """Return what mu seems to be with each contact at its heaviest row, (b,)."""
         heavy = np.array([n.rows[np.arange(len(n.rows)), np.argmax(n.design, axis=1)] for n in nodes])
-        designs, start = [], 0
-        for pieces in self.scope.pieces:
-            rows = heavy[:, start : start + len(pieces.slots)]
+        designs = []
+        for pieces, where in self.scope.groups:
+            rows = heavy[:, where]
             designs.append(Design.over(pieces.supports, rows, np.ones(rows.shape), rows.shape[1]))
-            start += rows.shape[1]
         measure, tried = self.scope.measure, self.twists.tried()
         every = np.broadcast_to(tried, (len(nodes), *tried.shape))
         weakest = np.argsort(sum(d.value(every) for d in designs), axis=1)[:, :STARTS]
@@ -165,7 +164,7 @@ class Search:
         if self.exchange is not None:
             return node.cells
         result = []
-        for cell, pieces in zip(node.cells, (p for p in self.scope.pieces for _ in p.slots), strict=True):
+        for cell, (pieces, _) in zip(node.cells, self.scope.group_of, strict=True):
             while pieces.parents[cell] != NONE:
                 cell = pieces.parents[cell]
             result.append(cell)
@@ -173,13 +172,11 @@ class Search:
 
     def _spots(self, node: Node) -> list[Spot]:
         """Return each contact at its heaviest row."""
-        spots, slot = [], 0
-        for pieces in self.scope.pieces:
-            for _ in pieces.slots:
-                row = int(node.rows[slot][np.argmax(node.design[slot])])
-                points, normals = pieces.supports.points[row], pieces.supports.normals[row]
-                spots.append(Spot(pieces, pieces.surfaces[node.cells[slot]], points, normals))
-                slot += 1
+        spots = []
+        for slot, (pieces, _) in enumerate(self.scope.group_of):
+            row = int(node.rows[slot][np.argmax(node.design[slot])])
+            points, normals = pieces.supports.points[row], pieces.supports.normals[row]
+            spots.append(Spot(pieces, pieces.surfaces[node.cells[slot]], points, normals))
         return spots
 
     def offer(self, spots: Sequence[Spot], value: float) -> None:

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
 
 from nlpgrasp.best.bound.measure import Measure
 from nlpgrasp.best.bound.supports import Supports
@@ -51,6 +55,17 @@ class Scope:
     def origin(self) -> FloatArray:
         """Torque origin, (space,), metres, body frame."""
         return self.problem.origin
+
+    @cached_property
+    def groups(self) -> tuple[tuple[Pieces, slice], ...]:
+        """The pieces with the slots of nodes that they have."""
+        ends = np.cumsum([0] + [len(pieces.slots) for pieces in self.pieces]).tolist()
+        return tuple((pieces, slice(*where)) for pieces, where in zip(self.pieces, pairwise(ends), strict=True))
+
+    @cached_property
+    def group_of(self) -> tuple[tuple[Pieces, slice], ...]:
+        """Of each slot of nodes the pieces, and the slots that these have."""
+        return tuple(group for group in self.groups for _ in group[0].slots)
 
     @property
     def slots(self) -> tuple[int, ...]:

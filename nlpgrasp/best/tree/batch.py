@@ -12,7 +12,6 @@ from nlpgrasp.best.bound.supports import NONE
 from nlpgrasp.best.bound.twists import Twists
 from nlpgrasp.best.bound.weakest import Design, descended
 from nlpgrasp.best.cells.base import IntArray
-from nlpgrasp.best.scope.pieces import Pieces
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.tree.nodes import NOWHERE, Bounded, Cells
 from nlpgrasp.best.tree.table import MARGIN, Table
@@ -47,11 +46,6 @@ class Batch:
         self.scope, self.twists = scope, twists
         self.cells, self.numbers = np.array(cells, dtype=np.int64), numbers
         self.pool = np.full((*self.cells.shape, POOL), NONE) if pool is None else pool
-        self.groups: list[tuple[Pieces, slice]] = []
-        start = 0
-        for pieces in scope.pieces:
-            self.groups.append((pieces, slice(start, start + len(pieces.slots))))
-            start += len(pieces.slots)
 
     def bounded(self, weights: FloatArray | None, target: float) -> Iterator[Bounded]:
         """Yield every node with its bound: those that the parents' mixtures close first, then round by round."""
@@ -97,7 +91,7 @@ class Batch:
     def _renew(self, nodes: IntArray, chosen: IntArray, weights: FloatArray, design: FloatArray) -> None:
         """Replace the least useful directions of some nodes by the weakest of their designs."""
         designs = []
-        for pieces, where in self.groups:
+        for pieces, where in self.scope.groups:
             rows, shares = chosen[:, where], design[:, where]
             b, c, m = rows.shape
             flat = rows.reshape(b, c * m), shares.reshape(b, c * m)
@@ -119,7 +113,7 @@ class Batch:
         self.numbers[nodes] = numbers
 
     def _table(self, nodes: IntArray) -> Table:
-        return Table(self.groups, self.cells[nodes], self.twists[self.numbers[nodes]])
+        return Table(self.scope.groups, self.cells[nodes], self.twists[self.numbers[nodes]])
 
     def _results(
         self,

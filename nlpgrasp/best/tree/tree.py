@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement, product
 import numpy as np
 
 from nlpgrasp.best.bound.twists import Twists
-from nlpgrasp.best.scope.pieces import NONE, Pieces
+from nlpgrasp.best.scope.pieces import NONE
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.tree.batch import Batch
 from nlpgrasp.best.tree.nodes import Cells, Node
@@ -91,13 +91,12 @@ class Tree:
         slot = self._loosest(node)
         if slot is None:
             return None
-        start, pieces = self._group_of(slot)
-        cell = node.cells[slot]
-        group = node.cells[start : start + len(pieces.slots)]
+        pieces, where = self.scope.group_of[slot]
+        cell, group = node.cells[slot], node.cells[where]
         parts = pieces.children(cell)
         rest, times = [c for c in group if c != cell], group.count(cell)
         self.proof.split(node.cells, slot)
-        before, after = node.cells[:start], node.cells[start + len(group) :]
+        before, after = node.cells[: where.start], node.cells[where.stop :]
         chosen = combinations_with_replacement(parts, times)
         return [before + tuple(sorted([*rest, *new])) + after for new in chosen]
 
@@ -105,7 +104,7 @@ class Tree:
         """Return the slot whose contact is most spread over a cell that can be cut."""
         best, most = None, -1.0
         for slot, cell in enumerate(node.cells):
-            pieces = self._group_of(slot)[1]
+            pieces = self.scope.group_of[slot][0]
             if pieces.radii[cell] == 0.0:
                 continue
             points, weights = pieces.supports.points[node.rows[slot]], node.design[slot]
@@ -114,15 +113,6 @@ class Tree:
             if spread > most:
                 best, most = slot, spread
         return best
-
-    def _group_of(self, slot: int) -> tuple[int, Pieces]:
-        """Return the pieces that a slot belongs to, and their first slot."""
-        start = 0
-        for pieces in self.scope.pieces:
-            if slot < start + len(pieces.slots):
-                return start, pieces
-            start += len(pieces.slots)
-        raise IndexError(slot)
 
     def _is_new(self, cells: Cells) -> bool:
         """Return whether no mirror image of these cells was met before; remembers them."""
@@ -138,11 +128,8 @@ class Tree:
     def _images(self, cells: Cells) -> Iterator[tuple[int, Cells]]:
         for number, symmetry in enumerate(self.scope.symmetries):
             image: list[int] = []
-            start = 0
-            for i, pieces in enumerate(self.scope.pieces):
-                group = cells[start : start + len(pieces.slots)]
-                image += sorted(symmetry.image(i, pieces, cell) for cell in group)
-                start += len(group)
+            for i, (pieces, where) in enumerate(self.scope.groups):
+                image += sorted(symmetry.image(i, pieces, cell) for cell in cells[where])
             if NONE not in image:
                 yield number, tuple(image)
 
@@ -175,7 +162,7 @@ class Tree:
         """Return how many rows times directions a node takes."""
         rows = 0
         for slot, cell in enumerate(cells):
-            supports = self._group_of(slot)[1].supports
+            supports = self.scope.group_of[slot][0].supports
             rows += supports.count(cell) * (REPLACED if supports.refines else 1)
         return rows * self.twists.per_node
 
