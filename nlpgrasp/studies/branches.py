@@ -27,7 +27,8 @@ FOLLOWED = 40  # branches at most: the best at hand
 HOPEFUL, HOPEFUL_NEW = 0.85, 0.7  # of the best's quality: from there on another is slid, and one that never settled
 OTHERS = 3  # slides of other branches a step
 RISING = 5  # slides of a start that begins with next to nothing
-NODES = {2: 400, 3: 100}  # of a step's search, by the body's space: from what is known it needs few
+NODES = 400  # of a step's search
+FIRST = 2  # times as many at the first step, where nothing is known
 MET = 6  # grasps of a step's search that become branches, at most
 
 
@@ -128,7 +129,7 @@ class Branches:
         if seen is None:
             return False
         seen.expect(known)
-        seen.look(NODES[bench.problem.body.space], Stop())
+        seen.look(NODES * (FIRST if self._steps == 1 else 1), Stop())
         self.bound = seen.bound()
         done = seen.searched and self._complete
         for placed in seen.placements(MET, known * (1.0 + GAIN if done else HOPEFUL)):

@@ -6,7 +6,7 @@ from tests.studies.random_paths import COUNT, STARTS, STEPS, compared, random_pa
 
 SHARE, RATIO = 0.30, 0.97
 FRESH = (30, 31, 33, 34, 36, 37)  # paths that no constant was tuned on
-COLD_IN_SPACE = (3, 7)  # steps of a spatial path that are solved cold: each takes up to a minute
+COLD_IN_SPACE = (0, 3, 7)  # steps of a spatial path that are solved cold: each takes up to a minute
 
 
 def run(numbers=(*range(COUNT), *FRESH)):
