@@ -32,7 +32,7 @@ CONTACTS = {
 }
 PADS = {  # whose force domain is that of friction contacts at several points
     "coulomb line": ng.LineContact(0.4, friction=0.5, direction=[1.0, 0.3, 0.2]),
-    "coulomb rectangle": ng.PlaneContact(extents=[0.4, 0.2], friction=0.5, direction=[1.0, 0.3, 0.2], model="coulomb"),
+    "coulomb rectangle": ng.PlaneContact(extents=[0.4, 0.2], friction=0.5, direction=[1.0, 0.3, 0.2]),
 }
 EVERY = {**CONTACTS, **PADS}
 

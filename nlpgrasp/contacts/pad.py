@@ -32,7 +32,7 @@ class PadContact(RangeContact):
     friction: float | None
     torsional_friction: float | None
     direction: tuple[float, float, float] | None
-    model: str
+    model: str | None
 
     @property
     @abstractmethod

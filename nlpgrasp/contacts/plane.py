@@ -22,11 +22,10 @@ class PlaneContact(PadContact):
 
     Without friction 3 components ``(f_n, m_t1, m_t2)``; with friction all 6. The pressure's centre stays on the pad:
     ``|m_t| <= radius f_n`` on a disc, ``|m_t2| <= a / 2 f_n`` and ``|m_t1| <= b / 2 f_n`` on a rectangle a by b,
-    exactly what point contacts all over it can do. With friction the force domain is the box of (2.4-1) by default.
-    A rectangle with ``model="coulomb"`` has that of friction contacts at its corners, which is exactly what Coulomb's
-    law allows under any pressure; a solve then takes about eight times as long, so it is not the default. A disc is
-    the box alone: the sum of the friction cones of a whole rim is no sum of finitely many. A rectangle inside the disc
-    is an inner approximation of it.
+    exactly what point contacts all over it can do. With friction the force domain of a rectangle is that of friction
+    contacts at its corners, which is what Coulomb's law allows under any pressure; or, by its name, the box of (2.4-1).
+    A disc is the box alone: the sum of the friction cones of a whole rim is no sum of finitely many. A rectangle inside
+    the disc is an inner approximation of it.
 
     Parameters
     ----------
@@ -41,9 +40,9 @@ class PlaneContact(PadContact):
     direction : (3,) array, optional
         Of the rectangle's first side, body frame; its part along the surface counts. In place of it a
         ``Grasp`` may be given tangents.
-    model : {"box", "coulomb"}
-        With friction: ``"box"``: ``|f_t| <= mu f_n``, ``|m_n| <= mu_t f_n`` and the tilting moments, each by itself;
-        ``"coulomb"``, of a rectangle: friction contacts at the corners.
+    model : {"coulomb", "box"}, optional
+        With friction: ``"coulomb"``, of rectangles alone and theirs when left out: friction contacts at the corners;
+        ``"box"``, that of discs: ``|f_t| <= mu f_n``, ``|m_n| <= mu_t f_n`` and the tilting moments, each by itself.
     faces : str or sequence of str, optional
         Faces this contact may use.
     """
@@ -54,7 +53,7 @@ class PlaneContact(PadContact):
     friction: float | None = None
     torsional_friction: float | None = None
     direction: tuple[float, float, float] | None = None
-    model: str = "box"
+    model: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,11 +68,12 @@ class PlaneContact(PadContact):
             )
         if self.radius is not None and self.friction is not None and self.model == "coulomb":
             raise InputError("PlaneContact.model", self.model, "'box' for a disc: only rectangles have corners")
-        given = (self.friction, self.torsional_friction, self.model)
+        own = "coulomb" if self.radius is None else "box"
+        given = (self.friction, self.torsional_friction, own if self.model is None else self.model)
         friction, torsion, model = friction_fields("PlaneContact", *given, self._mean_arm())
         object.__setattr__(self, "friction", friction)
         object.__setattr__(self, "torsional_friction", torsion)
-        object.__setattr__(self, "model", type(self).model if friction is None else model)
+        object.__setattr__(self, "model", own if friction is None else model)
         object.__setattr__(self, "direction", direction_field("PlaneContact.direction", self.direction))
 
     def _mean_arm(self) -> float:

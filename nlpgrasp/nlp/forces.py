@@ -12,8 +12,10 @@ import numpy as np
 from nlpgrasp.common.rows import Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
+from nlpgrasp.nlp.blocks import Range
 from nlpgrasp.nlp.placement import ContactSymbols, Scaling
 from nlpgrasp.nlp.program import Program
+from nlpgrasp.nlp.repeats import Copy
 from nlpgrasp.problem.problem import GraspProblem
 
 
@@ -64,6 +66,19 @@ def add_membership(
     for row in problem.budget.rows(problem.models, forces, contacts.normals):
         part = ", ".join(filter(None, (row.part, f"direction {direction}")))
         program.constrain(replace(row, part=part))
+
+
+def note_copy(program: Program, problem: GraspProblem, direction: int, parameters: ca.SX) -> None:
+    """Note the rows since the direction before as one more copy, where forces at several points make them many.
+
+    Where forces are the contacts' components, CasADi's derivatives of the whole graph are as quick.
+    """
+    space = problem.body.space
+    if all(m.generators(space).shape[1] == m.components(space) for m in problem.models):
+        return
+    begin = program.copies[-1].rows.stop if program.copies else 0
+    rows = Range(begin, program.rows[-1].stop)
+    program.copies.append(Copy(program.block("forces", direction), rows, parameters))
 
 
 def pressing_forces(models: Sequence[ContactModel], normals: FloatArray, size: float) -> FloatArray:

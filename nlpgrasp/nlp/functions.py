@@ -14,6 +14,7 @@ import casadi as ca
 from nlpgrasp.nlp.blocks import FacePart
 from nlpgrasp.nlp.distances import DistanceRows, chain_first, chain_second
 from nlpgrasp.nlp.program import Program
+from nlpgrasp.nlp.repeats import Repeats
 
 
 class ProgramFunctions:
@@ -49,7 +50,8 @@ class ProgramFunctions:
     @cached_property
     def derivatives(self) -> dict[str, ca.Function]:
         """Derivative functions for ``nlpsol``; none where CasADi's own are best."""
-        return {} if self.is_scalar else {"jac_g": self.jacobian, "hess_lag": self.hessian}
+        own = self.is_scalar and not self.program.copies
+        return {} if own else {"jac_g": self.jacobian, "hess_lag": self.hessian}
 
     @cached_property
     def jacobian(self) -> ca.Function:
@@ -58,12 +60,13 @@ class ProgramFunctions:
         z, theta = self.program.z, self.program.theta
         if self.is_scalar:
             g = self._scalar_rows()
-            return ca.Function("jac_g", [z, theta], [g, ca.jacobian(g, z)], *names, {"cse": True})
+            whole = ca.vertcat(self._smooth_jacobian(), ca.jacobian(g[self._smooth :], z))
+            return ca.Function("jac_g", [z, theta], [g, whole], *names, self._tidied)
         points, near = self.program.points, self.program.distances
         slopes = ca.SX.sym("slopes", points.shape[0])
-        first = [ca.jacobian(self.program.g, z), chain_first(ca.jacobian(points, z), slopes, near)]
+        first = [self._smooth_jacobian(), chain_first(ca.jacobian(points, z), slopes, near)]
         first.append(ca.jacobian(self._linear, z))
-        smooth = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*first)], {"cse": True})
+        smooth = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*first)], self._tidied)
         faces = [
             _embed(_slope(part)(self._x[part.position.range]), part, z.shape[0]) for part in self.program.face_parts
         ]
@@ -74,15 +77,18 @@ class ProgramFunctions:
     @cached_property
     def hessian(self) -> ca.Function:
         """``(x, p, lam_f, lam_g)`` to the upper triangle of the Lagrangian's Hessian."""
+        names = (["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])
+        if self.is_scalar:
+            return self._scalar_hessian(*names)
         program, near = self.program, self.program.distances
         z, theta = program.z, program.theta
         lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self._smooth)
         points = program.points
         slopes, bends = ca.SX.sym("slopes", points.shape[0]), ca.SX.sym("bends", 6 * near)
-        lagrangian = -lam_f * program.objective + ca.dot(lam_g, program.g) + ca.dot(slopes, points)
-        second = ca.hessian(lagrangian, z)[0] + chain_second(ca.jacobian(points, z), bends, near)
+        rest = -lam_f * program.objective + ca.dot(slopes, points)
+        second = self._smooth_hessian(rest, lam_g) + chain_second(ca.jacobian(points, z), bends, near)
         inputs = [z, theta, lam_f, lam_g, slopes, bends]
-        smooth = ca.Function("rows_hess", inputs, [ca.triu(second)], {"cse": True})
+        smooth = ca.Function("rows_hess", inputs, [ca.triu(second)], self._tidied)
         count = self._linear.shape[0]
         lam, sigma = ca.MX.sym("lam_g", self._smooth + near + count), ca.MX.sym("lam_f")
         weighted, curvature = self._distances.second(lam[self._smooth : self._smooth + near])
@@ -93,7 +99,6 @@ class ProgramFunctions:
             local = _bend(part)(self._x[part.position.range], lam[done : done + rows])
             hess = hess + _embed_square(local, part, z.shape[0])
             done += rows
-        names = (["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])
         return ca.Function("hess_lag", [self._x, self._p, sigma, lam], [ca.triu(hess)], *names)
 
     @cached_property
@@ -108,6 +113,38 @@ class ProgramFunctions:
         rows, linear = smooth(self._x, self._p)
         faces = [part.function(self._x[part.position.range]) for part in self.program.face_parts]
         return ca.vertcat(rows, self._distances.first()[0], linear + ca.vertcat(*faces))
+
+    @cached_property
+    def _repeats(self) -> Repeats:
+        return Repeats(self.program.z, self.program.g, self.program.copies)
+
+    def _smooth_jacobian(self) -> ca.SX:
+        """Return the Jacobian of the rows that are SX expressions."""
+        z, g, done = self.program.z, self.program.g, self._repeated
+        return ca.jacobian(g, z) if not done else ca.vertcat(self._repeats.jacobian(), ca.jacobian(g[done:], z))
+
+    def _smooth_hessian(self, rest: ca.SX, lam: ca.SX) -> ca.SX:
+        """Return the Hessian of something and of these rows, weighted."""
+        z, g, done = self.program.z, self.program.g, self._repeated
+        second = ca.hessian(rest + ca.dot(lam[done:], g[done:]), z)[0]
+        return second if not done else second + self._repeats.hessian(lam)
+
+    @property
+    def _repeated(self) -> int:
+        """How many rows repeat: the first ones."""
+        return self.program.copies[-1].rows.stop if self.program.copies else 0
+
+    @property
+    def _tidied(self) -> dict[str, bool]:
+        """Options of functions: expressions that occur twice are sought, but for copies, tidied one by one."""
+        return {"cse": not self.program.copies}
+
+    def _scalar_hessian(self, inputs: list[str], outputs: list[str]) -> ca.Function:
+        z, theta, rows = self.program.z, self.program.theta, self._scalar_rows()
+        lam_f, lam = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", rows.shape[0])
+        rest = -lam_f * self.program.objective + ca.dot(lam[self._smooth :], rows[self._smooth :])
+        hess = ca.triu(self._smooth_hessian(rest, lam[: self._smooth]))
+        return ca.Function("hess_lag", [z, theta, lam_f, lam], [hess], inputs, outputs, self._tidied)
 
     def _scalar_rows(self) -> ca.SX:
         z = self.program.z

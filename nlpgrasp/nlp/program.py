@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.rows import Clearance, Label, Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp.blocks import Block, DistancePart, FacePart, FaceRows, Range, RowBlock, block_name
+from nlpgrasp.nlp.repeats import Copy
 
 HAND = "hand"  # kind of the hand's variables
 
@@ -29,6 +30,7 @@ class Program:
     rows: list[RowBlock] = field(default_factory=list)
     distance_parts: list[DistancePart] = field(default_factory=list)
     face_parts: list[FacePart] = field(default_factory=list)
+    copies: list[Copy] = field(default_factory=list)  # of rows that repeat, where derivatives are made from one
     contained: int = 0  # rows of containment come first, this many
     placement: slice = field(default_factory=lambda: slice(0, 0))  # rows of constraints and hand; faces follow them
     objective: ca.SX = field(default_factory=ca.SX)

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.rows import Row
 from nlpgrasp.contacts import Work
-from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
+from nlpgrasp.nlp.forces import add_forces, add_membership, note_copy, symbolic_wrench
 from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem.problem import GraspProblem
@@ -72,6 +72,7 @@ def support_program(
         work = ca.dot(directions[:, j], produced)
         program.constrain(Row(SUPPORT, work - beta * reach[j], 0.0, part=f"direction {j}"))
         add_membership(program, problem, scaling, contacts, forces, j)
+        note_copy(program, problem, j, ca.vertcat(directions[:, j], reach[j]))
     add_placement_rows(program, problem, scaling, contacts, faces)
     program.objective = beta
     return program

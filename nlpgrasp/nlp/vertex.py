@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from nlpgrasp.common.rows import Row
-from nlpgrasp.nlp.forces import add_forces, add_membership, symbolic_wrench
+from nlpgrasp.nlp.forces import add_forces, add_membership, note_copy, symbolic_wrench
 from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.problem.problem import GraspProblem
@@ -43,6 +43,7 @@ def vertex_program(problem: GraspProblem, faces: Sequence[str], count: int) -> P
         balance = produced - beta * wrenches[:, j]
         program.constrain(Row("wrench balance", balance, 0.0, 0.0, part=f"direction {j}"))
         add_membership(program, problem, scaling, contacts, forces, j)
+        note_copy(program, problem, j, wrenches[:, j])
     add_placement_rows(program, problem, scaling, contacts, faces)
     program.objective = beta
     return program

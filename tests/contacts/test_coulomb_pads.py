@@ -1,5 +1,7 @@
 """Lines and pads with Coulomb friction: the wrenches of friction contacts at their ends or corners."""
 
+from dataclasses import replace
+
 import casadi as ca
 import clarabel
 import numpy as np
@@ -20,8 +22,8 @@ models = pytest.mark.parametrize("contact", PADS.values(), ids=PADS.keys())
 SMALL = {
     "short line": ng.LineContact(0.01, 0.5, direction=[1, 0, 0]),
     "slippery line": ng.LineContact(0.4, 0.01, direction=[1, 0, 0]),
-    "sticky rectangle": ng.PlaneContact(extents=[0.04, 0.002], friction=3.0, direction=[1, 0, 0], model="coulomb"),
-    "fingertip": ng.PlaneContact(extents=[0.008, 0.008], friction=0.8, direction=[1, 0, 0], model="coulomb"),
+    "sticky rectangle": ng.PlaneContact(extents=[0.04, 0.002], friction=3.0, direction=[1, 0, 0]),
+    "fingertip": ng.PlaneContact(extents=[0.008, 0.008], friction=0.8, direction=[1, 0, 0]),
 }
 EVERY = {**PADS, **SMALL}
 every = pytest.mark.parametrize("contact", EVERY.values(), ids=EVERY.keys())
@@ -354,6 +356,20 @@ def test_files():
         contact_from_dict({**line, "friction_model": "magnet"})
 
 
+def test_which_model_a_plane_has_when_it_is_left_out():
+    """A rectangle obeys Coulomb's law, as a line does; a disc has no corners and is the box."""
+    rectangle, disc = ng.PlaneContact(extents=[0.4, 0.2], friction=0.5), ng.PlaneContact(0.4, friction=0.5)
+    assert (rectangle.model, rectangle.label, rectangle.torsional_friction) == ("coulomb", "plane", None)
+    assert (disc.model, disc.label) == ("box", "plane (box)")
+    assert rectangle == ng.PlaneContact(extents=[0.4, 0.2], friction=0.5, model="coulomb")
+    old = contact_from_dict({"model": "plane", "extents": [0.4, 0.2], "friction": 0.5, "torsional_friction": 0.05})
+    assert old == ng.PlaneContact(extents=[0.4, 0.2], friction=0.5, torsional_friction=0.05, model="box")
+    for smooth in (ng.PlaneContact(extents=[0.4, 0.2]), ng.PlaneContact(0.4)):
+        assert contact_from_dict(smooth.to_dict()) == smooth == replace(smooth, model="box")
+        assert smooth.turned(np.eye(3)) == smooth
+        assert replace(smooth, friction=0.5).model == ("coulomb" if smooth.extents else "box")
+
+
 def test_old_files_are_boxes(rng):
     """Solutions of before there was a choice, which are certified as they were."""
     lines = {m: ng.LineContact(0.02, 0.5, direction=[0, 1, 0], model=m) for m in ("coulomb", "box")}
@@ -384,7 +400,7 @@ def test_old_files_are_boxes(rng):
     ("make", "message"),
     [
         (lambda: ng.LineContact(0.4, 0.5, 0.1), "LineContact.torsional_friction: got 0.1, expected none: friction dec"),
-        (lambda: ng.PlaneContact(None, [0.4, 0.2], 0.5, 0.1, model="coulomb"), "model='box' has one"),
+        (lambda: ng.PlaneContact(None, [0.4, 0.2], 0.5, 0.1), "model='box' has one"),
         (lambda: ng.PlaneContact(0.4, friction=0.5, model="coulomb"), "'box' for a disc: only rectangles have corners"),
         (lambda: ng.PlaneContact(0.4, friction=0.5, model="Coulomb"), "PlaneContact.model: got Coulomb, expected 'cou"),
         (lambda: ng.LineContact(0.4, model=None), "'coulomb' or 'box'"),

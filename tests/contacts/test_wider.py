@@ -20,10 +20,10 @@ MODELS = {
     "short line": ng.LineContact(0.01, friction=0.5, direction=[1.0, 0.2, 0.3]),
     "line box": ng.LineContact(0.02, friction=0.5, direction=[1.0, 0.2, 0.3], model="box"),
     "smooth line": ng.LineContact(0.02, direction=[1.0, 0.2, 0.3]),
-    "corners": ng.PlaneContact(extents=[0.02, 0.01], friction=0.6, direction=[1.0, 0.2, 0.3], model="coulomb"),
+    "corners": ng.PlaneContact(extents=[0.02, 0.01], friction=0.6, direction=[1.0, 0.2, 0.3]),
     "other line": ng.LineContact(0.02, friction=0.5, direction=[0.2, 1.0, 0.3]),
     "disc": ng.PlaneContact(radius=0.01, friction=0.5),
-    "rectangle": ng.PlaneContact(extents=[0.02, 0.01], friction=0.6, direction=[1.0, 0.2, 0.3]),
+    "rectangle": ng.PlaneContact(extents=[0.02, 0.01], friction=0.6, direction=[1.0, 0.2, 0.3], model="box"),
     "smooth disc": ng.PlaneContact(radius=0.01),
 }
 PAIRS = list(itertools.permutations(MODELS, 2))

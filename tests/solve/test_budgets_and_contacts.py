@@ -84,7 +84,8 @@ CONTACTS = {
     "lines as boxes": [ng.LineContact(0.3, friction=0.5, direction=[1, 2, 3], model="box")] * 2,
     "discs": [ng.PlaneContact(radius=0.2, friction=0.5)] * 2,
     "discs as boxes": [ng.PlaneContact(radius=0.2, friction=0.5, model="box")] * 2,
-    "rectangles": [ng.PlaneContact(extents=[0.2, 0.3], friction=0.5, direction=[1, 2, 3], model="coulomb")] * 2,
+    "rectangles": [ng.PlaneContact(extents=[0.2, 0.3], friction=0.5, direction=[1, 2, 3])] * 2,
+    "rectangles as boxes": [ng.PlaneContact(extents=[0.2, 0.3], friction=0.5, direction=[1, 2, 3], model="box")] * 2,
     "smooth pad and fingers": [
         ng.PlaneContact(extents=[0.2, 0.3], direction=[1, 2, 3]),
         *[ng.FrictionContact(0.5)] * 3,

@@ -7,8 +7,9 @@ With the velocities ``v_i = A_i^T q`` of the points, ``g_i(q) = v_n + mu |v_t|``
     H q = z - a l,   l = argmin over l >= 0 of |z - a l| in the metric of H^-1,   H = 1 + sum_i l_i Hess g_i
 
 since ``a_i^T q = g_i`` and ``Hess g_i q = 0``. H differs from the identity in the components ``(f_t1, f_t2, m_n)``
-alone, where ``Hess g_i = mu / |v_t| p_i p_i^T`` with the unit force across the velocity as p_i. What is found is
-checked against the conditions themselves; the rest is left to others.
+alone, where ``Hess g_i = mu / |v_t| p_i p_i^T`` with the unit force across the velocity as p_i. No step takes a point
+that presses across the kink at ``v_t = 0``: each keeps a share of its speed, as it has some at the end. What is found
+is checked against the conditions themselves; the rest is left to others.
 """
 
 from __future__ import annotations
@@ -19,20 +20,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.cones.cholesky import solve_some
+from nlpgrasp.contacts.cones.active_sets import least_nonnegative
 
-STEPS = 8  # the convergence is quadratic: four or five
-DAMPED, SHORTER = 6, 0.6  # where it fails, first so many steps of this length
 SETTLED = 1e-8  # the last step, of projections near unit length, after which only rounding is left
 EXACT = 4e-14  # of the conditions, relative to the point
-SETS = 4  # active sets tried in a step
 LEAST = 1e-15  # under the multipliers' matrix, singular where four gradients depend on each other
-NORMAL, ACROSS = [0, 4, 5], [1, 2, 3]  # components that normal forces at the points have, and tangential ones
+FLAT = 1e-100  # speeds below which a point does not move
+ORDER = [0, 4, 5, 1, 2, 3]  # of components here: those that normal forces at the points have, then tangential ones
+BACK = [0, 3, 4, 5, 1, 2]
+
+
+class _Try(NamedTuple):
+    """Share of its speed that a point keeps, steps, and how far from the point itself it begins, None: goes on."""
+
+    keeps: float
+    steps: int
+    aside: float | None
+
+
+TRIES = (_Try(0.5, 16, 0.0), _Try(0.01, 3, None), _Try(0.1, 24, 0.3))  # the first takes four or five steps mostly
 
 
 class _Local(NamedTuple):
-    """What belongs to q and lam: g (N, m), tangential parts of a (3, N, m), of H^-1 (3, 3, m), and of H^-1 a."""
+    """What belongs to q and lam: velocities along tangents (2, N, m), their sizes and g (N, m), and tangential parts.
 
+    Those of a (3, N, m), of H^-1 (3, 3, m) and of H^-1 a (3, N, m).
+    """
+
+    slip: FloatArray
+    speed: FloatArray
     values: FloatArray
     gradients: FloatArray
     inverse: FloatArray
@@ -50,66 +66,83 @@ class EdgeNewton:
 
     def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Return nearest points q (6, m) of ``z`` (6, m), multipliers l (N, m), and which meet the conditions (m,)."""
-        q, lam, good = self._iterate(z, 0)
-        left = np.flatnonzero(~good)
-        if left.size:
-            q[:, left], lam[:, left], good[left] = self._iterate(z[:, left], DAMPED)
-        return q, lam, good
-
-    def _iterate(self, z: FloatArray, damped: int) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return ``solve`` with that many shorter steps first."""
-        size = 1.0 + np.sqrt(np.sum(z**2, axis=0))
-        q_all, lam_all = z.copy(), np.zeros((len(self._a), z.shape[1]))
-        going, q, lam, some = np.arange(z.shape[1]), z, lam_all, z
-        for count in range(damped + STEPS):
-            before, pressed = q, lam
-            q, lam = self._step(some, q, lam, size[going])
-            if 0 < count < damped:
-                q, lam = before + SHORTER * (q - before), pressed + SHORTER * (lam - pressed)
-            q_all[:, going], lam_all[:, going] = q, lam
-            still = np.max(np.abs(q - before), axis=0) > SETTLED + 0.5 * EXACT * size[going]
-            if not still.any():
+        z = z[ORDER]
+        q, lam, good = z.copy(), np.zeros((len(self._a), z.shape[1])), np.zeros(z.shape[1], dtype=bool)
+        for one in TRIES:
+            left = np.flatnonzero(~good)
+            if not left.size:
                 break
-            if not still.all():
-                going, q, lam, some = going[still], q[:, still], lam[:, still], some[:, still]
-        return q_all, lam_all, self._meets(z, q_all, lam_all, EXACT * size)
+            begin, pressed = q[:, left], lam[:, left]
+            if one.aside is not None:
+                begin, pressed = z[:, left], np.zeros_like(pressed)
+                begin[3:] += one.aside * np.array([[1.0], [0.7], [0.4]])
+            q[:, left], lam[:, left], good[left] = self._iterate(z[:, left], begin, pressed, one)
+        return q[BACK], lam, good
 
     def derivative(self, q: FloatArray, lam: FloatArray) -> FloatArray:
         """Return the Jacobian ``1 - H^-1 + H^-1 a (a^T H^-1 a)^-1 a^T H^-1`` of ``z - q``, (6, 6, m)."""
-        local = self._at(q, lam)
+        local = self._at(q[ORDER], lam)
         matrix = np.where((lam[:, None] > 0.0) & (lam[None] > 0.0), self._products(local), 0.0).transpose(2, 0, 1)
         matrix += np.eye(len(lam)) * np.where(lam > 0.0, LEAST, 1.0).T[:, None, :]
         a = np.zeros((6, *lam.shape))
-        a[NORMAL], a[ACROSS] = self._normal.T[..., None], local.moved
+        a[:3], a[3:] = self._normal.T[..., None], local.moved
         a *= lam > 0.0
         result = np.asarray(np.einsum("aim,mij,bjm->abm", a, np.linalg.inv(matrix), a, optimize=True))
-        result[1:4, 1:4] += np.eye(3)[..., None] - local.inverse
-        return result
+        result[3:, 3:] += np.eye(3)[..., None] - local.inverse
+        return np.asarray(result[np.ix_(BACK, BACK)])
 
-    def _step(self, z: FloatArray, q: FloatArray, lam: FloatArray, size: FloatArray) -> tuple[FloatArray, FloatArray]:
-        local = self._at(q, lam)
-        z_n, z_t = z[NORMAL], np.einsum("abm,bm->am", local.inverse, z[ACROSS])
-        right = self._normal @ z_n + np.einsum("aim,am->im", local.gradients, z_t)
-        active = (lam > 0.0) | (local.values > LEAST * size)
-        lam = _nonnegative(self._products(local), right, active, LEAST * size)
+    def _iterate(
+        self, z: FloatArray, q: FloatArray, lam: FloatArray, one: _Try
+    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Return ``solve`` from a start."""
+        size = 1.0 + np.sqrt(np.sum(z**2, axis=0))
+        q_all, lam_all = q.copy(), lam.copy()
+        going, some, limit = np.arange(z.shape[1]), z, size
+        for _ in range(one.steps):
+            local = self._at(q, lam)
+            step, pressed = self._step(some, local, lam, LEAST * limit)
+            step -= q
+            length = self._length(local, step, pressed, one.keeps)
+            q, lam = q + length * step, lam + length * (pressed - lam)
+            q_all[:, going], lam_all[:, going] = q, lam
+            still = np.max(np.abs(step), axis=0) > SETTLED + 0.5 * EXACT * limit
+            if not still.any():
+                break
+            if not still.all():
+                kept = np.flatnonzero(still)
+                going, q, lam, some, limit = going[kept], q[:, kept], lam[:, kept], some[:, kept], limit[kept]
+        return q_all, lam_all, self._meets(z, q_all, lam_all, EXACT * size)
+
+    def _length(self, local: _Local, step: FloatArray, pressed: FloatArray, keeps: float) -> FloatArray:
+        """Return the share of a step (m,) that leaves every point that presses this much of its speed along itself."""
+        loss = -local.slip[0] * (step[3] - self._b * step[5]) - local.slip[1] * (step[4] + self._a * step[5])
+        room = (1.0 - keeps) * local.speed**2
+        return np.asarray(np.min(room / np.where(pressed > 0.0, np.maximum(loss, room), room).clip(FLAT), axis=0))
+
+    def _step(self, z: FloatArray, local: _Local, lam: FloatArray, least: FloatArray) -> tuple[FloatArray, FloatArray]:
+        z_t = np.einsum("abm,bm->am", local.inverse, z[3:])
+        right = self._normal @ z[:3] + np.einsum("aim,am->im", local.gradients, z_t)
+        active = (lam > 0.0) | (local.values > least)
+        lam = least_nonnegative(self._products(local), right, active, least, LEAST)
         q = np.empty_like(z)
-        q[NORMAL] = z_n - self._normal.T @ lam
-        q[ACROSS] = z_t - np.einsum("aim,im->am", local.moved, lam)
+        q[:3] = z[:3] - self._normal.T @ lam
+        q[3:] = z_t - np.einsum("aim,im->am", local.moved, lam)
         return q, lam
 
     def _at(self, q: FloatArray, lam: FloatArray) -> _Local:
         a, b, mu = self._a, self._b, self._mu
-        first, second = q[1] - b * q[3], q[2] + a * q[3]
-        speed = np.hypot(first, second)
-        values = self._normal @ q[NORMAL] + mu * speed
-        inverse = 1.0 / np.where(speed > 0.0, speed, 1.0)
-        first, second = first * inverse, second * inverse
-        gradients = mu * np.stack([first, second, a * second - b * first])
-        across = np.stack([-second, first, a * first + b * second])
+        slip, gradients, across = np.empty((2, *lam.shape)), np.empty((3, *lam.shape)), np.empty((3, *lam.shape))
+        slip[0], slip[1] = q[3] - b * q[5], q[4] + a * q[5]
+        speed = np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
+        values = self._normal @ q[:3] + mu * speed
+        inverse = 1.0 / np.where(speed > FLAT, speed, 1.0)
+        first, second = slip * inverse
+        gradients[0], gradients[1], gradients[2] = first, second, a * second - b * first
+        gradients *= mu
+        across[0], across[1], across[2] = -second, first, a * first + b * second
         H = np.einsum("aim,bim->abm", across * (mu * lam * inverse), across)
-        H[range(3), range(3)] += 1.0
-        inverted = _inverse(H)
-        return _Local(values, gradients, inverted, np.einsum("abm,bim->aim", inverted, gradients))
+        inverted = _inverse_of_one_plus(H)
+        return _Local(slip, speed, values, gradients, inverted, np.einsum("abm,bim->aim", inverted, gradients))
 
     def _products(self, local: _Local) -> FloatArray:
         """Return ``a^T H^-1 a``, (N, N, m)."""
@@ -119,35 +152,26 @@ class EdgeNewton:
         """Return where the conditions of optimality hold: feasible, complementary, stationary."""
         local = self._at(q, lam)
         off = q - z
-        off[NORMAL] += self._normal.T @ lam
-        off[ACROSS] += np.einsum("aim,im->am", local.gradients, lam)
+        off[:3] += self._normal.T @ lam
+        off[3:] += np.einsum("aim,im->am", local.gradients, lam)
         most = np.maximum(np.max(local.values, axis=0), np.max(np.abs(local.values * lam), axis=0))
         return np.asarray((most <= limit) & (np.max(np.abs(off), axis=0) <= limit))
 
 
-def _nonnegative(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], least: FloatArray) -> FloatArray:
-    """Return the least ``lam^T M lam / 2 - right^T lam`` over ``lam >= 0`` (N, m), from active sets near its own."""
-    count, least_pivot = len(right), np.full(right.shape[1], LEAST)
-    for _ in range(SETS):
-        both = active[:, None] & active[None]
-        entries = {
-            (i, j): np.where(both[i, j], matrix[i, j], float(i == j)) for i in range(count) for j in range(i, count)
-        }
-        lam = solve_some(entries, least_pivot, np.where(active, right, 0.0))
-        pays = right - np.einsum("ijm,jm->im", matrix, lam) > least
-        chosen = np.where(active, lam > 0.0, pays)
-        if (chosen == active).all():
-            break
-        active = chosen
-    return np.maximum(lam, 0.0)
-
-
-def _inverse(H: FloatArray) -> FloatArray:
-    """Return the inverses of symmetric matrices (3, 3, m), by cofactors."""
-    a, b, c, d, e, f = H[0, 0], H[0, 1], H[0, 2], H[1, 1], H[1, 2], H[2, 2]
+def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
+    """Return the inverses of ``1 + H`` for positive semidefinite matrices H (3, 3, m), whose pivots are at least 1."""
+    first = 1.0 / (1.0 + H[0, 0])
+    a, b = H[0, 1] * first, H[0, 2] * first
+    second = 1.0 / np.maximum(1.0 + H[1, 1] - a * H[0, 1], 1.0)
+    rest = H[1, 2] - a * H[0, 2]
+    c = rest * second
+    third = 1.0 / np.maximum(1.0 + H[2, 2] - b * H[0, 2] - c * rest, 1.0)
+    b = a * c - b
     result = np.empty_like(H)
-    result[0, 0], result[1, 1], result[2, 2] = d * f - e * e, a * f - c * c, a * d - b * b
-    result[0, 1] = result[1, 0] = c * e - b * f
-    result[0, 2] = result[2, 0] = b * e - c * d
-    result[1, 2] = result[2, 1] = b * c - a * e
-    return np.asarray(result / (a * result[0, 0] + b * result[0, 1] + c * result[0, 2]))
+    result[2, 2] = third
+    result[1, 2] = result[2, 1] = -c * third
+    result[0, 2] = result[2, 0] = b * third
+    result[1, 1] = second + c * c * third
+    result[0, 1] = result[1, 0] = -a * second - b * c * third
+    result[0, 0] = first + a * a * second + b * b * third
+    return result

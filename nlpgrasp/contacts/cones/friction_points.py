@@ -5,12 +5,13 @@ friction contacts at the ends or corners (docs/paper/02_contacts.md). With ``u_i
 
     K = {sum_i A_i u_i : u_i in F},   polar  K° = {y : v_n + mu |v_t| <= 0 for v = A_i^T y of every i}.
 
-The projection is ``P(z) = z - q`` where q is the nearest point of the polar cone (Moreau). Three ways find it, each
+The projection is ``P(z) = z - q`` where q is the nearest point of the polar cone (Moreau). Four ways find it, each
 checked against the conditions of optimality before the next is asked:
 
-1. Where one point alone presses and sticks, ``A_i^T q = 0`` and ``u_i = (A_i^T A_i)^-1 A_i^T z``.
-2. Where every point that presses slips, Newton's method (``edge_newton``): nearly all others.
-3. The method of multipliers (``multipliers``), for anything.
+1. Where one point sticks, or two, linear maps (``sticking``).
+2. Where three or more stick, ``q = 0``: forces that add up to z (``sharing``).
+3. Where every point that presses slips, Newton's method (``edge_newton``): nearly all.
+4. The method of multipliers (``multipliers``), for anything.
 """
 
 from __future__ import annotations
@@ -25,12 +26,13 @@ from numpy.typing import NDArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.cones.edge_newton import EdgeNewton
 from nlpgrasp.contacts.cones.multipliers import Multipliers
+from nlpgrasp.contacts.cones.sharing import Sharing
+from nlpgrasp.contacts.cones.sticking import Sticking
 from nlpgrasp.contacts.cones.terms import upper_triangle
 
 CHUNK = 4096  # points at once
 LEAST = 1e-9  # work of unit points below which rounding leaves no digits
-ROUNDING = 1e-14  # of the conditions on a point that sticks
-POLAR, SLIPS, OTHER = -1, -2, -3  # how a nearest point was found; from 0: the point that sticks
+POLAR, SLIPS, OTHER, INSIDE = -1, -2, -3, -4  # how a nearest point was found; from 0: the map where points stick
 
 
 class _Nearest(NamedTuple):
@@ -94,14 +96,19 @@ class FrictionPoints:
         result[0] = np.maximum(result[0], 0.0)
         return np.asarray(result.T.reshape(z.shape))
 
+    def ways(self, z: FloatArray) -> NDArray[np.intp]:
+        """Return how the projections of ``z`` (m, n) are found, (m,): ``SLIPS``, ``INSIDE``, ..., or a map's number."""
+        return self._nearest(self._scaled(_unit(z)[0])[0]).how
+
     def derivative_entries(self, z: FloatArray) -> FloatArray:
         """Return the upper triangle of the projection's Jacobian, entries first, (n (n + 1) / 2, ...)."""
         flat, _ = _unit(z)
         one, _ = self._scaled(flat)
         near, n = self._nearest(one), len(flat)
         matrix = np.zeros((n, n, flat.shape[1]))
-        for i, part in enumerate(np.split(self.generators, len(self.arms), axis=1)):
-            matrix[..., near.how == i] = (part @ np.linalg.pinv(part))[..., None]
+        matrix[..., near.how == INSIDE] = np.eye(n)[..., None]
+        sticks = near.how >= 0
+        matrix[..., sticks] = self._sticking.maps[near.how[sticks]].transpose(1, 2, 0)
         slips, other = np.flatnonzero(near.how == SLIPS), np.flatnonzero(near.how == OTHER)
         if slips.size:
             six = np.zeros((6, slips.size))
@@ -121,13 +128,12 @@ class FrictionPoints:
         return Multipliers(self.generators, np.array(self.arms), self.friction)
 
     @cached_property
-    def _alone(self) -> list[tuple[FloatArray, FloatArray]]:
-        """For every point, what gives its force when it sticks alone (3, n), and the velocities then (3 N, n)."""
-        result = []
-        for part in np.split(self.generators, len(self.arms), axis=1):
-            force = np.asarray(np.linalg.pinv(part), dtype=np.float64)
-            result.append((force, self.generators.T @ (np.eye(len(part)) - part @ force)))
-        return result
+    def _sticking(self) -> Sticking:
+        return Sticking(self.generators, np.array(self.arms), self.friction)
+
+    @cached_property
+    def _sharing(self) -> Sharing:
+        return Sharing(self.generators, self.friction)
 
     @cached_property
     def _last(self) -> list[tuple[FloatArray, _Nearest]]:
@@ -159,16 +165,16 @@ class FrictionPoints:
         q, weights = z.copy(), np.zeros((len(self.arms), z.shape[1]))
         how = np.where(self._most_work(self.generators.T @ z) > 0.0, SLIPS, POLAR)
         left = np.flatnonzero(how == SLIPS)
-        for i, (force, velocity) in enumerate(self._alone):
-            u = force @ z[:, left]
-            sticks = np.hypot(u[1], u[2]) <= self.friction * u[0]
-            some = left[sticks]
-            limit = ROUNDING * (1.0 + np.linalg.norm(z[:, some], axis=0))
-            how[some[self._most_work(velocity @ z[:, some]) <= limit]] = i
-            part = self.generators[:, 3 * i : 3 * i + 3]
-            there = how[left] == i
-            q[:, left[there]] -= part @ u[:, there]
-            left = left[~there]
+        which = self._sticking.find(z[:, left])
+        sticks = left[which >= 0]
+        how[sticks] = which[which >= 0]
+        q[:, sticks] -= np.matmul(self._sticking.maps[how[sticks]], z[:, sticks].T[..., None])[..., 0].T
+        left = left[which < 0]
+        if len(self.arms) > 2:
+            inside = self._sharing.inside(z[:, left])
+            q[:, left[inside]] = 0.0
+            how[left[inside]] = INSIDE
+            left = left[~inside]
         if left.size:
             six = np.zeros((6, left.size))
             six[list(self.axes)] = z[:, left]
