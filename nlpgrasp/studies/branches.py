@@ -36,8 +36,9 @@ class Branches:
     """Local optima that are followed through tasks, each slid to where it is best for the task at hand.
 
     Where a search of all placements covers the problem, a short one at each step says whether any is better than the
-    branch at hand, and meets those that are. Elsewhere the first programs of some starts are solved at every step
-    before the first is taken: branches that begin at different tasks differ more than those of many starts at one.
+    branch at hand, and meets those that are; the first programs of a cold solve's starts are solved at the first step
+    alone. Elsewhere those of some starts are solved at every step before the first is taken: branches that begin at
+    different tasks differ more than those of many starts at one.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ class Branches:
         self._outlooks: Iterator[Outlook | None] = chain([first], ahead)
         self._complete = first is not None and first.complete
         each = int(np.ceil(SHARE * starts))
-        for step, bench in enumerate([] if self._complete else benches):
+        for step, bench in enumerate(benches[:1] if self._complete else benches):
             end = step in (0, len(benches) - 1)
             self._begin(bench, range(starts) if end else [(step * each + n) % starts for n in range(each)])
 
@@ -113,7 +114,7 @@ class Branches:
             slide(bench, current, rng, self._steps)
         if not self._search(bench, 0.0 if current is None else current.value, rng):
             self._look(bench, current, rng)
-        for _ in range(OTHERS):
+        for _ in range(OTHERS if self._steps > 1 else max(OTHERS, self._starts)):
             following = self._next(bench, current)
             if following is None:
                 break
