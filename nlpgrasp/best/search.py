@@ -12,7 +12,6 @@ from nlpgrasp.best.bound.twists import Twists
 from nlpgrasp.best.bound.weakest import Design, descended
 from nlpgrasp.best.climb import Climber, Spot
 from nlpgrasp.best.exchange import Exchange
-from nlpgrasp.best.scope.pieces import NONE
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.tree.nodes import Node
 from nlpgrasp.best.tree.tree import Tree
@@ -160,23 +159,22 @@ class Search:
         return np.asarray(np.min(measure.combined(supports, 2), axis=1))
 
     def _roots(self, node: Node) -> tuple[int, ...]:
-        """Return the root cells that a node's cells are parts of; where contacts are exchanged, these cells."""
+        """Return the whole cells that a node's cells are parts of; where contacts are exchanged, these cells."""
         if self.exchange is not None:
             return node.cells
-        result = []
-        for cell, (pieces, _) in zip(node.cells, self.scope.group_of, strict=True):
-            while pieces.parents[cell] != NONE:
-                cell = pieces.parents[cell]
-            result.append(cell)
-        return tuple(result)
+        return tuple(p.whole(cell) for cell, (p, _) in zip(node.cells, self.scope.group_of, strict=True))
 
     def _spots(self, node: Node) -> list[Spot]:
         """Return each contact at its heaviest row."""
         spots = []
         for slot, (pieces, _) in enumerate(self.scope.group_of):
             row = int(node.rows[slot][np.argmax(node.design[slot])])
-            points, normals = pieces.supports.points[row], pieces.supports.normals[row]
-            spots.append(Spot(pieces, pieces.surfaces[node.cells[slot]], points, normals))
+            point, normal = pieces.supports.points[row], pieces.supports.normals[row]
+            spot = Spot(pieces, pieces.surface_at(node.cells[slot], point, normal), point, normal)
+            on = (
+                spot if spot.surface.rough else spot.moved(np.zeros(point.size - 1))
+            )  # a disc's row may be beyond its rim
+            spots.append(on)
         return spots
 
     def offer(self, spots: Sequence[Spot], value: float) -> None:

@@ -1,10 +1,13 @@
 """The global bound against known optima, brute force and bad input."""
 
+import time
+
 import numpy as np
 import pytest
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.best.scope.scope import scope_of
 
 SQUARE = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
@@ -62,6 +65,24 @@ def test_an_easy_grasp_that_starts_used_to_miss():
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, task)
     best = ng.best_possible(problem, gap=0.1, time_limit=None)
     assert 0.25 < best.mu.lower < 0.275 < best.upper < 0.31
+
+
+@pytest.mark.parametrize(
+    ("body", "roots"), [(ng.Cylinder(1.0, 2.0), [3] * 4), (ng.Prism(2 * np.array(SQUARE), 2.0), [1] * 4)]
+)
+def test_contacts_that_all_differ_begin_with_few_nodes(body, roots):
+    """Of a cell for each part of each face there would be 160,000 and 1,296."""
+    contacts = [ng.FrictionContact(0.1 * i) for i in range(5, 9)]
+    problem = ng.GraspProblem(body, contacts, ng.TaskEllipsoid(np.linspace(0.5, 1.0, 6), center=0.1 * np.ones(6)))
+    assert [len(pieces.roots) for pieces in scope_of(problem).pieces] == roots
+    begun = time.process_time()
+    best = ng.best_possible(problem, gap=0.1, time_limit=1.5)
+    assert time.process_time() - begun < 10.0
+    assert 0.0 < best.mu.lower <= best.upper
+    for face, point in zip(best.faces, best.grasp.points, strict=True):
+        h, _, _, extent = body.evaluate(face, point[None])
+        assert abs(h[0]) < 1e-9
+        assert extent[0] < 1e-9
 
 
 def test_a_box_as_a_mesh():

@@ -42,6 +42,14 @@ PROBLEMS = {
     "cylinder": problem(ng.Cylinder(1.0, 2.0), [FRICTION] * 3),
     "cylinder, mixed": problem(ng.Cylinder(1.0, 2.0), [SOFT, FRICTION, ng.PointContact()]),
     "box, elliptic": problem(ng.Box([2, 1, 1]), [ng.SoftContact(0.5, 0.2, model="elliptic"), ng.PointContact()]),
+    "cylinder, all different": problem(
+        ng.Cylinder(1.0, 2.0),
+        [SOFT, FRICTION, ng.PointContact(), ng.FrictionContact(0.8)],
+        constraints=[ng.Table(-0.7)],
+    ),
+    "box, all different": problem(
+        ng.Box([2, 1, 1]), [ng.FrictionContact(0.1 * i) for i in range(4, 9)], constraints=[ng.Table(-0.4)]
+    ),
     "torus": problem(ng.Torus(1.0, 0.4), [SOFT] * 2),
     "ellipsoid": problem(ng.Ellipsoid([2, 1, 1]), [FRICTION] * 3),
     "ellipsoid, limited": problem(ng.Ellipsoid([2, 1, 1.5]), [FRICTION] * 3, constraints=[ng.Table(-1)]),

@@ -3,14 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
 from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.cells.allowed import Allowed
 from nlpgrasp.best.cells.base import Cell, Surface
+from nlpgrasp.best.cells.bundle import BundleCell
+from nlpgrasp.common.validation import FloatArray
 
 NONE = -1
+
+
+class Bundled(IntEnum):
+    """Which cells are one to begin with: none, those of each face, or all."""
+
+    NONE = 0
+    FACES = 1
+    ALL = 2
+
+
+@dataclass(frozen=True)
+class Roots:
+    """The cells that contacts begin with.
+
+    Parameters
+    ----------
+    cells : mapping of Surface to sequence of Cell
+        That cover each face, or what of it is enough.
+    turned : str, optional
+        Where every placement can be turned so that the contact is in them: ``"pole"``, ``"meridian"`` or
+        ``"half-plane"``.
+    bundled : Bundled
+    """
+
+    cells: Mapping[Surface, Sequence[Cell]]
+    turned: str | None = None
+    bundled: Bundled = Bundled.NONE
 
 
 class Pieces:
@@ -20,13 +51,11 @@ class Pieces:
     ----------
     slots : sequence of int
         The contacts.
-    roots : mapping of Surface to sequence of Cell
-        Cells that cover each face, or what of it is enough.
+    roots : Roots
     allowed : Allowed
     supports : Supports
-    turned : str, optional
-        Where every placement can be turned so that the contact is on the roots: ``"pole"``, ``"meridian"`` or
-        ``"half-plane"``.
+    size : float
+        Of the body, metres.
 
     Attributes
     ----------
@@ -34,35 +63,41 @@ class Pieces:
         The numbers of both parts of each cell that was cut so far; ``NONE`` of one that constraints exclude.
     """
 
-    def __init__(
-        self,
-        slots: Sequence[int],
-        roots: Mapping[Surface, Sequence[Cell]],
-        allowed: Allowed,
-        supports: Supports,
-        turned: str | None = None,
-    ) -> None:
-        self.turned, self.parts = turned, dict[int, tuple[int, ...]]()
+    def __init__(self, slots: Sequence[int], roots: Roots, allowed: Allowed, supports: Supports, size: float) -> None:
+        self.turned, self.parts = roots.turned, dict[int, tuple[int, ...]]()
         self.slots, self.allowed, self.supports = tuple(slots), allowed, supports
         self.cells: list[Cell] = []
         self.radii: list[float] = []
         self.parents: list[int] = []
         self.surfaces: list[Surface] = []
         self._children: dict[int, tuple[int, ...]] = {}
-        self.roots = tuple(
-            self._add(cell, NONE, surface)
-            for surface, cells in roots.items()
-            for cell in cells
-            if not allowed.excludes(cell)
-        )
+        left = [(s, c) for s, cells in roots.cells.items() for c in cells if not allowed.excludes(c)]
+        self._faces = {id(cell): (surface, cell) for surface, cell in left}
+        self.roots = tuple(self._add(cell, NONE) for cell in _bundles(left, roots.bundled, size))
 
-    def _add(self, cell: Cell, parent: int, surface: Surface) -> int:
+    def _add(self, cell: Cell, parent: int) -> int:
+        bundled = parent == NONE or isinstance(self.cells[parent], BundleCell)
+        self.surfaces.append(self._faces[id(_first(cell))][0] if bundled else self.surfaces[parent])
         self.cells.append(cell)
         self.radii.append(cell.ball()[1])
         self.parents.append(parent)
-        self.surfaces.append(surface)
         self.supports.add(cell)
         return len(self.cells) - 1
+
+    def surface_at(self, cell: int, point: FloatArray, normal: FloatArray) -> Surface:
+        """Return the face that a row of a cell is on."""
+        found = self.cells[cell]
+        for member in found.members if isinstance(found, BundleCell) else ():
+            rows = member.rows()
+            if np.any(np.all(rows.points == point, axis=1) & np.all(rows.normals == normal, axis=1)):
+                return self._faces[id(member)][0]
+        return self.surfaces[cell]
+
+    def whole(self, cell: int) -> int:
+        """Return the bundle that a cell is, or else the largest cell that it is part of and that is none."""
+        while self.parents[cell] != NONE and not isinstance(self.cells[self.parents[cell]], BundleCell):
+            cell = self.parents[cell]
+        return cell
 
     def children(self, cell: int) -> tuple[int, ...]:
         """Return the numbers of the parts of a cell that are not excluded; its own where it is a point."""
@@ -71,8 +106,7 @@ class Pieces:
             if len(parts) == 1:
                 self._children[cell] = (cell,)
             else:
-                surface, excluded = self.surfaces[cell], [self.allowed.excludes(part) for part in parts]
-                made = [NONE if e else self._add(p, cell, surface) for p, e in zip(parts, excluded, strict=True)]
+                made = [NONE if self.allowed.excludes(part) else self._add(part, cell) for part in parts]
                 self.parts[cell] = tuple(made)
                 self._children[cell] = tuple(part for part in made if part != NONE)
         return self._children[cell]
@@ -86,3 +120,18 @@ class Pieces:
                 if np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance:
                     return other
         return NONE
+
+
+def _bundles(left: Sequence[tuple[Surface, Cell]], bundled: Bundled, size: float) -> list[Cell]:
+    """Return the cells with their faces, or bundles of them."""
+    if bundled is Bundled.NONE:
+        return [cell for _, cell in left]
+    together: dict[Surface | None, list[Cell]] = {}
+    for surface, cell in left:
+        together.setdefault(surface if bundled is Bundled.FACES else None, []).append(cell)
+    return [cells[0] if len(cells) == 1 else BundleCell(cells, size) for cells in together.values()]
+
+
+def _first(cell: Cell) -> Cell:
+    """Return the first member of a bundle; another cell itself."""
+    return cell.members[0] if isinstance(cell, BundleCell) else cell

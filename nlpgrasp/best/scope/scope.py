@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from math import comb, prod
 
 import numpy as np
 
 from nlpgrasp.best.bound.measure import Measure
 from nlpgrasp.best.bound.supports import Supports
-from nlpgrasp.best.cells.base import Cell, Surface
-from nlpgrasp.best.cells.bundle import BundleCell
+from nlpgrasp.best.cells.base import Surface
 from nlpgrasp.best.cells.faces import surfaces
-from nlpgrasp.best.scope.pieces import Pieces
+from nlpgrasp.best.scope.pieces import Bundled, Pieces, Roots
 from nlpgrasp.best.scope.places import Places, places
 from nlpgrasp.best.scope.symmetry import Symmetry, symmetries
 from nlpgrasp.best.scope.turning import pinned
@@ -24,6 +24,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.tasks import Task
 
 KINDS = ("point", "friction", "soft")  # contacts without a direction along the surface, on which curved cells rest
+MOST_ROOTS = 300  # nodes that a tree begins with; of more, first cells are bundled
 
 
 @dataclass(frozen=True)
@@ -73,14 +74,11 @@ class Scope:
         return tuple(slot for pieces in self.pieces for slot in pieces.slots)
 
 
-def scope_of(problem: GraspProblem, bundled: bool = False) -> Scope:
+def scope_of(problem: GraspProblem) -> Scope:
     """Return what the bound covers of a problem.
 
-    Parameters
-    ----------
-    problem : GraspProblem
-    bundled : bool
-        Whether all that a contact may touch is one cell to begin with; otherwise faces are.
+    A tree begins with a node for each choice of first cells. Where these would be too many, the cells of a face are one
+    to begin with, or all that a contact may touch.
 
     Raises
     ------
@@ -95,20 +93,34 @@ def scope_of(problem: GraspProblem, bundled: bool = False) -> Scope:
         if contact.kind not in KINDS:
             raise InputError(f"contacts[{i}]", contact.kind, "point, friction or soft contacts for a global bound")
     own, dropped = places(problem)
-    turned = () if bundled else pinned(problem, faces, own)
+    for bundled in Bundled:
+        made = _made(problem, faces, own, measure, bundled)
+        same = symmetries(problem.body, problem.task, problem.origin, made)
+        choices = prod(comb(len(pieces.roots) + len(pieces.slots) - 1, len(pieces.slots)) for pieces in made)
+        if choices <= MOST_ROOTS * (1 + len(same)):
+            break
+    return Scope(problem, problem.task, measure, tuple(made), tuple(same), dropped)
+
+
+def _made(
+    problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places], measure: Measure, bundled: Bundled
+) -> list[Pieces]:
+    """Return the pieces of contacts that are alike; each that can be turned to a line has its own."""
+    turned = pinned(problem, faces, own)
     made: list[Pieces] = []
     for slots in _alike(problem, own):
-        made += [_pieces(problem, [s], own[s], turned[s][1], measure, turned[s][0]) for s in slots if s < len(turned)]
+        given = [([slot], Roots(turned[slot][1], turned[slot][0])) for slot in slots if slot < len(turned)]
         rest = [slot for slot in slots if slot >= len(turned)]
         if rest:
-            roots = _roots(faces, own[rest[0]], problem.body.size, bundled)
-            made.append(_pieces(problem, rest, own[rest[0]], roots, measure))
-    for pieces in made:
-        if not pieces.roots:
-            allowed = "constraints that leave every contact some part of the body"
-            raise InputError("GraspProblem.constraints", f"no place left for contact {pieces.slots[0]}", allowed)
-    same = symmetries(problem.body, problem.task, problem.origin, made)
-    return Scope(problem, problem.task, measure, tuple(made), tuple(same), dropped)
+            left = [own[rest[0]].allowed.left_of(face) for face in faces if face.name in own[rest[0]].faces]
+            given.append((rest, Roots({face: face.cells() for face in left if face is not None}, None, bundled)))
+        for some, roots in given:
+            supports = Supports(problem.models[some[0]], measure, problem.origin)
+            made.append(Pieces(some, roots, own[some[0]].allowed, supports, problem.body.size))
+            if not made[-1].roots:
+                allowed = "constraints that leave every contact some part of the body"
+                raise InputError("GraspProblem.constraints", f"no place left for contact {some[0]}", allowed)
+    return made
 
 
 def _alike(problem: GraspProblem, own: Sequence[Places]) -> list[list[int]]:
@@ -117,25 +129,3 @@ def _alike(problem: GraspProblem, own: Sequence[Places]) -> list[list[int]]:
     for i, (contact, places_of) in enumerate(zip(problem.models, own, strict=True)):
         groups.setdefault((contact, places_of.faces, places_of.key), []).append(i)
     return list(groups.values())
-
-
-def _pieces(
-    problem: GraspProblem,
-    slots: Sequence[int],
-    own: Places,
-    roots: dict[Surface, Sequence[Cell]],
-    measure: Measure,
-    turned: str | None = None,
-) -> Pieces:
-    supports = Supports(problem.models[slots[0]], measure, problem.origin)
-    return Pieces(slots, roots, own.allowed, supports, turned)
-
-
-def _roots(faces: Sequence[Surface], own: Places, size: float, bundled: bool) -> dict[Surface, Sequence[Cell]]:
-    """Return the cells that what constraints leave of the contact's faces begins with."""
-    left = [own.allowed.left_of(face) for face in faces if face.name in own.faces]
-    roots: dict[Surface, Sequence[Cell]] = {face: face.cells() for face in left if face is not None}
-    every = [cell for cells in roots.values() for cell in cells]
-    if not bundled or len(every) < 2:
-        return roots
-    return {next(iter(roots)): [BundleCell(every, size)]}

@@ -1,0 +1,74 @@
+"""A bound beside what brute force and the bound's own search find."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.best.bound.twists import Twists
+from nlpgrasp.best.scope.scope import scope_of
+from nlpgrasp.best.search import Search
+from nlpgrasp.best.tree.certificate import certificate
+from nlpgrasp.best.tree.tree import Tree
+from tests.best.brute_force.cases import random_case
+from tests.best.brute_force.search import BruteForce
+
+PLANAR, SPATIAL = 200, 40  # nodes of a tree
+WITH_SEARCH = 5  # one of so many trees is grown by the search, with its own grasps
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A problem's bound, and the certified mu of the best grasp of brute force and of the search, 0 without one."""
+
+    number: int
+    kind: str
+    budget: str
+    bound: float
+    brute: float
+    search: float = 0.0
+
+    @property
+    def holds(self):
+        """Whether no grasp is above the bound."""
+        return max(self.brute, self.search) <= self.bound * (1.0 + ROUNDING)
+
+    def near(self, share):
+        """Whether brute force comes within a share of the bound, or there is nothing to find."""
+        return self.brute >= (1.0 - share) * self.bound or self.bound <= 1e-6
+
+
+def compared(number, **effort):
+    """Return random problem ``number`` compared with a short tree; None where it has no placement."""
+    case = random_case(number)
+    force = BruteForce(case, np.random.default_rng([3, number]))
+    if not force.possible:
+        return None
+    brute = force.certified(**effort)[0]
+    problem, search = case.problem, 0.0
+    nodes = PLANAR if problem.body.space == 2 else SPATIAL
+    if number % WITH_SEARCH == 0:
+        found = Search(scope_of(problem), 0.01)
+        found.run(lambda: found.tree.nodes >= nodes)
+        tree, search = found.tree, found.mu.lower
+    else:
+        tree = grown(problem, nodes, brute)
+    return Compared(number, problem.body.kind, problem.budget.kind, certificate(tree)[0], brute, search)
+
+
+def grown(problem, nodes, known):
+    """Return a tree of about so many nodes, of which those that are not above a known grasp are closed."""
+    tree = Tree(scope_of(problem), Twists(problem.task, problem.body.size))
+    tree.begin(known)
+    while tree.nodes < nodes and tree.top > known:
+        tree.grow(known)
+    return tree
+
+
+def described(found):
+    """Return one line on a comparison."""
+    word = "" if found.holds else "  ABOVE THE BOUND"
+    return (
+        f"{found.number} {found.kind} {found.budget}: bound {found.bound:.6g}, brute force {found.brute:.6g},"
+        f" search {found.search:.6g}{word}"
+    )

@@ -1,0 +1,186 @@
+"""Points all over bodies, and the nearest to any point: closed forms that know nothing of cells.
+
+Of each face ``drawn(count, rng)`` returns random points, edges and corners more often than chance would have them,
+``nearest(points)`` the points of it that are nearest to some, or near these, and ``inward(points)`` the inward unit
+normals there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import nlpgrasp as ng
+
+
+@dataclass(frozen=True)
+class Flat:
+    """Convex polygons of one plane, in coordinates along its axes."""
+
+    corners: np.ndarray  # (m, space), in order
+    normal: np.ndarray
+
+    def drawn(self, count, rng):
+        concentrated = rng.choice([0.05, 0.3, 1.0], count)
+        shares = np.array([rng.dirichlet(np.full(len(self.corners), c)) for c in concentrated])
+        return shares @ self.corners
+
+    def nearest(self, points):
+        points = points - ((points - self.corners[0]) @ self.normal)[:, None] * self.normal
+        begin, end = self.corners, np.roll(self.corners, -1, axis=0)
+        if len(self.corners) == 2:
+            return _on_segments(points, begin[:1], end[:1])
+        across = np.cross(self.normal, end - begin)  # all into the polygon or all out of it
+        sides = np.einsum("mes,es->me", points[:, None] - begin, across)
+        inside = np.all(sides <= 0.0, axis=1) | np.all(sides >= 0.0, axis=1)
+        return np.where(inside[:, None], points, _on_segments(points, begin, end))
+
+    def inward(self, points):
+        return np.tile(self.normal, (len(points), 1))
+
+
+def _on_segments(points, begin, end):
+    along = end - begin
+    t = np.einsum("mes,es->me", points[:, None] - begin, along) / np.sum(along**2, axis=1)
+    on = begin + np.clip(t, 0.0, 1.0)[..., None] * along
+    return on[np.arange(len(points)), np.argmin(np.linalg.norm(on - points[:, None], axis=2), axis=1)]
+
+
+@dataclass(frozen=True)
+class Round:
+    """An ellipsoid's surface, by central projection."""
+
+    a: np.ndarray
+
+    def drawn(self, count, rng):
+        u = rng.standard_normal((count, 3)) * rng.choice([1.0, 1.0, 0.1], (count, 3))
+        return self.nearest(u * self.a)
+
+    def nearest(self, points):
+        return points / np.linalg.norm(points / self.a, axis=1, keepdims=True)
+
+    def inward(self, points):
+        return _unit(-points / self.a**2)
+
+
+@dataclass(frozen=True)
+class Side:
+    """A cylinder's side."""
+
+    radius: float
+    half: float
+
+    def drawn(self, count, rng):
+        phi = rng.uniform(-np.pi, np.pi, count)
+        z = np.clip(rng.uniform(-1.3, 1.3, count), -1.0, 1.0) * self.half
+        return np.stack([self.radius * np.cos(phi), self.radius * np.sin(phi), z], axis=1)
+
+    def nearest(self, points):
+        flat = self.radius * _unit(points[:, :2])
+        return np.column_stack([flat, np.clip(points[:, 2], -self.half, self.half)])
+
+    def inward(self, points):
+        return np.column_stack([-_unit(points[:, :2]), np.zeros(len(points))])
+
+
+@dataclass(frozen=True)
+class End:
+    """A cylinder's top or bottom."""
+
+    radius: float
+    z: float
+
+    def drawn(self, count, rng):
+        phi, r = rng.uniform(-np.pi, np.pi, count), self.radius * np.sqrt(np.minimum(1.0, rng.uniform(0, 1.5, count)))
+        return np.stack([r * np.cos(phi), r * np.sin(phi), np.full(count, self.z)], axis=1)
+
+    def nearest(self, points):
+        far = np.linalg.norm(points[:, :2], axis=1, keepdims=True)
+        flat = points[:, :2] * np.minimum(1.0, self.radius / np.maximum(far, 1e-300))
+        return np.column_stack([flat, np.full(len(points), self.z)])
+
+    def inward(self, points):
+        return np.tile([0.0, 0.0, -np.sign(self.z)], (len(points), 1))
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A torus' surface."""
+
+    major: float
+    minor: float
+
+    def drawn(self, count, rng):
+        phi, psi = rng.uniform(-np.pi, np.pi, (2, count))
+        r = self.major + self.minor * np.cos(psi)
+        return np.stack([r * np.cos(phi), r * np.sin(phi), self.minor * np.sin(psi)], axis=1)
+
+    def _middle(self, points):
+        return np.column_stack([self.major * _unit(points[:, :2]), np.zeros(len(points))])
+
+    def nearest(self, points):
+        middle = self._middle(points)
+        return middle + self.minor * _unit(points - middle)
+
+    def inward(self, points):
+        return _unit(self._middle(points) - points)
+
+
+def _unit(v):
+    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300)
+
+
+def faces_of(body):
+    """Return names and faces of a body; of a mesh a face for each triangle, all of the same name."""
+    if isinstance(body, ng.Sphere):
+        return [("surface", Round(np.full(3, float(body.radius))))]
+    if isinstance(body, ng.Ellipsoid):
+        return [("surface", Round(np.array(body.semi_axes, dtype=float)))]
+    if isinstance(body, ng.Torus):
+        return [("surface", Ring(body.major_radius, body.minor_radius))]
+    if isinstance(body, ng.Cylinder):
+        half = body.height / 2.0
+        return [
+            ("side", Side(body.radius, half)),
+            ("top", End(body.radius, half)),
+            ("bottom", End(body.radius, -half)),
+        ]
+    if isinstance(body, ng.Mesh):
+        pairs = zip(body.mesh.triangles, body.mesh.face_normals, strict=True)
+        return [("surface", Flat(np.asarray(corners), -np.asarray(normal))) for corners, normal in pairs]
+    if isinstance(body, ng.Polygon):
+        return [(f"edge{i}", Flat(ends, n)) for i, (ends, n) in enumerate(_edges(np.array(body.vertices, dtype=float)))]
+    return _box(body) if isinstance(body, ng.Box) else _prism(body)
+
+
+def _edges(corners):
+    """Ends and inward normals of a polygon's edges, in the order given."""
+    x, y = corners.T
+    turn = np.sign(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    result = []
+    for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        along = (end - begin) / np.linalg.norm(end - begin)
+        result.append((np.array([begin, end]), turn * np.array([-along[1], along[0]])))
+    return result
+
+
+def _box(body):
+    half, result = np.array(body.extents, dtype=float) / 2.0, []
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            beside = [i for i in range(3) if i != axis]
+            corners = np.zeros((4, 3))
+            corners[:, axis] = sign * half[axis]
+            corners[:, beside] = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half[beside]
+            result.append((("+" if sign > 0 else "-") + "xyz"[axis], Flat(corners, -sign * np.eye(3)[axis])))
+    return result
+
+
+def _prism(body):
+    flat, half, result = np.array(body.polygon, dtype=float), body.height / 2.0, []
+    for i, (ends, normal) in enumerate(_edges(flat)):
+        corners = np.array([[*ends[0], -half], [*ends[1], -half], [*ends[1], half], [*ends[0], half]])
+        result.append((f"side{i}", Flat(corners, np.append(normal, 0.0))))
+    for name, z in (("top", half), ("bottom", -half)):
+        corners = np.column_stack([flat, np.full(len(flat), z)])
+        result.append((name, Flat(corners, np.array([0.0, 0.0, -np.sign(z)]))))
+    return result
