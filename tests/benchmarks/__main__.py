@@ -1,9 +1,10 @@
-"""Run all benchmarks, or those named: ``python -m tests.benchmarks ellipsoid meshes``."""
+"""Run all benchmarks, or those named: ``python -m tests.benchmarks ellipsoid meshes``; a part of one: ``best:hits``."""
 
 import sys
 
 from nlpgrasp.solve.workers.one_thread import one_thread
 from tests.benchmarks import (
+    best,
     by_hand,
     ellipsoid,
     experiments,
@@ -25,6 +26,7 @@ ALL = {
     "meshes": meshes,
     "hands": hands,
     "power": power,
+    "best": best,
     "tasks": tasks,
     "following": following,
     "libraries": libraries,
@@ -33,7 +35,8 @@ ALL = {
     "simulation": simulation,
 }
 
-for name in sys.argv[1:] or ALL:
-    print(f"\n== {name}: {ALL[name].__doc__.splitlines()[0]}")
+for word in sys.argv[1:] or ALL:
+    name, *part = word.split(":")
+    print(f"\n== {word}: {ALL[name].__doc__.splitlines()[0]}")
     with one_thread():
-        ALL[name].run()
+        ALL[name].run(*part)

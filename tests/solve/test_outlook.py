@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.best.search import Met
+from nlpgrasp.solve.outlook.outlook import Outlook
 
 SQUARE = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 QUICK = {"workers": 1, "shadow_prices": False}
@@ -37,6 +39,20 @@ def test_starts_begin_from_what_the_look_met_and_some_do_not():
     messages = [start.message for start in solution.starts]
     assert "from the search of all placements" in messages
     assert any(m != "from the search of all placements" for m in messages)
+
+
+def test_images_of_better_grasps_come_last():
+    look = Outlook(square(3), 0.01)
+    best = np.array([[1.0, 0.2], [-1.0, 0.3], [0.1, 1.0]])
+    turned, changed = best @ np.array([[0.0, 1.0], [-1.0, 0.0]]), best[[2, 0, 1]]
+    other = np.array([[1.0, -0.9], [-1.0, 0.9], [0.9, 1.0]])
+    for value, points in [(0.7, best), (0.699, turned), (0.7, changed), (0.5, other), (0.697, best + 0.01)]:
+        look._search.met.append(Met(value, points, np.zeros((3, 2)), ("edge0",) * 3))
+    for count in (1, 2, 3, 4, 5):
+        placed = [one.points for one in look.placements(count)]
+        expected = [best, other, changed, turned][:count]
+        assert len(placed) == len(expected)
+        assert all(np.array_equal(one, points) for one, points in zip(placed, expected, strict=True))
 
 
 def test_no_look_where_none_is_wanted_or_possible():

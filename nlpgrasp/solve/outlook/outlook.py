@@ -12,19 +12,21 @@ import numpy as np
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Met, Search
 from nlpgrasp.best.tree.certificate import certificate, is_small
-from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies import Box, Mesh, Prism
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.placed import Placed
 
-NODES = 400  # of the tree, by default: about a second
+NODES, OF_FLAT = 400, 1000  # of the tree, by default: a second or two; on bodies of flat faces nodes take less time
 GAP = 0.01  # that the tree aims at where none is asked for
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same
+AS_GOOD = 0.01  # relative: by how much the values of a grasp and its image may differ
 TIME = 0.2  # of what is left until a deadline: a look takes no more of it
 KEPT = 8  # problems whose outlook is remembered
 
@@ -78,21 +80,23 @@ class Outlook:
     def placements(self, count: int, least: float = 0.0) -> list[Placed]:
         """Return up to ``count`` grasps that the search met, best first and apart from each other.
 
+        Those that seem to be images of better ones, or these with contacts changed about, come after all others.
+
         Parameters
         ----------
         count : int
         least : float
             What their mu has to exceed, as far as it seems.
         """
-        met = self._search.met
-        found: list[Met] = []
-        chosen: list[Placed] = []
+        met, apart = self._search.met, APART * self._size
+        new: list[int] = []
+        again: list[int] = []
         for i in sorted(range(len(met)), key=lambda j: -met[j].value):
-            near = (np.max(np.linalg.norm(met[i].points - other.points, axis=1)) for other in found)
-            if met[i].value > least and len(found) < count and min(near, default=np.inf) >= APART * self._size:
-                found.append(met[i])
-                chosen.append(self._placements.setdefault(i, Placed(met[i].faces, met[i].points)))
-        return chosen
+            near = (np.max(np.linalg.norm(met[i].points - met[j].points, axis=1)) for j in new + again)
+            if met[i].value > least and min(near, default=np.inf) >= apart:
+                (again if any(_alike(met[i], met[j], apart) for j in new) else new).append(i)
+        chosen = (new + again)[:count]
+        return [self._placements.setdefault(i, Placed(met[i].faces, met[i].points)) for i in chosen]
 
     def bound(self) -> GlobalBound:
         """Return what holds of all placements so far, with its certificate where that is small."""
@@ -102,6 +106,17 @@ class Outlook:
         _, upper, proof = self._certified
         kept = proof if is_small(proof) else {}
         return GlobalBound(max(upper, self.upper), nodes, self._search.scope.dropped, kept)
+
+
+def _alike(one: Met, other: Met, apart: float) -> bool:
+    """Return whether two grasps are as good and their contacts as far from each other."""
+    as_good = abs(one.value - other.value) <= AS_GOOD * max(one.value, other.value)
+    return as_good and bool(np.all(np.abs(_distances(one.points) - _distances(other.points)) <= apart))
+
+
+def _distances(points: FloatArray) -> FloatArray:
+    """Return the distances between each two of the points, sorted."""
+    return np.asarray(np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=None))
 
 
 _remembered: OrderedDict[str, Outlook] = OrderedDict()
@@ -122,7 +137,7 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook
     found = unseen(problem, options)
     if found is None:
         return None
-    found.look(NODES, _share_of(stop))
+    found.look(OF_FLAT if isinstance(problem.body, Box | Prism) else NODES, _share_of(stop))
     if options.gap is None and stop.deadline is None and not stop.requested():
         _remembered[key] = found
         while len(_remembered) > KEPT:

@@ -13,7 +13,7 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
-from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn
+from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn, exchange_rules
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
@@ -25,6 +25,7 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
 KNOWN = "from the search of all placements"  # message of a start
+KNOWN_ROUNDS = 8  # of the exchange, at most, from a grasp that has been climbed to already
 GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 
 
@@ -100,8 +101,13 @@ class _Attempts:
         """Refine what the first program found, put it onto the body and certify it."""
         bench, state = self.bench, first.state
         if bench.options.exchange:
-            improve = exchange_in_turn if self._under_l2_first else exchange
-            state = improve(bench, state, self.rng, self.stop)
+            if first.message == KNOWN and bench.follows_contacts:
+                rules = exchange_rules(bench)
+                rules = replace(rules, rounds=min(rules.rounds, KNOWN_ROUNDS))
+                state = exchange(bench, state, self.rng, self.stop, rules)
+            else:
+                improve = exchange_in_turn if self._under_l2_first else exchange
+                state = improve(bench, state, self.rng, self.stop)
         self.clock.mark("exchange")
         found = put_on_body(bench, state, self.rng, self.stop)
         self.clock.mark("mesh")

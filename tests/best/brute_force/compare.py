@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.best.bound.twists import Twists
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Search
 from nlpgrasp.best.tree.certificate import certificate
-from nlpgrasp.best.tree.tree import Tree
 from tests.best.brute_force.cases import random_case
 from tests.best.brute_force.search import BruteForce
 
@@ -45,24 +43,22 @@ def compared(number, **effort):
     if not force.possible:
         return None
     brute = force.certified(**effort)[0]
-    problem, search = case.problem, 0.0
+    problem = case.problem
     nodes = PLANAR if problem.body.space == 2 else SPATIAL
+    found = Search(scope_of(problem), 0.01)
     if number % WITH_SEARCH == 0:
-        found = Search(scope_of(problem), 0.01)
         found.run(lambda: found.tree.nodes >= nodes)
-        tree, search = found.tree, found.mu.lower
     else:
-        tree = grown(problem, nodes, brute)
-    return Compared(number, problem.body.kind, problem.budget.kind, certificate(tree)[0], brute, search)
+        _grow(found.tree, nodes, brute)
+    bound = certificate(found.tree)[0]
+    return Compared(number, problem.body.kind, problem.budget.kind, bound, brute, found.mu.lower)
 
 
-def grown(problem, nodes, known):
-    """Return a tree of about so many nodes, of which those that are not above a known grasp are closed."""
-    tree = Tree(scope_of(problem), Twists(problem.task, problem.body.size))
+def _grow(tree, nodes, known):
+    """Grow a tree to about so many nodes; those that are not above a known grasp are closed."""
     tree.begin(known)
     while tree.nodes < nodes and tree.top > known:
         tree.grow(known)
-    return tree
 
 
 def described(found):
