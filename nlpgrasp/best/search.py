@@ -21,7 +21,7 @@ from nlpgrasp.quality import Bounds, mu
 
 ROUGH, FINE = 0.01, 0.15  # width of a grasp's certificate: at first, and at last relative to the gap asked for
 TWISTS, ROUGH_TWISTS = 16, 32  # directions of a node
-SHARE = 0.8  # of the gap that the tree closes; the rest is the certificate's
+SHARE, UNSURE = 0.8, 0.5  # of the gap that the tree closes; the rest is the certificate's, at first a rough one's
 CLIMBS, MORE, SAME = 4, 60, 3  # at first; nodes that are worth one more; from designs in the same root cells
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
 BETTER = 1e-3
@@ -86,7 +86,8 @@ class Search:
     @property
     def target(self) -> float:
         """The bound at which a node needs no further look."""
-        return self.value * (1.0 + SHARE * self.gap)
+        sure = self.value <= self._known * (1.0 + FINE * self.gap)
+        return self.value * (1.0 + (SHARE if sure else UNSURE) * self.gap)
 
     @property
     def upper(self) -> float:
@@ -111,7 +112,7 @@ class Search:
             self._look(nodes)
             if watch is not None:
                 watch(self)
-            if self.tree.top <= self.target:
+            if self.tree.top <= self.value * (1.0 + SHARE * self.gap):
                 self.refine()
             if self.searched or stopped():
                 return

@@ -43,6 +43,13 @@ def test_no_placement_is_above_the_bound(budget):
     assert 0.0 < ng.mu(grasp, problem.task, 1e-3, force_budget=budget).lower <= best.upper
 
 
+def test_a_gap_is_closed_though_a_grasp_seemed_better_than_it_is():
+    """Its nodes were closed by what mu seemed to be, and the search ended 1.2 % below the bound."""
+    triangle = ng.Polygon([[-1.0, -0.6], [1.0, -0.6], [0.3, 0.9]])
+    problem = ng.GraspProblem(triangle, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0] * 3))
+    assert ng.best_possible(problem, gap=0.01, time_limit=None).closed
+
+
 def test_constraints_of_one_contact_shrink_the_bound():
     free = ng.best_possible(square(2), gap=0.02, time_limit=None)
     kept = [ng.Table(-0.9), ng.Forbid("edge2"), ng.Workspace(ng.BoxRegion([-2, -2], [2, 0.2]))]
