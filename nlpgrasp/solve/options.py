@@ -45,7 +45,7 @@ class SolveOptions:
         Move the contacts to where the worst placement is best (on smooth bodies, without a hand that has a pose), and
         take the start whose worst placement is best instead of the one with the best mu.
     global_bound : bool
-        Look over all placements before the starts, for about a second: it bounds mu from above and meets grasps that
+        Look over all placements before the starts, for one to four seconds: it bounds mu and meets grasps that
         starts begin from. Without it all starts draw for themselves, and nothing says how far the answer is from the
         best. Not on meshes, which take ``ng.best_possible`` minutes.
     gap : float, optional

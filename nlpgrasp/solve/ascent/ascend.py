@@ -22,6 +22,7 @@ from nlpgrasp.solve.ascent.weakest import AFTER_A_STEP, Descents, Weakest, weake
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
+SPAN = 4  # rounds over which gains are looked at
 HALF, TENTH = 0.5, 0.1  # shares of the promised gain that make a step a good one, and a fair one
 
 
@@ -44,6 +45,8 @@ class Rules:
         Violation of a trial, relative to the rows' scales, that still counts as keeping them.
     least_gain : float
         Relative: the ascent ends where the model promises less.
+    slowest : float
+        Relative gain over ``SPAN`` rounds, below which the exchange ends.
     looks_back : bool
         Whether directions found at a trial may lower the value of where the ascent stands.
     untried : float
@@ -63,6 +66,7 @@ class Rules:
     refused: float = 0.4
     allowed: float = FEASIBLE
     least_gain: float = 0.0
+    slowest: float = 0.0
     looks_back: bool = False
     untried: float = -np.inf
     descents: Descents = AFTER_A_STEP

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solve.ascent.ascend import Rules, ascend
+from nlpgrasp.solve.ascent.ascend import SPAN, Rules, ascend
 from nlpgrasp.solve.ascent.cuts import with_known
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.ascent.steps.registry import model_of
@@ -56,5 +56,14 @@ def exchange(
     for turn in ascend(bench, state, model, rules, rng, stop):
         if turn.step.promised < rules.least_gain * state.value:
             break
+        if rules.slowest > 0.0 and _gain(state) < rules.slowest:
+            break
     state.remember()
     return state
+
+
+def _gain(state: AscentState) -> float:
+    """Return the relative gain over the latest rounds."""
+    if len(state.history) <= SPAN:
+        return np.inf
+    return state.value / max(state.history[-1 - SPAN], 1e-300) - 1.0

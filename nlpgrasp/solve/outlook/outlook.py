@@ -22,7 +22,7 @@ from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.placed import Placed
 
-NODES, OF_FLAT = 400, 1000  # of the tree, by default: a second or two; on bodies of flat faces nodes take less time
+NODES, OF_FLAT = 400, 1000  # of the tree, by default: one to four seconds; on bodies of flat faces nodes take less time
 GAP = 0.01  # that the tree aims at where none is asked for
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same

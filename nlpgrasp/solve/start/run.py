@@ -25,7 +25,7 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
 KNOWN = "from the search of all placements"  # message of a start
-KNOWN_ROUNDS = 8  # of the exchange, at most, from a grasp that has been climbed to already
+SLOWEST = 0.01  # relative gain over some rounds, below which the exchange from a grasp that was climbed to ends
 GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 
 
@@ -102,8 +102,7 @@ class _Attempts:
         bench, state = self.bench, first.state
         if bench.options.exchange:
             if first.message == KNOWN and bench.follows_contacts:
-                rules = exchange_rules(bench)
-                rules = replace(rules, rounds=min(rules.rounds, KNOWN_ROUNDS))
+                rules = replace(exchange_rules(bench), slowest=SLOWEST)
                 state = exchange(bench, state, self.rng, self.stop, rules)
             else:
                 improve = exchange_in_turn if self._under_l2_first else exchange
