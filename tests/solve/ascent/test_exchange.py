@@ -1,5 +1,6 @@
 """The exchange under another budget than the paper's: first up under the paper's, then under its own."""
 
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn
+from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn, exchange_rules
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.placed import Placed
@@ -61,3 +62,14 @@ def test_a_posed_hand_under_the_shared_budget_ends_as_well_as_under_the_papers()
         shared, paper = (ng.mu(grasp, task, 0.01, force_budget="shared").upper for grasp in grasps)
         ratios.append(shared / paper)
     assert median(ratios) > 0.96
+
+
+def test_it_ends_early_where_it_is_told_that_it_gains_too_slowly():
+    bent = bench("l2")
+    found = {}
+    for slowest in (0.0, 0.01, 100.0):
+        rules = replace(exchange_rules(bent), slowest=slowest)
+        state = AscentState(BEGIN, multipliers=np.zeros(len(bent.rows.named)))
+        found[slowest] = exchange(bent, state, np.random.default_rng(0), Stop(), rules)
+    assert found[0.0].value >= found[0.01].value >= 0.98 * found[0.0].value
+    assert found[100.0].rounds == 5 < found[0.0].rounds  # the first after which there are gains over four rounds
