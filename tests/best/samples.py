@@ -2,13 +2,15 @@
 
 import numpy as np
 import trimesh
+from nlpgrasp.best.cells.curved.ellipsoid import EllipsoidCell
+from nlpgrasp.best.cells.curved.revolved import RevolvedCell
+from nlpgrasp.best.cells.curved.spherical import Spherical
+from nlpgrasp.best.cells.curved.turned import Revolved
 
 from nlpgrasp.best.cells.clusters import Clusters
 from nlpgrasp.best.cells.disc import SectorCell
-from nlpgrasp.best.cells.ellipsoid import EllipsoidCell
 from nlpgrasp.best.cells.mesh import MeshCell
 from nlpgrasp.best.cells.polygon import PolygonCell
-from nlpgrasp.best.cells.revolved import RevolvedCell
 from nlpgrasp.common.spatial import tangents
 
 
@@ -23,7 +25,8 @@ def polygon_cell(rng):
 
 def ellipsoid_cell(rng):
     corners = np.diag(rng.choice([-1.0, 1.0], 3))
-    cell = EllipsoidCell(corners, rng.uniform(0.5, 2.0, 3) if rng.random() < 0.7 else np.full(3, 1.3))
+    axes = rng.uniform(0.5, 2.0, 3) if rng.random() < 0.7 else np.full(3, 1.3)
+    cell = EllipsoidCell(corners, Spherical(axes))
     for _ in range(rng.integers(0, 8)):
         cell = cell.split()[rng.integers(2)]
     return cell
@@ -37,14 +40,14 @@ def sector_cell(rng):
 
 
 def side_cell(rng):
-    cell = RevolvedCell(np.array([0.0, rng.uniform(0.3, 2.0)]), np.array([0.0, 1.6]), np.array([-0.5, 1.0]))
+    cell = RevolvedCell(Revolved(np.array([0.0, rng.uniform(0.3, 2.0)])), np.array([0.0, 1.6]), np.array([-0.5, 1.0]))
     for _ in range(rng.integers(0, 6)):
         cell = cell.split()[rng.integers(2)]
     return cell
 
 
 def torus_cell(rng):
-    cell = RevolvedCell(np.array([2.0, rng.uniform(0.3, 1.5)]), np.array([0.0, 1.6]), np.array([-1.5, 0.0]))
+    cell = RevolvedCell(Revolved(np.array([2.0, rng.uniform(0.3, 1.5)])), np.array([0.0, 1.6]), np.array([-1.5, 0.0]))
     for _ in range(rng.integers(0, 6)):
         cell = cell.split()[rng.integers(2)]
     return cell

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.best.bound.closer import mixed_supports, single_supports
 from nlpgrasp.best.bound.measure import Measure
 from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.budgets import force_budget
@@ -40,11 +41,39 @@ def test_rows_bound_all_points_of_the_cell(kind, contact, budget):
         twists = rng.standard_normal((12, 6)) * np.where(np.arange(6) < 3, 1.0, rng.choice([0.1, 1.0, 10.0]))
         supports = Supports(contact, Measure.of(force_budget(budget)), origin)
         supports.add(cell)
-        bound = supports.powers(supports.rows_of(np.zeros(1, dtype=np.int64)), twists[None])[0]
+        number = np.zeros(1, dtype=np.int64)
+        powers = supports.powers(supports.rows_of(number), twists[None])
         true = powers_at(contact, budget, *points_of(cell, 60, rng), origin, twists)
-        assert np.all(true <= bound.max(axis=0) * (1 + 1e-9) + 1e-12)
-        mixture = rng.dirichlet(np.full(12, 0.3), 5)
-        assert np.all(true @ mixture.T <= (bound @ mixture.T).max(axis=0) * (1 + 1e-9) + 1e-12)
+        assert np.all(true <= single_supports(supports, number, powers, twists[None])[0] * (1 + 1e-9) + 1e-12)
+        for mixture in rng.dirichlet(np.full(12, 0.3), 5):
+            bound = mixed_supports(supports, number, powers, twists[None], mixture[None])[0]
+            assert np.all(true @ mixture <= bound * (1 + 1e-9) + 1e-12)
+
+
+@pytest.mark.parametrize("budget", ["l2", "per_finger"])
+@pytest.mark.parametrize("kind", ["ellipsoid", "side", "torus"])
+def test_a_closer_look_is_close(kind, budget):
+    """The bound over a small curved cell is near the largest of many points."""
+    rng = np.random.default_rng(5)
+    for _ in range(6):
+        cell = CELLS[kind](rng)
+        supports = Supports(CONTACTS["friction"], Measure.of(force_budget(budget)), np.zeros(3))
+        supports.add(CELLS[kind](rng))
+        supports.widest = 1.0
+        while cell.ball()[1] > 0.1:
+            cell = cell.split()[0]
+        supports.add(cell)
+        twists, mixture = rng.standard_normal((1, 8, 6)), rng.dirichlet(np.ones(8))
+        number = np.ones(1, dtype=np.int64)
+        powers = supports.powers(supports.rows_of(number), twists)
+        bound = mixed_supports(supports, number, powers, twists, mixture[None])[0]
+        true = powers_at(CONTACTS["friction"], budget, *points_of(cell, 800, rng), np.zeros(3), twists[0]) @ mixture
+        assert true.max() <= bound <= 1.012 * true.max()
+
+
+def bends_of(cell):
+    curved = cell.rows().curved[0]
+    return np.max(curved.patches.bends(curved.parts)[:, 0], axis=0)
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "side", "torus"])
@@ -56,7 +85,7 @@ def test_what_bends_add_falls_with_the_square_of_the_cell(kind):
     small = cell
     for _ in range(6):
         small = small.split()[1]
-    shares = np.max(cell.rows().bends[:, 0], axis=0) / np.max(small.rows().bends[:, 0], axis=0)
+    shares = bends_of(cell) / bends_of(small)
     assert np.all(shares[[0, 1]] > 0.5 * (cell.ball()[1] / small.ball()[1]) ** 2)
 
 

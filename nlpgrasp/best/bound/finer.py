@@ -37,7 +37,7 @@ def refined(
     chosen : (b,) array
         Numbers of rows that cannot be replaced; ``NONE`` where none was met.
     """
-    twists, weights = _used(twists, weights)
+    twists, weights = used(twists, weights)
     best, open_ = _Largest(len(rows)), np.zeros(len(rows))
     owner, row, value = np.repeat(np.arange(len(rows)), rows.shape[1]), np.ravel(rows), np.ravel(mixed)
     for _ in range(ROUNDS):
@@ -72,8 +72,8 @@ class _Largest:
         self.value[owner[better]], self.row[owner[better]] = value[better], row[better]
 
 
-def _used(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return as many directions as any mixture uses."""
+def used(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return as many directions, (b, j, d), and weights, (b, j), as any mixture uses."""
     most = int(np.max(np.count_nonzero(weights, axis=1)))
     if most == weights.shape[1]:
         return twists, weights

@@ -56,6 +56,13 @@ class Measure:
             return np.asarray(np.linalg.norm(contact.project(z), axis=-1))
         return np.asarray(np.sqrt(square))
 
+    def powers(self, contact: ContactModel, z: FloatArray) -> FloatArray:
+        """Return ``s^p`` for force components z (..., n_i), (...)."""
+        square = contact.squared_support(_work(contact, z), np) if self.lengths else None
+        if square is None:
+            return np.asarray(self.support(contact, z) ** self.power)
+        return np.asarray(square if self.power == 2.0 else square ** (0.5 * self.power))
+
     def steepness(self, contact: ContactModel, components: int) -> float:
         """Return the most that s changes with z: the length of the largest force of one unit."""
         if self.lengths:

@@ -2,17 +2,50 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from nlpgrasp.best.bound.measure import Measure
 from nlpgrasp.best.bound.wide import widened
 from nlpgrasp.best.cells.base import Cell, IntArray, Rows
+from nlpgrasp.best.cells.curved.patches import Curved, Patches
 from nlpgrasp.common.spatial import tangents, wrench_transform
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
 NONE = -1  # in place of the number of a finer row
 TORSION = 3  # component of a contact-frame wrench that is the moment about the normal, in space
+
+
+@dataclass(frozen=True)
+class Between:
+    """What lies between a cell's rows on one curved face.
+
+    Parameters
+    ----------
+    patches : Patches
+    parts : (n, c, q) array
+        Coordinates of each part's corners.
+    rows : (n, c) array of int
+        Which of the cell's rows is at each corner.
+    bends : (n, 2, 3) array
+        Of each part.
+    most : (2, 3) array
+        The largest of these.
+    """
+
+    patches: Patches
+    parts: FloatArray
+    rows: IntArray
+    bends: FloatArray
+    most: FloatArray
+
+    @classmethod
+    def of(cls, curved: Curved) -> Between:
+        """Return the parts of a cell with their bends."""
+        bends = curved.patches.bends(curved.parts)
+        return cls(curved.patches, curved.parts, curved.rows, bends, np.max(bends, axis=0))
 
 
 class Supports:
@@ -31,29 +64,33 @@ class Supports:
         self.contact, self.measure, self.origin, self.space = contact, measure, origin, space
         components = contact.components(space)
         self.steepness = measure.steepness(contact, components)
-        self._turns = float(space == 3 and TORSION in contact.axes(space))
+        self.turns = float(space == 3 and TORSION in contact.axes(space))
         d = 3 if space == 2 else 6
         self.points = np.zeros((0, space))
         self.normals = np.zeros((0, space))
         self.maps = np.zeros((0, d, components))
-        self._velocities = np.zeros((0, d, space))
-        self._bends = np.zeros((0, 2, 3))
         self._cones = np.zeros((0, 2))
         self._frames = np.zeros((0, d, TORSION + 1))
         self.finer = np.zeros((0, 1), dtype=np.int64)
-        self._bent = False
         self._used = 0
         self._tables: dict[int, tuple[Rows, int]] = {}
         self._numbers: list[IntArray] = []
+        self.curved: list[tuple[Between, ...]] = []
+        self._balls: list[tuple[FloatArray, float]] = []
+        self.widest = 0.0  # radius of the largest cell
 
     def add(self, cell: Cell) -> None:
         """Add the rows of a cell, those that it shares with others only once; it gets the next number."""
         shared = cell.part_of()
+        self._balls.append(cell.ball())
+        self.widest = max(self.widest, self._balls[-1][1])
         if shared is None:
             rows = cell.rows()
             self._numbers.append(self._used + np.arange(len(rows.points)))
+            self.curved.append(tuple(Between.of(curved) for curved in rows.curved))
             self._append(rows)
             return
+        self.curved.append(())
         table, numbers = shared
         if id(table) not in self._tables:
             self._tables[id(table)] = table, self._used
@@ -61,7 +98,7 @@ class Supports:
         self._numbers.append(self._tables[id(table)][1] + numbers)
 
     def _append(self, rows: Rows) -> None:
-        m, space = rows.points.shape
+        m = len(rows.points)
         self._reserve(m)
         where = slice(self._used, self._used + m)
         self.points[where], self.normals[where] = rows.points, rows.normals
@@ -70,11 +107,6 @@ class Supports:
             self._cones[where] = rows.cones
             frames = np.concatenate([rows.normals[:, None], tangents(rows.normals)], axis=1).transpose(0, 2, 1)
             self._frames[where] = wrench_transform(rows.points - self.origin, frames)[..., : TORSION + 1]
-        if rows.bends is not None:
-            self._bent = True
-            self._bends[where] = rows.bends
-            world = np.broadcast_to(np.eye(space), (m, space, space))
-            self._velocities[where] = wrench_transform(rows.points - self.origin, world)[..., :space]
         if rows.finer is not None:
             self._widen(rows.finer.shape[1])
             self.finer[where, : rows.finer.shape[1]] = np.where(rows.finer < 0, NONE, rows.finer + self._used)
@@ -96,7 +128,7 @@ class Supports:
         if self._used + count <= len(self.points):
             return
         more = max(count, 256, len(self.points))
-        for name in ("points", "normals", "maps", "_velocities", "_bends", "_cones", "_frames"):
+        for name in ("points", "normals", "maps", "_cones", "_frames"):
             old: FloatArray = getattr(self, name)
             setattr(self, name, np.concatenate([old, np.zeros((more, *old.shape[1:]))]))
         self.finer = np.pad(self.finer, ((0, more), (0, 0)), constant_values=NONE)
@@ -123,8 +155,53 @@ class Supports:
             row[len(numbers) :] = numbers[-1]
         return result
 
+    def speeds(self, cells: IntArray, twists: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``|v|`` at most anywhere in cells (c,), and ``|tau|``, along twists (c, j, 6), (c, j) each."""
+        balls = [self._balls[c] for c in cells.tolist()]
+        arms = np.stack([centre for centre, _ in balls])[:, None] - self.origin
+        turning = np.sqrt(np.sum(twists[..., 3:] ** 2, axis=2))
+        middle = np.sqrt(np.sum((twists[..., :3] + np.cross(twists[..., 3:], arms)) ** 2, axis=2))
+        return middle + self.radii(cells)[:, None] * turning, turning
+
+    def radii(self, cells: IntArray) -> FloatArray:
+        """Return the radii of balls around cells (c,), metres, (c,)."""
+        return np.array([self._balls[c][1] for c in cells.tolist()])
+
+    def at(
+        self, points: FloatArray, normals: FloatArray, twists: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what contacts anywhere do: ``s^p``, ``|v|`` and ``|tau|``.
+
+        Parameters
+        ----------
+        points, normals : (n, v, 3) arrays
+            Metres; unit, into the body.
+        twists : (n, j, 6) array
+
+        Returns
+        -------
+        powers, speed : (n, v, j) arrays
+        turning : (n, j) array
+        """
+        fx, fy, fz, tx, ty, tz = np.moveaxis(twists, 2, 0)[:, :, None]
+        x, y, z = np.moveaxis(points - self.origin, 2, 0)[..., None]
+        nx, ny, nz = np.moveaxis(normals, 2, 0)[..., None]
+        vx, vy, vz = fx + ty * z - tz * y, fy + tz * x - tx * z, fz + tx * y - ty * x
+        along = vx * nx + vy * ny + vz * nz
+        square = vx**2 + vy**2 + vz**2
+        across = np.sqrt(np.maximum(square - along**2, 0.0))
+        about = tx * nx + ty * ny + tz * nz
+        work = np.stack([along, across, np.zeros_like(along), about], axis=3)[..., : self.maps.shape[2]]
+        turning = np.sqrt(np.sum(twists[..., 3:] ** 2, axis=2))
+        return self.measure.powers(self.contact, work), np.sqrt(square), turning
+
+    @property
+    def bent(self) -> bool:
+        """Whether any cell has curved parts."""
+        return any(self.curved)
+
     def powers(self, rows: IntArray, twists: FloatArray) -> FloatArray:
-        """Return what no contact of the rows' parts exceeds along twists, to the measure's power.
+        """Return what contacts do along twists, to the measure's power.
 
         Parameters
         ----------
@@ -134,32 +211,20 @@ class Supports:
         Returns
         -------
         (b, m, j) array
-            ``s^p + p M^(p-1) |x| Z``: with the most work Z that bends add, for a force x of one unit, and the largest
-            support M of the part; ``M^p`` where that is less. Of rows with a cone, what ``best.bound.wide`` says.
+            ``s^p`` of each row; of rows with a cone, what no contact of their parts exceeds (``best.bound.wide``).
         """
         wide = self._cones[rows, 1] > 0.0
         if not np.any(wide):
-            return self._narrow(rows, twists)
+            return self.powers_of(self.maps[rows], twists)
         result = np.empty((*rows.shape, twists.shape[1]))
         owner = np.broadcast_to(np.arange(len(rows))[:, None], rows.shape)
-        for where, make in ((wide, self._wide), (~wide, self._narrow)):
-            if np.any(where):
-                result[where] = make(rows[where][:, None], twists[owner[where]])[:, 0]
+        result[wide] = self._wide(rows[wide][:, None], twists[owner[wide]])[:, 0]
+        result[~wide] = self.powers_of(self.maps[rows[~wide]][:, None], twists[owner[~wide]])[:, 0]
         return result
 
-    def _narrow(self, rows: IntArray, twists: FloatArray) -> FloatArray:
-        s = self.measure.support(self.contact, _work(self.maps[rows], twists))
-        p = self.measure.power
-        result = s**p
-        if self._bent:
-            velocity = np.linalg.norm(_work(self._velocities[rows], twists), axis=-1)
-            turning = np.linalg.norm(twists[..., self.space :], axis=-1)[:, None, :]
-            weights = self._bends[rows]
-            linear = weights[..., 1] + self._turns * weights[..., 2]
-            off, more = (weights[:, :, i, 0, None] * velocity + linear[:, :, i, None] * turning for i in (0, 1))
-            most = s + self.steepness * more
-            result = np.minimum(result + p * most ** (p - 1.0) * self.steepness * off, most**p)
-        return np.asarray(result)
+    def powers_of(self, maps: FloatArray, twists: FloatArray) -> FloatArray:
+        """Return ``s^p`` of contacts with grasp maps (b, m, d, n_i) along twists (b, j, d), (b, m, j)."""
+        return self.measure.powers(self.contact, _work(maps, twists))
 
     def _wide(self, rows: IntArray, twists: FloatArray) -> FloatArray:
         z = _work(self._frames[rows], twists)[:, 0]

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from nlpgrasp.best.cells.curved.patches import Curved
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
@@ -24,23 +25,20 @@ class Rows:
     ----------
     points, normals : (m, space) array
         Metres, and unit, into the body; body frame.
-    bends : (m, 2, 3) array or None
-        None where the normal is the same all over the cell. Otherwise two sets of weights of ``|v|``, ``|tau|`` and,
-        for a contact with a moment about its normal, of ``|tau|`` once more; ``v = f + tau x (p - o)`` is the twist's
-        velocity at the row. With the first, the most that the work z of a contact in the row's part is off a linear
-        interpolation; with the second, the most that it differs from the row's own.
     cones : (m, 2) array or None
         Of rows that stand for several flat pieces: how far, in radians, the pieces' normals are from the row's, and how
         far, in metres, their points are; zero for a row that is a contact itself.
     finer : (m, c) array of int or None
         Numbers of rows that together stand for the same part more finely, some repeated; -1 where there are none.
+    curved : tuple of Curved
+        What lies between those rows that are on curved faces: small parts with the rows at their corners.
     """
 
     points: FloatArray
     normals: FloatArray
-    bends: FloatArray | None = None
     cones: FloatArray | None = None
     finer: IntArray | None = None
+    curved: tuple[Curved, ...] = ()
 
 
 Cut = int | list[list[int]]
@@ -50,8 +48,8 @@ Cut = int | list[list[int]]
 class Cell(ABC):
     """A piece of a face.
 
-    A convex function of the work z of a contact anywhere in the cell is at most its largest value over the rows plus
-    what the rows' bends allow for (docs/how_close.md).
+    A convex function of the work z of a contact anywhere in the cell is at most its largest value over the rows plus,
+    where the cell is curved, what its parts' bends allow for (docs/how_close.md).
     """
 
     kind: ClassVar[str]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -32,12 +33,13 @@ class BundleCell(Cell):
         """Return the rows of all members, each once."""
         parts = [member.rows() for member in self.members]
         points, normals = (np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "normals"))
-        if all(p.bends is None for p in parts):
+        if not any(p.curved for p in parts):
             keys = np.round(np.concatenate([points / self.size, normals], axis=1), 10)
             once = np.unique(keys, axis=0, return_index=True)[1]
             return Rows(points[once], normals[once])
-        bends = [np.zeros((len(p.points), 2, 3)) if p.bends is None else p.bends for p in parts]
-        return Rows(points, normals, np.concatenate(bends))
+        begin = np.cumsum([0, *(len(p.points) for p in parts)]).tolist()
+        curved = [replace(c, rows=c.rows + i) for p, i in zip(parts, begin[:-1], strict=True) for c in p.curved]
+        return Rows(points, normals, curved=tuple(curved))
 
     def split(self) -> tuple[Cell, ...]:
         """Return two bundles; a part of one member is that member."""

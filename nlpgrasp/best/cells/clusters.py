@@ -77,12 +77,12 @@ class Clusters:
         self.cones = np.stack([turns, self.radii], axis=1)
         finer = self._finer
         if not self.exact:
-            return Rows(self.centres, means, None, self.cones, finer)
+            return Rows(self.centres, means, self.cones, finer)
         points = np.concatenate([self.centres, corners.reshape(-1, 3)])
         every = np.concatenate([means, np.repeat(normals, 3, axis=0)])
         more = 3 * len(corners)
         self.cones = np.concatenate([self.cones, np.zeros((more, 2))])
-        return Rows(points, every, None, self.cones, np.concatenate([finer, np.full((more, 2**STEP), -1)]))
+        return Rows(points, every, self.cones, np.concatenate([finer, np.full((more, 2**STEP), -1)]))
 
     @cached_property
     def _finer(self) -> IntArray:

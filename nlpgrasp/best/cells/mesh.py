@@ -44,7 +44,7 @@ class MeshCell(Cell):
     def rows(self) -> Rows:
         """Return the rows of smaller clusters."""
         table, numbers = self.part_of()
-        return Rows(table.points[numbers], table.normals[numbers], None, self.clusters.cones[numbers])
+        return Rows(table.points[numbers], table.normals[numbers], self.clusters.cones[numbers])
 
     def part_of(self) -> tuple[Rows, IntArray]:
         """Return the table of the mesh, and which rows are this cell's."""

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.best.cells.base import Cell, Surface
+from nlpgrasp.best.cells.curved.ellipsoid import EllipsoidCell, EllipsoidFace
+from nlpgrasp.best.cells.curved.revolved import RevolvedFace
 from nlpgrasp.best.cells.disc import DiscFace
-from nlpgrasp.best.cells.ellipsoid import EllipsoidCell, EllipsoidFace
-from nlpgrasp.best.cells.revolved import RevolvedFace
 from nlpgrasp.best.scope.places import Places
 from nlpgrasp.best.scope.symmetry import keeps, wrench_map
 from nlpgrasp.common.validation import FloatArray
@@ -39,7 +39,7 @@ def pinned(problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places
     sphere = faces[0] if isinstance(faces[0], EllipsoidFace) and np.ptp(faces[0].a) == 0.0 else None
     centred = float(np.max(np.abs(problem.origin))) <= SAME * problem.body.size
     if isinstance(sphere, EllipsoidFace) and centred and keeps(problem.task, wrench_map(_turn(side))):
-        pole: Roots = {sphere: [EllipsoidCell(axis[None], sphere.a)]}
+        pole: Roots = {sphere: [EllipsoidCell(axis[None], sphere.patches)]}
         meridian: Roots = {sphere: sphere.half_plane(axis, side)}
         return [("pole", pole), ("meridian", meridian)][: len(own)]
     first: Roots = {}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.best.bound.closer import mixed_supports, single_supports
 from nlpgrasp.best.bound.finer import heaviest, refined
 from nlpgrasp.best.bound.supports import NONE
 from nlpgrasp.best.cells.base import IntArray
@@ -24,6 +25,8 @@ class Part:
     Parameters
     ----------
     pieces : Pieces
+    cells : (c,) array
+        Of each pair.
     rows : (c, m) array
         Of each pair's cell.
     twists : (c, j, d) array
@@ -35,6 +38,7 @@ class Part:
     """
 
     pieces: Pieces
+    cells: IntArray
     rows: IntArray
     twists: FloatArray
     powers: FloatArray
@@ -46,10 +50,10 @@ class Part:
         """Return the powers over cells (b, s) along each node's twists (b, j, d)."""
         pairs = np.arange(len(cells))[:, None] * len(pieces.cells) + cells
         once, back = np.unique(pairs, return_inverse=True)
-        owner = once // len(pieces.cells)
-        rows = pieces.supports.rows_of(once % len(pieces.cells))
+        owner, own = np.divmod(once, len(pieces.cells))
+        rows = pieces.supports.rows_of(own)
         powers = pieces.supports.powers(rows, twists[owner])
-        return cls(pieces, rows, twists[owner], powers, owner, back.reshape(cells.shape))
+        return cls(pieces, own, rows, twists[owner], powers, owner, back.reshape(cells.shape))
 
     def mixed(self, weights: FloatArray) -> FloatArray:
         """Return powers under each node's mixture (b, j), by pair and row."""
@@ -80,12 +84,19 @@ class Part:
         return np.column_stack([along, under])
 
     def maxima(self, weights: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the largest power under each node's mixture, and the row that has it or ``NONE``, (b, s)."""
-        mixed, supports = self.mixed(weights), self.pieces.supports
+        """Return what no contact exceeds under each node's mixture, and the row that does most or ``NONE``, (b, s)."""
+        supports, own = self.pieces.supports, weights[self.owner]
         if supports.refines:
-            bounds, rows = refined(supports, self.rows, mixed, self.twists, weights[self.owner])
+            bounds, rows = refined(supports, self.rows, self.mixed(weights), self.twists, own)
             return bounds[self.back], rows[self.back]
-        return np.max(mixed, axis=1)[self.back], np.full(self.back.shape, NONE)
+        nowhere = np.full(self.back.shape, NONE)
+        if supports.bent:
+            return mixed_supports(supports, self.cells, self.powers, self.twists, own)[self.back], nowhere
+        return np.max(self.mixed(weights), axis=1)[self.back], nowhere
+
+    def along(self) -> FloatArray:
+        """Return what no contact exceeds along each direction alone, (b, s, j)."""
+        return single_supports(self.pieces.supports, self.cells, self.powers, self.twists)[self.back]
 
 
 def _padded(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -117,7 +128,7 @@ class Table:
     def maxima(self, weights: FloatArray | None) -> FloatArray:
         """Return the largest mixed power over the rows of each slot, (b, k); of each direction, (b, k, j), for None."""
         if weights is None:
-            return np.concatenate([np.max(part.powers, axis=1)[part.back] for part in self._parts], axis=1)
+            return np.concatenate([part.along() for part in self._parts], axis=1)
         found = [part.maxima(weights) for part in self._parts]
         self._largest = np.concatenate([rows for _, rows in found], axis=1)
         return np.concatenate([values for values, _ in found], axis=1)

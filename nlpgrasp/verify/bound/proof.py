@@ -22,7 +22,7 @@ from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import Sources
 
 UNIT = 1e-9  # relative: how far the task's work along a direction may be from 1
-RECOMPUTED = 1e-10  # of the largest bound: how far one that is stated may be from the one computed again
+RECOMPUTED = 1e-10  # of the largest bound: how far one that is stated may be below the one computed again
 
 
 class Proof:
@@ -174,11 +174,11 @@ class Proof:
 
     def _leaves(self) -> tuple[str, str]:
         stated, found = self.bounds
-        off = np.abs(stated - found) / float(np.max(found, initial=1e-300))
+        off = (found - stated) / float(np.max(found, initial=1e-300))
         worst = int(np.argmax(off)) if len(off) else 0
         if not np.all(off <= RECOMPUTED):
             return f"leaf {worst} states {stated[worst]:.12g}, computed again {found[worst]:.12g}", ""
-        return "", f"{len(found)} bounds computed again, {float(np.max(off, initial=0.0)):.2g} off at most"
+        return "", f"{len(found)} bounds computed again, none above what is stated"
 
     def _upper(self, upper: float) -> tuple[str, str]:
         most = float(np.max(self.bounds[1], initial=0.0))

@@ -15,7 +15,6 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.verify.bound.cells.cell import Rows
 from nlpgrasp.verify.check import NotMadeError
 
 NARROWINGS = 50  # of an interval of angles by a third: to the square root of rounding, where the work is flat
@@ -118,38 +117,49 @@ class Contact:
         inside = np.hypot(sliding / c, turning / d) <= normal
         return np.where(inside, np.sqrt(normal**2 + sliding**2 + turning**2), rim)
 
-    def powers(self, rows: Rows, twists: FloatArray, origin: FloatArray) -> FloatArray:
-        """Return what no contact near each row exceeds along twists, to the budget's power.
-
-        That is ``s^p + p (s + L x)^(p - 1) L z`` with the steepness L, the work z that bends add to an interpolation
-        between rows and the work x by which the row's neighbours differ from it; ``(s + L x)^p`` where that is less.
+    def powers(
+        self, points: FloatArray, normals: FloatArray, twists: FloatArray, origin: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what contacts do along twists, to the budget's power, and how fast their points move.
 
         Parameters
         ----------
-        rows : Rows
-            Of m contacts.
+        points, normals : (m, space) arrays
+            Metres; unit, into the body.
         twists : (j, d) array
         origin : (space,) array
             Torque origin, metres.
 
         Returns
         -------
-        (m, j) array
+        powers, speeds : (m, j) arrays
         """
-        arms, space = rows.points - origin, len(origin)
-        velocity = twists[None, :, :space] + _turned(twists[:, space:], arms)
-        normal = np.sum(velocity * rows.normals[:, None], axis=2)
-        sliding = np.linalg.norm(velocity - normal[..., None] * rows.normals[:, None], axis=2)
-        torsion = np.abs(rows.normals @ twists[:, space:].T) if space == 3 else np.zeros_like(normal)
-        s, p = self.work(normal, [sliding, torsion]), self.budget.power
-        speed, turning = np.linalg.norm(velocity, axis=2), np.linalg.norm(twists[:, space:], axis=1)
-        weights = rows.bends
-        about = weights[..., 1] + (weights[..., 2] if len(self.coefficients) == 2 else 0.0)
-        off, more = (weights[:, i, 0, None] * speed + about[:, i, None] * turning for i in (0, 1))
-        L = self.steepness
-        most = s + L * more
-        bent = np.minimum(s**p + p * most ** (p - 1.0) * L * off, most**p)
-        return np.where(np.any(weights, axis=(1, 2))[:, None], bent, s**p)
+        space = len(origin)
+        velocity = twists[None, :, :space] + _turned(twists[:, space:], points - origin)
+        normal = np.sum(velocity * normals[:, None], axis=2)
+        sliding = np.linalg.norm(velocity - normal[..., None] * normals[:, None], axis=2)
+        torsion = np.abs(normals @ twists[:, space:].T) if space == 3 else np.zeros_like(normal)
+        return self.work(normal, [sliding, torsion]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
+
+    def above(self, powers: FloatArray, speeds: FloatArray, bends: FloatArray, twists: FloatArray) -> FloatArray:
+        """Return what no contact near each of some exceeds along twists in space, to the budget's power, (m, j).
+
+        That is ``s^p + p (s + L x)^(p - 1) L z`` with the steepness L, the work z that bends add to an interpolation
+        and the work x by which the contact's neighbours differ from it; ``(s + L x)^p`` where that is less.
+
+        Parameters
+        ----------
+        powers, speeds : (m, j) arrays
+            Of each contact.
+        bends : (m, 2, 3) array
+            Of the part that it is a corner of.
+        twists : (j, 6) array
+        """
+        turning, p, L = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power, self.steepness
+        about = bends[..., 1] + (bends[..., 2] if len(self.coefficients) == 2 else 0.0)
+        off, more = (bends[:, i, 0, None] * speeds + about[:, i, None] * turning for i in (0, 1))
+        most = powers ** (1.0 / p) + L * more
+        return np.asarray(np.minimum(powers + p * most ** (p - 1.0) * L * off, most**p))
 
 
 def _turned(turning: FloatArray, arms: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.verify.bound.cells.cell import Cell, Cut, Rows
+from nlpgrasp.verify.bound.cells.cell import Cell, Cut, Rows, Sheet
 from nlpgrasp.verify.bound.cells.ellipsoid import Ellipsoid
 from nlpgrasp.verify.bound.cells.polygon import Polygon
 from nlpgrasp.verify.bound.cells.round import Revolved, Sector
@@ -37,9 +37,11 @@ class Bundle:
     def rows(self) -> Rows:
         """Return the rows of all members."""
         every = [member.rows() for member in self.members]
-        return Rows(
-            *(np.concatenate([getattr(rows, name) for rows in every]) for name in ("points", "normals", "bends"))
-        )
+        return Rows(*(np.concatenate([getattr(rows, name) for rows in every]) for name in ("points", "normals")))
+
+    def sheets(self) -> list[Sheet]:
+        """Return those of all members."""
+        return [sheet for member in self.members for sheet in member.sheets()]
 
     def parts(self, cut: Cut) -> tuple[Cell, Cell]:
         """Return the members of two lists that together name every one."""

@@ -15,25 +15,46 @@ Cut = int | list[list[int]]
 
 @dataclass(frozen=True)
 class Rows:
-    """Contacts that stand for a cell.
+    """Contacts that stand for the flat part of a cell.
 
     Parameters
     ----------
     points, normals : (m, space) array
         Metres, and unit, into the body; body frame.
-    bends : (m, 2, 3) array
-        Weights of ``|v|``, ``|tau|`` and, for contacts with a moment about the normal, ``|tau|`` again: how far the
-        work of a contact near the row may be off a linear interpolation, and off the row's own.
     """
 
     points: FloatArray
     normals: FloatArray
-    bends: FloatArray
 
     @classmethod
     def flat(cls, points: FloatArray, normal: FloatArray) -> Rows:
         """Return rows of one normal, between which the work is linear."""
-        return cls(points, np.tile(normal, (len(points), 1)), np.zeros((len(points), 2, 3)))
+        return cls(points, np.tile(normal, (len(points), 1)))
+
+    @classmethod
+    def none(cls) -> Rows:
+        """Return no rows: of a cell that is curved all over."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+class Sheet(Protocol):
+    """A curved face in coordinates; its parts have corners (n, c, q)."""
+
+    def parts(self) -> FloatArray:
+        """Return parts that together are the cell's share of the face."""
+
+    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
+
+    def bends(self, parts: FloatArray) -> FloatArray:
+        """Return weights of ``|v|``, ``|tau|`` and, for contacts with a moment about the normal, ``|tau|`` again.
+
+        (n, 2, 3): how far the work of a contact in each part may be off a linear interpolation of its corners', and
+        off any corner's.
+        """
+
+    def halved(self, parts: FloatArray) -> FloatArray:
+        """Return r smaller parts in place of each, (n r, c, q), all of one part after another."""
 
 
 class Cell(Protocol):
@@ -44,7 +65,10 @@ class Cell(Protocol):
         """The cell as JSON data."""
 
     def rows(self) -> Rows:
-        """Return the contacts that stand for the cell."""
+        """Return the contacts that stand for what is flat of the cell."""
+
+    def sheets(self) -> list[Sheet]:
+        """Return what is curved of the cell."""
 
     def parts(self, cut: Cut) -> tuple[Cell, Cell]:
         """Return the two parts that a cut leaves, which cover the cell; raise ``ValueError`` on another cut."""

@@ -10,11 +10,9 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.verify.bodies.smooth import positive
-from nlpgrasp.verify.bound.cells.cell import Cut, Rows, one_of
+from nlpgrasp.verify.bound.cells.cell import Cut, Rows, Sheet, one_of
+from nlpgrasp.verify.bound.cells.ellipsoid_sheet import EllipsoidSheet, between
 
-SPACING = 0.1  # radians between rows
-FEWEST, MOST = 1, 4  # times that sides are halved
-SAME_DIGITS = 12
 UNIT = 1e-9
 
 
@@ -45,68 +43,14 @@ class Ellipsoid:
         return positive("semi_axes", self.data["semi_axes"], 3)
 
     def rows(self) -> Rows:
-        """Return the corners of small triangles or arcs, with the largest bends of those that meet there."""
-        longest = float(np.max(self._sides(self.corners[None])))
-        halvings = 0
-        if longest > 0.0:
-            halvings = min(max(int(np.ceil(np.log2(max(longest / SPACING, UNIT)))), FEWEST), MOST)
-        small = self.corners[None]
-        for _ in range(halvings if len(self.corners) > 1 else 0):
-            small = _halved(small)
-        corners, bends = small.reshape(-1, 3), np.repeat(self._bends(small), small.shape[1], axis=0)
-        once, group = np.unique(np.round(corners, SAME_DIGITS), axis=0, return_inverse=True)
-        once /= np.linalg.norm(once, axis=1, keepdims=True)
-        most = np.zeros((len(once), 2, 3))
-        np.maximum.at(most, group.ravel(), bends)
-        inward = -once / self.axes
-        return Rows(once * self.axes, inward / np.linalg.norm(inward, axis=1, keepdims=True), most)
+        """Return the point itself, where the cell is one."""
+        if len(self.corners) > 1:
+            return Rows.none()
+        return Rows(*EllipsoidSheet(self.corners, self.axes).contacts(self.corners))
 
-    def _sides(self, parts: FloatArray) -> FloatArray:
-        """Return the longest side of each part, radians, (m,)."""
-        return np.asarray(np.max(_between(parts, np.roll(parts, -1, axis=1)), axis=1))
-
-    def _bends(self, parts: FloatArray) -> FloatArray:
-        """Return the bends of small parts (m, c, 3), (m, 2, 3).
-
-        On a great circle of unit speed the normal ``A^-1 u / g``, ``g = |A^-1 u|``, turns at ``w <= |A^-1| / g``, and
-        the turning itself changes by at most ``2 w |u'^T A^-2 u| / g^2``.
-        """
-        long, short = float(self.axes.max()), float(self.axes.min())
-        side = self._sides(parts)
-        centre = np.sum(parts, axis=1)
-        centre /= np.linalg.norm(centre, axis=1, keepdims=True)
-        reach = np.max(_between(parts, centre[:, None]), axis=1)
-        g = np.maximum(np.linalg.norm(centre / self.axes, axis=1) - reach / short, 1.0 / long)
-        w = 1.0 / (short * g)
-        squared = centre / self.axes**2
-        slope = np.linalg.norm(squared - centre * np.sum(centre * squared, axis=1, keepdims=True), axis=1)
-        steepest = 0.5 * (1.0 / short**2 - 1.0 / long**2)
-        quick = w**2 + 2.0 * w * np.minimum(steepest, slope + 3.0 * steepest * reach) / g**2
-        if long == short:
-            arm = np.full(len(parts), 2.0 * long)
-        else:
-            farthest = np.minimum(long, np.linalg.norm(centre * self.axes, axis=1) + long * reach)
-            arm = farthest + (long / short + short / long) / g
-        bowed = 0.5 * self._radius(parts) ** 2
-        off = np.column_stack([quick, arm + quick * long * side, quick]) * bowed[:, None]
-        more = np.column_stack([w, long + w * long * side, w]) * side[:, None]
-        return np.stack([off, more], axis=1)
-
-    def _radius(self, parts: FloatArray) -> FloatArray:
-        """Return the radius of a circle around each part, drawn flat from any of its points, (m,).
-
-        A part that is drawn along great circles from one of its points has sides at most ``t / sin t`` times as long,
-        t the longest: for an acute triangle that leaves the circle through its corners, for others half its longest
-        side.
-        """
-        ends = _between(parts, np.roll(parts, -1, axis=1))
-        long = np.max(ends, axis=1)
-        if parts.shape[1] < 3:
-            return np.asarray(0.5 * long)
-        c, b, a = np.sort(ends * (long / np.sin(long))[:, None], axis=1).T
-        cosine = (b**2 + c**2 - a**2) / (2.0 * b * c)  # of the largest angle
-        sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-        return np.asarray(np.where((cosine > 0.0) & (sine > 0.0), 0.5 * a / np.where(sine > 0.0, sine, 1.0), 0.5 * a))
+    def sheets(self) -> list[Sheet]:
+        """Return the triangle or arc."""
+        return [EllipsoidSheet(self.corners, self.axes)] if len(self.corners) > 1 else []
 
     def parts(self, cut: Cut) -> tuple[Ellipsoid, Ellipsoid]:
         """Return both halves of a cut from the middle of a side to the corner across."""
@@ -125,24 +69,8 @@ class Ellipsoid:
         """Return the middle, and the largest semi-axis times the angle to the farthest corner."""
         middle = np.sum(self.corners, axis=0)
         middle /= np.linalg.norm(middle)
-        return (middle * self.axes)[None], float(self.axes.max() * np.max(_between(self.corners, middle[None])))
+        return (middle * self.axes)[None], float(self.axes.max() * np.max(between(self.corners, middle[None])))
 
     def anchors(self) -> FloatArray:
         """Return the corners on the ellipsoid."""
         return self.corners * self.axes
-
-
-def _halved(parts: FloatArray) -> FloatArray:
-    """Return four triangles for each (m, 3, 3), or two arcs for each (m, 2, 3)."""
-    middles = parts + np.roll(parts, -1, axis=1)
-    middles /= np.linalg.norm(middles, axis=2, keepdims=True)
-    if parts.shape[1] == 2:
-        ends = [(parts[:, 0], middles[:, 0]), (middles[:, 0], parts[:, 1])]
-        return np.concatenate([np.stack(pair, axis=1) for pair in ends])
-    around = [np.stack([parts[:, i], middles[:, i], middles[:, (i + 2) % 3]], axis=1) for i in range(3)]
-    return np.concatenate([*around, middles])
-
-
-def _between(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Return angles between unit vectors, radians."""
-    return np.asarray(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(u - v, axis=-1))))

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
-from nlpgrasp.verify.bound.cells.cell import Cut, Rows, one_of
+from nlpgrasp.verify.bound.cells.cell import Cut, Rows, Sheet, one_of
 
 UNIT = 1e-9
 
@@ -47,6 +47,10 @@ class Polygon:
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= UNIT:
             raise ValueError("a normal that is no unit vector")
         return Rows.flat(self.vertices, self.normal)
+
+    def sheets(self) -> list[Sheet]:
+        """Return none."""
+        return []
 
     def parts(self, cut: Cut) -> tuple[Polygon, Polygon]:
         """Return what is below and above the middle of the extent along an axis."""

@@ -8,12 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from nlpgrasp.best.cells.base import Cell, Rows, Surface
+from nlpgrasp.best.cells.curved.patches import Curved
+from nlpgrasp.best.cells.curved.turned import Revolved, at, rectangles
 from nlpgrasp.best.cells.disc import halves
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
-FINE = 0.1  # radians between rows
+FINE = 0.2  # radians between rows
 MOST = 16  # steps between rows, either way
 PARTS = 4  # of a whole turn, to begin with
 
@@ -21,15 +23,12 @@ PARTS = 4  # of a whole turn, to begin with
 class RevolvedCell(Cell):
     """A patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a surface that turns about the z axis.
 
-    On a cylinder's side t is the height z; on a torus it is the angle around the tube. Turning by phi turns point and
-    normal alike, ``z = R_0^T (R_z^T f + R_z^T tau x p_0)``: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the
-    axis. Going round the tube is the same about the tube's middle; along a cylinder the work is linear. A patch of rows
-    needs one step each way (``|z''| l^2 / 8`` each).
+    On a cylinder's side t is the height z; on a torus it is the angle around the tube.
 
     Parameters
     ----------
-    radii : (2,) array
-        R and r of a torus, metres; R = 0 for a cylinder of radius r.
+    patches : Revolved
+        Of the surface.
     angles : (2,) array
         phi, radians.
     along : (2,) array
@@ -38,44 +37,24 @@ class RevolvedCell(Cell):
 
     kind: ClassVar[str] = "revolved"
 
-    def __init__(self, radii: FloatArray, angles: FloatArray, along: FloatArray) -> None:
-        self.radii, self.angles, self.along = radii, angles, along
-
-    @property
-    def round(self) -> bool:
-        """Whether t is an angle."""
-        return bool(self.radii[0] > 0.0)
+    def __init__(self, patches: Revolved, angles: FloatArray, along: FloatArray) -> None:
+        self.patches, self.angles, self.along = patches, angles, along
+        self.radii, self.round = patches.radii, patches.round
 
     def rows(self) -> Rows:
-        """Return a grid of points, all with the same bends."""
+        """Return a grid of points and the patches between them."""
         turns, steps = _count(self.angles), _count(self.along) if self.round else int(np.ptp(self.along) > 0.0)
-        phi, t = np.meshgrid(_grid(self.angles, turns), _grid(self.along, steps), indexing="ij")
-        points, normals = at(self.radii, np.ravel(phi), np.ravel(t))
-        d = float(np.ptp(self.angles)) / max(turns, 1)
-        e = float(np.ptp(self.along)) / max(steps, 1)
-        outer = float(np.sum(self.radii))
-        # about the point of the axis at the row's own height: |f_c| <= |v| + |tau| rho
-        rise = min(e, 2.0 * float(self.radii[1])) if self.round else e
-        out = np.hypot(outer, rise)
-        second = np.array([d**2, d**2 * (outer + out), d**2]) / 8.0
-        first = np.array([d, d * (out + outer), d])
-        if self.round:  # about the tube's middle, r from the row
-            r = float(self.radii[1])
-            second += np.array([e**2, 2.0 * e**2 * r + e**2 * outer * d, e**2]) / 8.0
-            first += np.array([e, 2.0 * e * r + e * outer * d, e])
-        else:
-            second += np.array([0.0, d**2 * e, 0.0]) / 8.0
-            first += np.array([0.0, e, 0.0])
-        bends = np.broadcast_to(np.stack([second, first]), (len(points), 2, 3))
-        return Rows(points, normals, bends)
+        corners, parts = rectangles(_grid(self.angles, turns), _grid(self.along, steps))
+        curved = Curved(self.patches, corners[parts], parts)
+        return Rows(*self.patches.contacts(corners), curved=(curved,) if parts.shape[1] > 1 else ())
 
     def split(self) -> tuple[RevolvedCell, RevolvedCell]:
         """Return both halves of the longer side in metres."""
         if self.cut() == 0:
             first, second = halves(self.angles)
-            return RevolvedCell(self.radii, first, self.along), RevolvedCell(self.radii, second, self.along)
+            return RevolvedCell(self.patches, first, self.along), RevolvedCell(self.patches, second, self.along)
         first, second = halves(self.along)
-        return RevolvedCell(self.radii, self.angles, first), RevolvedCell(self.radii, self.angles, second)
+        return RevolvedCell(self.patches, self.angles, first), RevolvedCell(self.patches, self.angles, second)
 
     def cut(self) -> int:
         """Return 0 for a cut of phi, 1 for one of t, each in the middle, the lower part first."""
@@ -115,7 +94,7 @@ class RevolvedFace(Surface):
 
     def __init__(self, name: str, radii: FloatArray, along: FloatArray) -> None:
         super().__init__(name)
-        self.radii, self.along = radii, along
+        self.radii, self.along, self.patches = radii, along, Revolved(radii)
 
     def _parts(self) -> list[FloatArray]:
         if self.radii[0] == 0.0:
@@ -126,11 +105,11 @@ class RevolvedFace(Surface):
     def cells(self) -> Sequence[Cell]:
         """Return quarter turns, of a torus quarters of them around the tube."""
         ends = 2.0 * np.pi * np.arange(PARTS + 1) / PARTS
-        return [RevolvedCell(self.radii, ends[i : i + 2], t) for i in range(PARTS) for t in self._parts()]
+        return [RevolvedCell(self.patches, ends[i : i + 2], t) for i in range(PARTS) for t in self._parts()]
 
     def pinned(self) -> Sequence[Cell]:
         """Return the lines at angle 0: where every contact can be turned to."""
-        return [RevolvedCell(self.radii, np.zeros(2), t) for t in self._parts()]
+        return [RevolvedCell(self.patches, np.zeros(2), t) for t in self._parts()]
 
     def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the points moved along the tangents and drawn back to the surface."""
@@ -143,17 +122,6 @@ class RevolvedFace(Surface):
         if self.radii[0] == 0.0:
             return phi, np.clip(points[:, 2], *self.along)
         return phi, np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]) - self.radii[0])
-
-
-def at(radii: FloatArray, phi: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points and inward normals at angles phi (m,) and t (m,), (m, 3) each."""
-    cos, sin = np.cos(phi), np.sin(phi)
-    if radii[0] == 0.0:
-        points = np.stack([radii[1] * cos, radii[1] * sin, t], axis=1)
-        return points, np.stack([-cos, -sin, np.zeros(len(phi))], axis=1)
-    ring = radii[0] + radii[1] * np.cos(t)
-    points = np.stack([ring * cos, ring * sin, radii[1] * np.sin(t)], axis=1)
-    return points, -np.stack([np.cos(t) * cos, np.cos(t) * sin, np.sin(t)], axis=1)
 
 
 def _count(interval: FloatArray) -> int:

@@ -1,0 +1,158 @@
+"""The largest mixed support over cells with curved parts: a closer look at those parts that may hold it.
+
+Between the corners of a part the work z of a contact is off a linear interpolation of theirs by at most Z, and off any
+corner's by at most X (``best.cells.curved``). ``s^p`` is convex in z, and steep by at most ``p M^(p-1) L`` where no
+support exceeds M, with L the length of the largest force of one unit. So over a part
+
+    s^p  <=  max over corners of  min(s^p + p (s + L X)^(p-1) L Z, (s + L X)^p) .
+
+Z falls with the square of a part's size: quarters are looked at wherever a part could exceed the largest support met by
+more than a tolerance. Mixtures make their largest supports as even as they can, so the parts that matter may be all of
+a cell: the tolerance falls with the square of the cell's size, and their number stays the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.best.bound.finer import used
+from nlpgrasp.best.bound.supports import Between, Supports
+from nlpgrasp.best.cells.base import IntArray
+from nlpgrasp.best.cells.curved.patches import Patches
+from nlpgrasp.common.validation import FloatArray
+
+ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance: at least, and for cells as large as those a search begins with
+ROUNDS = 3  # of quarters
+MARGIN = 0.3  # of the tolerance: room for other arithmetic that looks as closely (``verify.bound``)
+
+
+def mixed_supports(
+    supports: Supports, cells: IntArray, powers: FloatArray, twists: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Return what no contact of some cells exceeds under mixtures, (c,).
+
+    Parameters
+    ----------
+    supports : Supports
+    cells : (c,) array
+        Numbers of cells.
+    powers : (c, m, j) array
+        ``s^p`` of each cell's rows along its directions.
+    twists : (c, j, d) array
+    weights : (c, j) array
+        Of each cell's mixture.
+    """
+    mixed = (powers @ weights[:, :, None])[:, :, 0]
+    largest = np.max(powers, axis=1) ** (1.0 / supports.measure.power)
+    speed, turning = supports.speeds(cells, twists)
+    look = _Look(supports, np.max(mixed, axis=1), tolerance(supports, cells), *used(twists, weights))
+    for patches, parts, rows, bends, owner in _gathered(supports, cells):
+        more = between(supports, bends, largest[owner], speed[owner], turning[owner])
+        upper = np.max(mixed[owner[:, None], rows], axis=1) + np.sum(weights[owner] * more, axis=1)
+        look.at(patches, parts, owner, upper)
+    return look.result()
+
+
+def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twists: FloatArray) -> FloatArray:
+    """Return what no contact of some cells exceeds along each direction, (c, j); entries as of ``mixed_supports``."""
+    most = np.max(powers, axis=1)
+    own = [supports.curved[c] for c in cells.tolist()]
+    if not any(own):
+        return np.asarray(most)
+    bends = np.stack([np.max([b.most for b in some], axis=0) if some else np.zeros((2, 3)) for some in own])
+    largest = most ** (1.0 / supports.measure.power)
+    more = between(supports, bends, largest, *supports.speeds(cells, twists))
+    return np.asarray((most + more) * (1.0 + MARGIN * tolerance(supports, cells))[:, None])
+
+
+def tolerance(supports: Supports, cells: IntArray) -> FloatArray:
+    """Return how much more than the largest support met is good enough, relative, (c,)."""
+    radii = supports.radii(cells)
+    return np.asarray(np.maximum(ENOUGH, COARSE * (radii / max(supports.widest, 1e-300)) ** 2))
+
+
+def between(
+    supports: Supports, bends: FloatArray, largest: FloatArray, speed: FloatArray, turning: FloatArray
+) -> FloatArray:
+    """Return how much ``s^p`` in parts may exceed that of corners whose s and ``|v|`` are no larger than these.
+
+    Parameters
+    ----------
+    supports : Supports
+    bends : (..., 2, 3) array
+        Of each part.
+    largest, speed, turning : (..., j) arrays
+        s, ``|v|`` and ``|tau|`` along each direction.
+    """
+    p, L = supports.measure.power, supports.steepness
+    linear = bends[..., 1] + supports.turns * bends[..., 2]
+    off, apart = (bends[..., i, 0, None] * speed + linear[..., i, None] * turning for i in (0, 1))
+    most = largest + L * apart
+    return np.asarray(np.minimum(p * most ** (p - 1.0) * L * off, most**p - largest**p))
+
+
+def _gathered(supports: Supports, cells: IntArray) -> list[tuple[Patches, FloatArray, IntArray, FloatArray, IntArray]]:
+    """Return the parts of cells by kind: patches, corners (n, c, q), their rows (n, c), bends, and the cell of each."""
+    kinds: dict[tuple[int, int], list[tuple[Between, int]]] = {}
+    for i, cell in enumerate(cells.tolist()):
+        for one in supports.curved[cell]:
+            kinds.setdefault((id(one.patches), one.rows.shape[1]), []).append((one, i))
+    found = []
+    for some in kinds.values():
+        parts, rows, bends = (np.concatenate([getattr(b, n) for b, _ in some]) for n in ("parts", "rows", "bends"))
+        owner = np.repeat([i for _, i in some], [len(b.parts) for b, _ in some])
+        found.append((some[0][0].patches, parts, rows, bends, owner))
+    return found
+
+
+class _Look:
+    """What is known of the largest mixed support over each cell, from below and from above.
+
+    Parameters
+    ----------
+    supports : Supports
+    met : (c,) array
+        The largest of the rows.
+    enough : (c,) array
+        Relative tolerance.
+    twists : (c, j, d) array
+    weights : (c, j) array
+    """
+
+    def __init__(
+        self, supports: Supports, met: FloatArray, enough: FloatArray, twists: FloatArray, weights: FloatArray
+    ) -> None:
+        self._supports, self._enough, self._twists, self._weights = supports, enough, twists, weights
+        self._met, self._upper = met, met.copy()
+
+    def at(self, patches: Patches, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
+        """Look at parts (n, c, q) of some cells, each bounded from above, and at quarters of those that matter."""
+        for _ in range(ROUNDS):
+            open_ = upper > (1.0 + self._enough[owner]) * self._met[owner]
+            np.maximum.at(self._upper, owner[~open_], upper[~open_])
+            if not np.any(open_):
+                return
+            vertices, into = patches.finer(parts[open_])
+            parts, upper = self._bounds(patches, vertices, into, owner[open_])
+            owner = np.repeat(owner[open_], len(into))
+        np.maximum.at(self._upper, owner, upper)
+
+    def _bounds(
+        self, patches: Patches, vertices: FloatArray, into: IntArray, owner: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return parts (n r, c, q) with corners among vertices (n, v, q), and what none inside exceeds, (n r,)."""
+        n, v, q = vertices.shape
+        supports, weights = self._supports, self._weights[owner][:, None]
+        points, normals = (x.reshape(n, v, 3) for x in patches.contacts(vertices.reshape(n * v, q)))
+        powers, speed, turning = supports.at(points, normals, self._twists[owner])
+        np.maximum.at(self._met, owner, np.max(np.sum(powers * weights, axis=2), axis=1))
+        parts = vertices[:, into].reshape(-1, into.shape[1], q)
+        bends = patches.bends(parts).reshape(n, len(into), 1, 2, 3)
+        largest = powers ** (1.0 / supports.measure.power)
+        more = between(supports, bends, largest[:, into], speed[:, into], turning[:, None, None])
+        upper = np.sum((powers[:, into] + more) * weights[:, None], axis=3)
+        return parts, np.max(upper, axis=2).ravel()
+
+    def result(self) -> FloatArray:
+        """Return the bounds from above, (c,), with their margin."""
+        return np.asarray(np.maximum(self._upper, self._met) * (1.0 + MARGIN * self._enough))

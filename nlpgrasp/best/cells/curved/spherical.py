@@ -1,0 +1,128 @@
+"""Spherical triangles and arcs mapped onto an ellipsoid: how work bends over them, and finer ones."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from nlpgrasp.best.cells.base import IntArray
+from nlpgrasp.common.validation import FloatArray
+
+
+class Spherical:
+    """Parts of an ellipsoid about the origin: triangles, arcs and points u of the unit sphere, ``p = A u``.
+
+    With ``A = diag(a)`` the outward normal is ``A^-1 u / g`` with ``g = |A^-1 u|``. Along a great circle of unit speed
+    it turns at ``w = |n'| <= |A^-1| / g``, and in a frame that does not turn about it ``w' <= 2 w |g'| / g`` with
+    ``|g'| = |u'^T A^-2 u| / g``. The work ``z = R^T v``, ``v = f + tau x p``, has ``v' = tau x A u'`` and
+    ``v'' = -tau x A u``, so
+
+        |z''|  <=  |tau| |p| + 2 |tau| w |A u'| + (w^2 + w') |v| ,
+
+    with ``w |A u'| <= (k + 1/k) / (2 g)``, k the largest over the smallest semi-axis. On a sphere of radius r it is
+    ``|z''| <= |v| + 2 r |tau|``. Let x_i lead from a point of a triangle along great circles to its corners: there are
+    weights with ``sum l_i x_i = 0``, so that z is the corners' mean with these weights up to
+    ``|z''| sum l_i |x_i|^2 / 2 <= |z''| R^2 / 2``, where a circle of radius R holds the x_i. Their distances are at
+    most ``t / sin t`` times those of the corners on the sphere, t the longest side: that gives R.
+
+    Parameters
+    ----------
+    semi_axes : (3,) array
+        a, metres.
+    """
+
+    def __init__(self, semi_axes: FloatArray) -> None:
+        self.a = semi_axes
+
+    def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points and inward normals at unit vectors (m, 3)."""
+        points = coordinates * self.a
+        return points, inward_normals(points, self.a)
+
+    def bends(self, parts: FloatArray) -> FloatArray:
+        """Return the bends of small triangles or arcs (n, c, 3), (n, 2, 3)."""
+        large, small = float(np.max(self.a)), float(np.min(self.a))
+        sides = angles(parts, np.roll(parts, -1, axis=1))
+        side = np.max(sides, axis=1)
+        steps = _enclosing(sides) ** 2 / 2.0
+        middle = parts.mean(axis=1)
+        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+        radius = np.max(angles(parts, middle[:, None]), axis=1)
+        g = np.maximum(np.linalg.norm(middle / self.a, axis=1) - radius / small, 1.0 / large)
+        turn = 1.0 / (small * g)
+        stretched = middle / self.a**2
+        off = np.linalg.norm(stretched - np.sum(stretched * middle, axis=1, keepdims=True) * middle, axis=1)
+        half = 0.5 * (1.0 / small**2 - 1.0 / large**2)
+        rate = turn**2 + 2.0 * turn * np.minimum(half, off + 3.0 * half * radius) / g**2
+        reach = np.minimum(large, np.linalg.norm(middle * self.a, axis=1) + large * radius)
+        swept = np.full(len(parts), 2.0 * large) if large == small else reach + (large / small + small / large) / g
+        apart = large * side  # from a corner to anywhere in the part
+        second = np.stack([rate, swept + rate * apart, rate], axis=1)
+        first = np.stack([turn, large + turn * apart, turn], axis=1)
+        return np.stack([steps[:, None] * second, side[:, None] * first], axis=1)
+
+    def finer(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return the quarters of triangles (n, 3, 3), the halves of arcs (n, 2, 3), as corners and which."""
+        pairs, into = grid(parts.shape[1], 1)
+        (first, second), *_ = pairs
+        middle = parts[:, first] + parts[:, second]
+        middle /= np.linalg.norm(middle, axis=2, keepdims=True)
+        return np.concatenate([parts, middle], axis=1), into
+
+
+def inward_normals(points: FloatArray, semi_axes: FloatArray) -> FloatArray:
+    """Return the unit inward normals at points of an ellipsoid about the origin, (m, 3)."""
+    outward = points / semi_axes**2
+    return np.asarray(-outward / np.linalg.norm(outward, axis=1, keepdims=True))
+
+
+@cache
+def grid(corners: int, levels: int) -> tuple[tuple[tuple[IntArray, IntArray], ...], IntArray]:
+    """Return how a triangle, an arc or a point is cut into quarters, or halves, time and again.
+
+    Returns
+    -------
+    pairs : tuple of pairs of (s,) arrays
+        Of each level, the vertices between which new ones are; vertices are numbered in the order in which they appear.
+    parts : (n, corners) array
+        The vertices of each part of the last level.
+    """
+    parts = [tuple(range(corners))]
+    pairs, count = [], corners
+    for _ in range(levels if corners > 1 else 0):
+        new: dict[tuple[int, int], int] = {}
+        finer: list[tuple[int, ...]] = []
+        for part in parts:
+            sides = [tuple(sorted((a, b))) for a, b in zip(part, (*part[1:], part[0]), strict=True)]
+            middles = [new.setdefault((a, b), count + len(new)) for a, b in sides]
+            if corners == 2:
+                finer += [(part[0], middles[0]), (middles[0], part[1])]
+            else:
+                finer += [(part[i], middles[i], middles[i - 1]) for i in range(3)]
+                finer.append(tuple(middles))
+        ends = np.array(list(new))
+        pairs.append((ends[:, 0], ends[:, 1]))
+        parts, count = finer, count + len(new)
+    return tuple(pairs), np.array(parts)
+
+
+def angles(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return angles between unit vectors, exact for small ones, radians."""
+    return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(u - v, axis=-1), 1.0)))
+
+
+def _enclosing(sides: FloatArray) -> FloatArray:
+    """Return the radius of the smallest circle around arcs, or triangles, with these sides as drawn in a plane, (m,).
+
+    Sides (m, c) are angles on the sphere; in the plane that touches it they are longer, by ``t / sin t`` at most.
+    """
+    longest = np.max(sides, axis=1)
+    if sides.shape[1] < 3:
+        return np.asarray(0.5 * longest)
+    a, b, c = (sides * (longest / np.sin(longest))[:, None]).T
+    squares = a**2 + b**2 + c**2 - 2.0 * np.maximum(np.maximum(a, b), c) ** 2
+    area = 0.25 * np.sqrt(np.maximum((a + b + c) * (b + c - a) * (a + c - b) * (a + b - c), 0.0))
+    acute = (squares > 0.0) & (area > 0.0)
+    round_ = a * b * c / (4.0 * np.where(acute, area, 1.0))
+    return np.asarray(np.where(acute, round_, 0.5 * np.maximum(np.maximum(a, b), c)))

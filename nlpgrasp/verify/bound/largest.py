@@ -1,0 +1,67 @@
+"""The largest mixed support over one cell, known as closely as a bound needs it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.verify.bound.cells.cell import Cell, Sheet
+from nlpgrasp.verify.bound.supports import Contact
+
+
+class Largest:
+    """The largest ``sum of w s^p`` of a contact anywhere in a cell, between two numbers.
+
+    Parameters
+    ----------
+    contact : Contact
+    cell : Cell
+    twists : (j, d) array
+    weights : (j,) array
+    origin : (space,) array
+        Torque origin, metres.
+
+    Attributes
+    ----------
+    below, above : float
+        The largest of contacts met, and what none exceeds.
+    """
+
+    def __init__(
+        self, contact: Contact, cell: Cell, twists: FloatArray, weights: FloatArray, origin: FloatArray
+    ) -> None:
+        self._contact, self._twists, self._weights, self._origin = contact, twists, weights, origin
+        rows = cell.rows()
+        self.below = self._closed = 0.0
+        if len(rows.points):
+            flat = contact.powers(rows.points, rows.normals, twists, origin)[0] @ weights
+            self.below = self._closed = float(np.max(flat))
+        self._open: list[tuple[Sheet, FloatArray, FloatArray]] = []
+        for sheet in cell.sheets():
+            parts = sheet.parts()
+            self._open.append((sheet, parts, self._bounds(sheet, parts)))
+
+    @property
+    def above(self) -> float:
+        """What no contact of the cell exceeds."""
+        return max([self.below, self._closed, *(float(np.max(bounds)) for _, _, bounds in self._open)])
+
+    def narrow(self, enough: float) -> None:
+        """Look at smaller parts in place of those that might exceed the largest met by more than a relative share."""
+        wide, self._open = self._open, []
+        for sheet, parts, bounds in wide:
+            large = bounds > (1.0 + enough) * self.below
+            self._closed = max(self._closed, float(np.max(bounds[~large], initial=0.0)))
+            if np.any(large):
+                small = sheet.halved(parts[large])
+                self._open.append((sheet, small, self._bounds(sheet, small)))
+
+    def _bounds(self, sheet: Sheet, parts: FloatArray) -> FloatArray:
+        """Return what no contact in each part (n, c, q) exceeds, (n,)."""
+        n, c, q = parts.shape
+        points, normals = sheet.contacts(parts.reshape(n * c, q))
+        powers, speeds = self._contact.powers(points, normals, self._twists, self._origin)
+        self.below = max(self.below, float(np.max(powers @ self._weights)))
+        bends = np.repeat(sheet.bends(parts), c, axis=0)
+        above = self._contact.above(powers, speeds, bends, self._twists) @ self._weights
+        return np.asarray(np.max(above.reshape(n, c), axis=1))
