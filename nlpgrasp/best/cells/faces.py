@@ -9,10 +9,11 @@ import numpy as np
 from nlpgrasp.best.cells.base import Surface
 from nlpgrasp.best.cells.curved.ellipsoid import EllipsoidFace
 from nlpgrasp.best.cells.curved.revolved import RevolvedFace
+from nlpgrasp.best.cells.curved.superquadric import SuperquadricFace
 from nlpgrasp.best.cells.disc import DiscFace
 from nlpgrasp.best.cells.mesh import MeshFace
 from nlpgrasp.best.cells.polygon import FlatFace
-from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Torus
+from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Superquadric, Torus
 from nlpgrasp.common.validation import FloatArray
 
 Faces = list[Surface]
@@ -73,6 +74,10 @@ def _ellipsoid(body: Ellipsoid) -> Faces:
     return [EllipsoidFace("surface", body.half_size)]
 
 
+def _superquadric(body: Superquadric) -> Faces:
+    return [SuperquadricFace("surface", body.half_size, np.asarray(body.exponents, dtype=float))]
+
+
 def _cylinder(body: Cylinder) -> Faces:
     half = body.height / 2.0
     ends = [DiscFace(n, body.radius, s * half, np.array([0.0, 0.0, -s])) for n, s in (("top", 1.0), ("bottom", -1.0))]
@@ -93,6 +98,7 @@ MAKERS: list[tuple[type, Callable[..., Faces]]] = [
     (Prism, _prism),
     (Sphere, _sphere),
     (Ellipsoid, _ellipsoid),
+    (Superquadric, _superquadric),
     (Cylinder, _cylinder),
     (Torus, _torus),
     (Mesh, _mesh),

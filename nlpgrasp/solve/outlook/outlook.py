@@ -12,7 +12,7 @@ import numpy as np
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Met, Search
 from nlpgrasp.best.tree.certificate import certificate, is_small
-from nlpgrasp.bodies import Box, Mesh, Prism
+from nlpgrasp.bodies import Box, Mesh, Prism, Superquadric
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
@@ -165,7 +165,7 @@ def unseen(problem: GraspProblem, options: SolveOptions) -> Outlook | None:
 
 def _wanted(problem: GraspProblem, options: SolveOptions) -> bool:
     """Return whether to look at all: a mesh is bounded too, but in minutes."""
-    return options.global_bound and not isinstance(problem.body, Mesh)
+    return options.global_bound and not isinstance(problem.body, Mesh | Superquadric)
 
 
 def _key(problem: GraspProblem) -> str:

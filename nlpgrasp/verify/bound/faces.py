@@ -81,6 +81,13 @@ def _ellipsoid(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
     yield "surface", [{"kind": "ellipsoid", "corners": octant, "semi_axes": axes} for octant in octants]
 
 
+def _superquadric(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
+    whole = {name: body[name] for name in ("semi_axes", "exponents")}
+    quarter = {"angles": [0.0, 0.5 * np.pi], "along": [0.0, 0.5 * np.pi]}
+    signs = [list(s) for s in product((1.0, -1.0), repeat=3)]
+    yield "surface", [{"kind": "superquadric", **whole, "signs": octant, **quarter} for octant in signs]
+
+
 def _cylinder(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
     radius, half = body["radius"], body["height"] / 2.0
     side = {"kind": "revolved", "radii": [0.0, radius], "along": [-half, half]}
@@ -107,6 +114,7 @@ MAKERS = {
     "prism": _prism,
     "sphere": _ellipsoid,
     "ellipsoid": _ellipsoid,
+    "superquadric": _superquadric,
     "cylinder": _cylinder,
     "torus": _torus,
 }

@@ -32,29 +32,28 @@ class Largest:
     ) -> None:
         self._contact, self._twists, self._weights, self._origin = contact, twists, weights, origin
         rows = cell.rows()
-        self.below = self._closed = 0.0
+        self.below = 0.0
         if len(rows.points):
             flat = contact.powers(rows.points, rows.normals, twists, origin)[0] @ weights
-            self.below = self._closed = float(np.max(flat))
-        self._open: list[tuple[Sheet, FloatArray, FloatArray]] = []
+            self.below = float(np.max(flat))
+        self._parts: list[tuple[Sheet, FloatArray, FloatArray]] = []
         for sheet in cell.sheets():
-            parts = sheet.parts()
-            self._open.append((sheet, parts, self._bounds(sheet, parts)))
+            parts = sheet.start()
+            self._parts.append((sheet, parts, self._bounds(sheet, parts)))
 
     @property
     def above(self) -> float:
         """What no contact of the cell exceeds."""
-        return max([self.below, self._closed, *(float(np.max(bounds)) for _, _, bounds in self._open)])
+        return max([self.below, *(float(np.max(bounds)) for _, _, bounds in self._parts)])
 
     def narrow(self, enough: float) -> None:
         """Look at smaller parts in place of those that might exceed the largest met by more than a relative share."""
-        wide, self._open = self._open, []
-        for sheet, parts, bounds in wide:
+        for i, (sheet, parts, bounds) in enumerate(self._parts):
             large = bounds > (1.0 + enough) * self.below
-            self._closed = max(self._closed, float(np.max(bounds[~large], initial=0.0)))
             if np.any(large):
                 small = sheet.halved(parts[large])
-                self._open.append((sheet, small, self._bounds(sheet, small)))
+                new = np.concatenate([bounds[~large], self._bounds(sheet, small)])
+                self._parts[i] = (sheet, np.concatenate([parts[~large], small]), new)
 
     def _bounds(self, sheet: Sheet, parts: FloatArray) -> FloatArray:
         """Return what no contact in each part (n, c, q) exceeds, (n,)."""

@@ -14,6 +14,7 @@ from nlpgrasp.verify.bound.cells.cell import Cell, Cut, Rows, Sheet
 from nlpgrasp.verify.bound.cells.ellipsoid import Ellipsoid
 from nlpgrasp.verify.bound.cells.polygon import Polygon
 from nlpgrasp.verify.bound.cells.round import Revolved, Sector
+from nlpgrasp.verify.bound.cells.superquadric import Superquadric
 from nlpgrasp.verify.check import NotMadeError
 
 
@@ -69,6 +70,7 @@ KINDS: dict[str, Callable[[Json], Cell]] = {
     "ellipsoid": Ellipsoid,
     "sector": Sector,
     "revolved": Revolved,
+    "superquadric": Superquadric,
     "bundle": Bundle,
 }
 

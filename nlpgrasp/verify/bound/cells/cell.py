@@ -40,7 +40,7 @@ class Rows:
 class Sheet(Protocol):
     """A curved face in coordinates; its parts have corners (n, c, q)."""
 
-    def parts(self) -> FloatArray:
+    def start(self) -> FloatArray:
         """Return parts that together are the cell's share of the face."""
 
     def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -27,7 +27,7 @@ class EllipsoidSheet:
     corners: FloatArray
     axes: FloatArray
 
-    def parts(self) -> FloatArray:
+    def start(self) -> FloatArray:
         """Return small triangles or arcs."""
         found = self.corners[None]
         for _ in range(MOST):

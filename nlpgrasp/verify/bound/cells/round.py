@@ -95,7 +95,7 @@ class Revolved:
 
     def rows(self) -> Rows:
         """Return the point itself, where the cell is one."""
-        return Rows.none() if self.sheets() else Rows(*self._sheet.contacts(self._sheet.parts()[:, 0]))
+        return Rows.none() if self.sheets() else Rows(*self._sheet.contacts(self._sheet.start()[:, 0]))
 
     @property
     def _sheet(self) -> TurnedSheet:

@@ -32,7 +32,7 @@ class TurnedSheet:
     angles: FloatArray
     along: FloatArray
 
-    def parts(self) -> FloatArray:
+    def start(self) -> FloatArray:
         """Return patches, corners (low, low), (low, high), (high, low), (high, high); lines with both ends."""
         straight = self.radii[0] == 0.0
         return _patches(_steps(self.angles, False), _steps(self.along, straight))
