@@ -30,7 +30,6 @@ from nlpgrasp.contacts.cones.sharing import Sharing
 from nlpgrasp.contacts.cones.sticking import Sticking
 from nlpgrasp.contacts.cones.terms import upper_triangle
 
-ALTERNATED = 30  # rounds in which forces are put onto their cones
 CHUNK = 4096  # points at once
 LEAST = 1e-9  # work of unit points below which rounding leaves no digits
 POLAR, SLIPS, OTHER, INSIDE = -1, -2, -3, -4  # how a nearest point was found; from 0: the map where points stick
@@ -185,31 +184,8 @@ class FrictionPoints:
         forces = np.zeros((len(self.arms), 3, left.size))
         if left.size:
             how[left] = OTHER
-            found, forces = self._method.solve(z[:, left])
-            forces = self._kept(forces, z[:, left] - found)
-            q[:, left] = z[:, left] - self.generators @ forces.reshape(-1, left.size)
+            q[:, left], forces = self._method.solve(z[:, left])
         return _Nearest(q, how, weights, forces)
-
-    def _kept(self, forces: FloatArray, total: FloatArray) -> FloatArray:
-        """Return forces (N, 3, m) of friction cones that add up to a total (n, m), from some that nearly do.
-
-        Iterations leave forces a little outside of their cones: these are put onto the cones and what that takes from
-        the total is given back, in turn.
-        """
-        again = np.linalg.pinv(self.generators)
-        for _ in range(ALTERNATED):
-            inside = self._onto_cones(forces)
-            left = total - self.generators @ inside.reshape(-1, inside.shape[2])
-            forces = inside + (again @ left).reshape(inside.shape)
-        return self._onto_cones(forces)
-
-    def _onto_cones(self, forces: FloatArray) -> FloatArray:
-        mu, normal = self.friction, forces[:, 0]
-        sliding = np.hypot(forces[:, 1], forces[:, 2])
-        on = np.maximum((normal + mu * sliding) / (1.0 + mu**2), 0.0)
-        scale = mu * on / np.where(sliding > 0.0, sliding, 1.0)
-        rim = np.stack([on, scale * forces[:, 1], scale * forces[:, 2]], axis=1)
-        return np.where((sliding <= mu * normal)[:, None], forces, rim)
 
 
 def _unit(z: FloatArray) -> tuple[FloatArray, FloatArray]:
