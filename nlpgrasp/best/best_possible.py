@@ -11,7 +11,6 @@ from pathlib import Path
 from nlpgrasp.best.result import BestPossible
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Search
-from nlpgrasp.best.tree.certificate import certificate
 from nlpgrasp.common.stopping.interrupt import Interrupt
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import number, share
@@ -70,7 +69,7 @@ def best_possible(
         stop = Stop(None if limit is None else begun + limit, Path(folder) / "stop")
         with Interrupt(stop):
             search.run(stop.requested, None if progress is None else partial(_tell, progress))
-    proven, proof = certificate(search.tree)
+    proven, proof = search.certificate()
     upper = max(proven, search.mu.lower)
     return BestPossible(
         upper,

@@ -8,19 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.best.bound.twists import Twists
 from nlpgrasp.best.bound.weakest import Design, descended
 from nlpgrasp.best.climb import Climber, Spot
 from nlpgrasp.best.exchange import Exchange
+from nlpgrasp.best.pool.certificate import pool_certificate
+from nlpgrasp.best.pool.tree import PoolTree
 from nlpgrasp.best.scope.scope import Scope
+from nlpgrasp.best.tree.certificate import certificate
 from nlpgrasp.best.tree.nodes import Node
-from nlpgrasp.best.tree.tree import Tree
+from nlpgrasp.best.trees import tree_of
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality import Bounds, mu
 
 ROUGH, FINE = 0.01, 0.15  # width of a grasp's certificate: at first, and at last relative to the gap asked for
-TWISTS, ROUGH_TWISTS = 16, 32  # directions of a node
 SHARE, UNSURE = 0.8, 0.5  # of the gap that the tree closes; the rest is the certificate's, at first a rough one's
 CLIMBS, MORE, SAME = 4, 60, 3  # at first; nodes that are worth one more; from designs in the same root cells
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
@@ -60,9 +62,8 @@ class Search:
     def __init__(self, scope: Scope, gap: float) -> None:
         self.scope, self.gap = scope, gap
         body = scope.problem.body
-        rough = all(surface.rough for pieces in scope.pieces for surface in pieces.surfaces)
-        self.twists = Twists(scope.task, body.size, ROUGH_TWISTS if rough else TWISTS)
-        self.tree = Tree(scope, self.twists)
+        self.tree = tree_of(scope)
+        self.twists = self.tree.twists
         self.climber = Climber(scope.task, self.twists.lattice, body.size)
         self.exchange = Exchange.of(scope.pieces, self.climber)
         self.grasp: Grasp | None = None
@@ -118,6 +119,10 @@ class Search:
                 return
             nodes = self.tree.grow(self.target)
 
+    def certificate(self) -> tuple[float, Json]:
+        """Return the bound that follows from what is recorded of the search, and the record (docs/how_close.md)."""
+        return pool_certificate(self.tree) if isinstance(self.tree, PoolTree) else certificate(self.tree)
+
     def refine(self) -> None:
         """Certify the best grasp as narrowly as the gap asks for."""
         if self.grasp is not None and self.mu.gap > FINE * self.gap:
@@ -133,7 +138,7 @@ class Search:
         if not open_nodes:
             return
         for i in np.argsort(-self._values(open_nodes), kind="stable")[:LOOKED].tolist():
-            node, allowance = open_nodes[i], CLIMBS + self.tree.nodes // MORE
+            node, allowance = open_nodes[i], CLIMBS + self.tree.looked // MORE
             spots, roots = self._spots(node), self._roots(node)
             if self._climbs[roots] >= SAME or self._climbs.total() >= allowance:
                 continue
@@ -171,7 +176,7 @@ class Search:
         for slot, (pieces, _) in enumerate(self.scope.group_of):
             row = int(node.rows[slot][np.argmax(node.design[slot])])
             point, normal = pieces.supports.points[row], pieces.supports.normals[row]
-            spot = Spot(pieces, pieces.surface_at(node.cells[slot], point, normal), point, normal)
+            spot = Spot(pieces, self.tree.surface(slot, node.cells[slot], point, normal), point, normal)
             on = (
                 spot if spot.surface.rough else spot.moved(np.zeros(point.size - 1))
             )  # a disc's row may be beyond its rim

@@ -70,8 +70,24 @@ def rough_triangles(rng, subdivisions=3):
     return np.asarray(ball.triangles), -np.asarray(ball.face_normals)
 
 
+def random_hull(rng):
+    """The convex hull of some random points."""
+    return trimesh.convex.convex_hull(rng.standard_normal((14, 3)) * [1.0, 0.7, 0.5])
+
+
+def bent_bar(rng):
+    """A bar around a corner, turned at random."""
+    outline = np.array([[0, 0], [2, 0], [2, 0.5], [0.5, 0.5], [0.5, 1.6], [0, 1.6]]) - [0.7, 0.5]
+    caps = np.array([[0, 1, 3], [1, 2, 3], [0, 3, 4], [0, 4, 5]])
+    sides = [f for i in range(6) for f in ([i, (i + 1) % 6, i + 6], [(i + 1) % 6, (i + 1) % 6 + 6, i + 6])]
+    vertices = np.concatenate([np.column_stack([outline, np.full(6, z)]) for z in (-0.25, 0.25)])
+    faces = np.concatenate([caps[:, ::-1], caps + 6, np.array(sides)])
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    return trimesh.Trimesh(vertices @ (turn * np.sign(np.linalg.det(turn))).T, faces, process=False)
+
+
 def mesh_cell(rng):
-    cell = MeshCell(Clusters(*rough_triangles(rng), 1.3), 1, 1.3)
+    cell = MeshCell(Clusters(*rough_triangles(rng), 1.3), 1)
     for _ in range(rng.integers(0, 9)):
         cell = cell.split()[rng.integers(2)]
     return cell
@@ -124,7 +140,7 @@ def points_of(cell, count, rng):
     if isinstance(cell, MeshCell):
         which = rng.choice(cell.clusters.members(cell.node), count)
         shares = rng.dirichlet(np.full(3, 0.5), count)
-        return np.sum(shares[:, :, None] * cell.clusters.corners[which], axis=1), cell.clusters.normals[which]
+        return np.sum(shares[:, :, None] * cell.clusters.pieces[which], axis=1), cell.clusters.normals[which]
     if isinstance(cell, EllipsoidCell):
         u = rng.dirichlet(np.full(len(cell.corners), 0.7), count) @ cell.corners
         points = u / np.linalg.norm(u, axis=1, keepdims=True) * cell.a

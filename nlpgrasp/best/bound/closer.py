@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.best.bound.finer import used
 from nlpgrasp.best.bound.supports import Between, Supports
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.cells.curved.patches import Patches
@@ -45,7 +44,7 @@ def mixed_supports(
     mixed = (powers @ weights[:, :, None])[:, :, 0]
     largest = np.max(powers, axis=1) ** (1.0 / supports.measure.power)
     speed, turning = supports.speeds(cells, twists)
-    look = _Look(supports, np.max(mixed, axis=1), tolerance(supports, cells), *used(twists, weights))
+    look = _Look(supports, np.max(mixed, axis=1), tolerance(supports, cells), *_used(twists, weights))
     for patches, parts, rows, bends, owner in _gathered(supports, cells):
         more = between(supports, bends, largest[owner], speed[owner], turning[owner])
         upper = np.max(mixed[owner[:, None], rows], axis=1) + np.sum(weights[owner] * more, axis=1)
@@ -89,6 +88,15 @@ def between(
     off, apart = (bends[..., i, 0, None] * speed + linear[..., i, None] * turning for i in (0, 1))
     most = largest + L * apart
     return np.asarray(np.minimum(p * most ** (p - 1.0) * L * off, most**p - largest**p))
+
+
+def _used(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return as many directions, (b, j, d), and weights, (b, j), as any mixture uses."""
+    most = int(np.max(np.count_nonzero(weights, axis=1)))
+    if most == weights.shape[1]:
+        return twists, weights
+    used = np.argpartition(-weights, most, axis=1)[:, :most]
+    return np.take_along_axis(twists, used[..., None], axis=1), np.take_along_axis(weights, used, axis=1)
 
 
 def _gathered(supports: Supports, cells: IntArray) -> list[tuple[Patches, FloatArray, IntArray, FloatArray, IntArray]]:

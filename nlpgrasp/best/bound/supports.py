@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.best.bound.measure import Measure
-from nlpgrasp.best.bound.wide import widened
 from nlpgrasp.best.cells.base import Cell, IntArray, Rows
 from nlpgrasp.best.cells.curved.patches import Curved, Patches
-from nlpgrasp.common.spatial import tangents, wrench_transform
+from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
-NONE = -1  # in place of the number of a finer row
 TORSION = 3  # component of a contact-frame wrench that is the moment about the normal, in space
 
 
@@ -69,33 +67,20 @@ class Supports:
         self.points = np.zeros((0, space))
         self.normals = np.zeros((0, space))
         self.maps = np.zeros((0, d, components))
-        self._cones = np.zeros((0, 2))
-        self._frames = np.zeros((0, d, TORSION + 1))
-        self.finer = np.zeros((0, 1), dtype=np.int64)
         self._used = 0
-        self._tables: dict[int, tuple[Rows, int]] = {}
         self._numbers: list[IntArray] = []
         self.curved: list[tuple[Between, ...]] = []
         self._balls: list[tuple[FloatArray, float]] = []
         self.widest = 0.0  # radius of the largest cell
 
     def add(self, cell: Cell) -> None:
-        """Add the rows of a cell, those that it shares with others only once; it gets the next number."""
-        shared = cell.part_of()
+        """Add the rows of a cell, which gets the next number."""
+        rows = cell.rows()
         self._balls.append(cell.ball())
         self.widest = max(self.widest, self._balls[-1][1])
-        if shared is None:
-            rows = cell.rows()
-            self._numbers.append(self._used + np.arange(len(rows.points)))
-            self.curved.append(tuple(Between.of(curved) for curved in rows.curved))
-            self._append(rows)
-            return
-        self.curved.append(())
-        table, numbers = shared
-        if id(table) not in self._tables:
-            self._tables[id(table)] = table, self._used
-            self._append(table)
-        self._numbers.append(self._tables[id(table)][1] + numbers)
+        self._numbers.append(self._used + np.arange(len(rows.points)))
+        self.curved.append(tuple(Between.of(curved) for curved in rows.curved))
+        self._append(rows)
 
     def _append(self, rows: Rows) -> None:
         m = len(rows.points)
@@ -103,20 +88,7 @@ class Supports:
         where = slice(self._used, self._used + m)
         self.points[where], self.normals[where] = rows.points, rows.normals
         self.maps[where] = self.maps_at(rows.points, rows.normals)
-        if rows.cones is not None:
-            self._cones[where] = rows.cones
-            frames = np.concatenate([rows.normals[:, None], tangents(rows.normals)], axis=1).transpose(0, 2, 1)
-            self._frames[where] = wrench_transform(rows.points - self.origin, frames)[..., : TORSION + 1]
-        if rows.finer is not None:
-            self._widen(rows.finer.shape[1])
-            self.finer[where, : rows.finer.shape[1]] = np.where(rows.finer < 0, NONE, rows.finer + self._used)
         self._used += m
-
-    def _widen(self, count: int) -> None:
-        """Make room for so many finer rows in place of one."""
-        more = count - self.finer.shape[1]
-        if more > 0:
-            self.finer = np.pad(self.finer, ((0, 0), (0, more)), constant_values=NONE)
 
     def maps_at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return grasp maps of the contact at points with inward normals: (m, space) each to (m, d, n_i)."""
@@ -128,15 +100,9 @@ class Supports:
         if self._used + count <= len(self.points):
             return
         more = max(count, 256, len(self.points))
-        for name in ("points", "normals", "maps", "_cones", "_frames"):
+        for name in ("points", "normals", "maps"):
             old: FloatArray = getattr(self, name)
             setattr(self, name, np.concatenate([old, np.zeros((more, *old.shape[1:]))]))
-        self.finer = np.pad(self.finer, ((0, more), (0, 0)), constant_values=NONE)
-
-    @property
-    def refines(self) -> bool:
-        """Whether there are rows that finer ones can replace."""
-        return self.finer.shape[1] > 1
 
     def __len__(self) -> int:
         """Return how many cells were added."""
@@ -211,27 +177,9 @@ class Supports:
         Returns
         -------
         (b, m, j) array
-            ``s^p`` of each row; of rows with a cone, what no contact of their parts exceeds (``best.bound.wide``).
+            ``s^p`` of each row.
         """
-        wide = self._cones[rows, 1] > 0.0
-        if not np.any(wide):
-            return self.powers_of(self.maps[rows], twists)
-        result = np.empty((*rows.shape, twists.shape[1]))
-        owner = np.broadcast_to(np.arange(len(rows))[:, None], rows.shape)
-        result[wide] = self._wide(rows[wide][:, None], twists[owner[wide]])[:, 0]
-        result[~wide] = self.powers_of(self.maps[rows[~wide]][:, None], twists[owner[~wide]])[:, 0]
-        return result
-
-    def powers_of(self, maps: FloatArray, twists: FloatArray) -> FloatArray:
-        """Return ``s^p`` of contacts with grasp maps (b, m, d, n_i) along twists (b, j, d), (b, m, j)."""
-        return self.measure.powers(self.contact, _work(maps, twists))
-
-    def _wide(self, rows: IntArray, twists: FloatArray) -> FloatArray:
-        z = _work(self._frames[rows], twists)[:, 0]
-        turning = np.linalg.norm(twists[..., self.space :], axis=-1)
-        cones = self._cones[rows[:, 0]]
-        s = widened(self.contact, z, turning, cones[:, :1], cones[:, 1:])
-        return np.asarray((self.steepness * s) ** self.measure.power)[:, None]
+        return self.measure.powers(self.contact, _work(self.maps[rows], twists))
 
 
 def _work(maps: FloatArray, twists: FloatArray) -> FloatArray:

@@ -25,19 +25,12 @@ class Rows:
     ----------
     points, normals : (m, space) array
         Metres, and unit, into the body; body frame.
-    cones : (m, 2) array or None
-        Of rows that stand for several flat pieces: how far, in radians, the pieces' normals are from the row's, and how
-        far, in metres, their points are; zero for a row that is a contact itself.
-    finer : (m, c) array of int or None
-        Numbers of rows that together stand for the same part more finely, some repeated; -1 where there are none.
     curved : tuple of Curved
         What lies between those rows that are on curved faces: small parts with the rows at their corners.
     """
 
     points: FloatArray
     normals: FloatArray
-    cones: FloatArray | None = None
-    finer: IntArray | None = None
     curved: tuple[Curved, ...] = ()
 
 
@@ -57,10 +50,6 @@ class Cell(ABC):
     @abstractmethod
     def rows(self) -> Rows:
         """Return the contacts that stand for the cell."""
-
-    def part_of(self) -> tuple[Rows, IntArray] | None:
-        """Return rows that cells share and the numbers of this cell's; None where it has rows of its own."""
-        return None
 
     @abstractmethod
     def split(self) -> tuple[Cell, ...]:

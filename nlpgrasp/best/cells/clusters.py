@@ -1,24 +1,23 @@
-"""A mesh's triangles as a tree of clusters, and the rows of all of them in one table."""
+"""A mesh's triangles, halved until they are small, as a tree of clusters whose corners stand for them."""
 
 from __future__ import annotations
-
-from functools import cached_property
 
 import numpy as np
 
 from nlpgrasp.best.cells.base import IntArray, Rows
 from nlpgrasp.common.validation import FloatArray
 
-DEEPEST = 15  # levels: of meshes with more triangles than this allows, clusters of the last have several
-STEP = 3  # levels from a row to the finer ones that stand for it
+LEVELS = 12  # of clusters below the whole surface
+ENOUGH, MOST = 4096, 40_000  # pieces: so many that large triangles are halved, and where that ends
+LONGEST = 2.2  # longest side of a piece, over the root of its share of the surface
 TURN = 0.5  # what a turn of the normal by a radian weighs, in sizes of the body
 
 
 class Clusters:
-    """A balanced tree over triangles: node i has the children 2 i and 2 i + 1, the root is 1.
+    """A balanced tree over pieces of triangles: node i has the children 2 i and 2 i + 1, the root is 1.
 
-    A cluster's row is its box's middle with the triangles' mean normal; its cone holds all their normals, its radius
-    all their points (``best.bound.wide`` says what that bounds). Triangles themselves have three exact rows.
+    A piece is flat, so that convex functions of a contact's work are largest at one of its corners: the rows of a
+    cluster are the corners of its pieces with the normal of each.
 
     Parameters
     ----------
@@ -28,75 +27,91 @@ class Clusters:
         Unit, into the body.
     size : float
         Of the body, metres.
+
+    Attributes
+    ----------
+    halved : tuple of str
+        How triangles became pieces: each a character for every piece so far, ``-`` where it stayed as it was and else
+        the side, from corner 0, 1 or 2 on, across whose middle it was halved. The half with that corner takes the
+        piece's number, the others get the next ones in order.
+    pieces : (m, 3, 3) array
+        Corners, metres.
+    normals : (m, 3) array
+    order : (m,) array
+        In which all clusters are ranges.
+    rows : Rows
+        Of all clusters of the last level, one after another.
+    begin : (2^levels + 1,) array
+        Where the rows of each of these begin, and the end.
     """
 
     def __init__(self, corners: FloatArray, normals: FloatArray, size: float) -> None:
-        self.corners, self.normals = corners, normals
-        self.levels = min(int(np.log2(len(corners))), DEEPEST)
-        self.exact = len(corners) < 2 ** (self.levels + 1)
-        self.order = _ordered(np.concatenate([corners.mean(axis=1) / size, TURN * normals], axis=1), self.levels)
-        self.centres = np.zeros((self.count, 3))
-        self.radii = np.zeros(self.count)
-        self.cones = np.zeros((0, 2))
-        self.table = self._table()
+        self.halved, self.pieces, owner = _halved(corners)
+        self.normals = normals[owner]
+        self.levels = min(int(np.log2(len(self.pieces))), LEVELS)
+        features = np.concatenate([self.pieces.mean(axis=1) / size, TURN * self.normals], axis=1)
+        self.order = _ordered(features, self.levels)
+        self.rows, self.begin = self._rows()
 
     @property
     def count(self) -> int:
         """Clusters, and one that is none."""
         return int(2 ** (self.levels + 1))
 
-    def members(self, node: int) -> IntArray:
-        """Return the numbers of a cluster's triangles."""
+    @property
+    def last(self) -> int:
+        """The first cluster of the last level."""
+        return int(2**self.levels)
+
+    def range(self, node: int) -> tuple[int, int]:
+        """Return where in the order a cluster's pieces begin and end."""
         level = node.bit_length() - 1
-        ends = _ends(len(self.order), level)
-        return self.order[ends[node - 2**level] : ends[node - 2**level + 1]]
+        ends = (i * len(self.order) // 2**level for i in (node - 2**level, node - 2**level + 1))
+        low, high = ends
+        return low, high
 
-    def below(self, node: int, levels: int) -> IntArray:
-        """Return the rows that stand for a cluster some levels further down: exact ones where there are no clusters."""
-        deeper = min(levels, self.levels - node.bit_length() + 1)
-        nodes = np.arange(node * 2**deeper, (node + 1) * 2**deeper)
-        return nodes if deeper == levels or not self.exact else np.unique(self._finer[nodes])
+    def members(self, node: int) -> IntArray:
+        """Return the numbers of a cluster's pieces."""
+        return self.order[slice(*self.range(node))]
 
-    def _table(self) -> Rows:
-        corners, normals = self.corners[self.order], self.normals[self.order]
-        means, turns = np.zeros((self.count, 3)), np.zeros(self.count)
-        means[0, 2] = 1.0
-        for level in range(self.levels + 1):
-            ends = _ends(len(corners), level)
-            owner = np.repeat(np.arange(2**level), np.diff(ends))
-            here = slice(2**level, 2 ** (level + 1))
-            low = np.minimum.reduceat(corners.min(axis=1), ends[:-1])
-            middle = 0.5 * (low + np.maximum.reduceat(corners.max(axis=1), ends[:-1]))
-            apart = np.linalg.norm(corners - middle[owner, None], axis=2).max(axis=1)
-            total = np.add.reduceat(normals, ends[:-1])
-            total[:, 2] += 1e-9  # a cluster that is all around has no mean: any unit vector will do
-            mean = total / np.linalg.norm(total, axis=1, keepdims=True)
-            turn = 2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(normals - mean[owner], axis=1), 1.0))
-            self.centres[here], self.radii[here] = middle, np.maximum.reduceat(apart, ends[:-1])
-            means[here], turns[here] = mean, np.maximum.reduceat(turn, ends[:-1])
-        self.cones = np.stack([turns, self.radii], axis=1)
-        finer = self._finer
-        if not self.exact:
-            return Rows(self.centres, means, self.cones, finer)
-        points = np.concatenate([self.centres, corners.reshape(-1, 3)])
-        every = np.concatenate([means, np.repeat(normals, 3, axis=0)])
-        more = 3 * len(corners)
-        self.cones = np.concatenate([self.cones, np.zeros((more, 2))])
-        return Rows(points, every, self.cones, np.concatenate([finer, np.full((more, 2**STEP), -1)]))
+    def rows_of(self, node: int) -> slice:
+        """Return which rows are a cluster's."""
+        below = self.levels - node.bit_length() + 1
+        first = (node << below) - self.last
+        return slice(int(self.begin[first]), int(self.begin[first + 2**below]))
 
-    @cached_property
-    def _finer(self) -> IntArray:
-        """Return for each cluster the rows that stand for its part more finely, the last repeated; -1 for none."""
-        result = np.full((self.count, 2**STEP), -1, dtype=np.int64)
-        for level in range(self.levels):
-            nodes = np.arange(2**level, 2 ** (level + 1))
-            step = min(STEP, self.levels - level)
-            result[nodes] = nodes[:, None] * 2**step + np.minimum(np.arange(2**STEP), 2**step - 1)
-        if self.exact:
-            ends = _ends(len(self.order), self.levels)
-            spread = np.minimum(3 * ends[:-1, None] + np.arange(2**STEP), 3 * ends[1:, None] - 1)
-            result[2**self.levels :] = self.count + spread
-        return result
+    def _rows(self) -> tuple[Rows, IntArray]:
+        """Return the corners of all pieces in order, within each last cluster once, and where clusters begin."""
+        points = self.pieces[self.order].reshape(-1, 3)
+        normals = np.repeat(self.normals[self.order], 3, axis=0)
+        ends = 3 * _ends(len(self.order), self.levels)
+        cluster = np.repeat(np.arange(self.last), np.diff(ends))
+        once = np.unique(np.column_stack([cluster, points, normals]), axis=0, return_index=True)[1]
+        begin = np.searchsorted(cluster[np.sort(once)], np.arange(self.last + 1))
+        return Rows(points[np.sort(once)], normals[np.sort(once)]), begin
+
+
+def _halved(corners: FloatArray) -> tuple[tuple[str, ...], FloatArray, IntArray]:
+    """Return how triangles are halved across their longest sides, the pieces, and the triangle each is part of."""
+    owner, pieces, rounds = np.arange(len(corners)), corners, list[str]()
+    sides = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * float(np.sum(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)))
+    longest = LONGEST * float(np.sqrt(area / ENOUGH))
+    while len(pieces) < MOST:
+        sides = np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2)
+        long = np.flatnonzero(np.max(sides, axis=1) > longest)
+        if not len(long):
+            break
+        side = np.argmax(sides[long], axis=1)
+        characters = np.full(len(pieces), "-")
+        characters[long] = side.astype(str)
+        rounds.append("".join(characters))
+        start, end = pieces[long, side], pieces[long, (side + 1) % 3]
+        across, middle = pieces[long, (side + 2) % 3], 0.5 * (start + end)
+        pieces = np.concatenate([pieces, np.stack([middle, end, across], axis=1)])
+        pieces[long] = np.stack([start, middle, across], axis=1)
+        owner = np.concatenate([owner, owner[long]])
+    return tuple(rounds), pieces, owner
 
 
 def _ordered(features: FloatArray, levels: int) -> IntArray:

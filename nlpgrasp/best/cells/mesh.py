@@ -6,83 +6,61 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from trimesh.remesh import subdivide_to_size
 
-from nlpgrasp.best.cells.base import Cell, IntArray, Rows, Surface
-from nlpgrasp.best.cells.bundle import BundleCell
+from nlpgrasp.best.cells.base import Cell, Rows, Surface
 from nlpgrasp.best.cells.clusters import Clusters
-from nlpgrasp.best.cells.polygon import PolygonCell
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
-EVEN = 3.0  # longest side of a triangle over the root of its share of the surface
-LEVELS = 7  # below a cluster, of the rows that stand for it to begin with
+SMALLEST = 1e-300  # twice the area of a triangle that has a normal
 
 
 class MeshCell(Cell):
-    """A cluster of triangles.
-
-    Its rows are those of smaller clusters, of the triangles' corners where these are few; finer ones replace them where
-    a bound needs it. What it claims is never below what the corners with their triangles' normals give.
+    """A cluster of triangles, or of pieces of them.
 
     Parameters
     ----------
     clusters : Clusters
     node : int
         Of the tree.
-    size : float
-        Of the body, metres.
     """
 
     kind: ClassVar[str] = "mesh"
 
-    def __init__(self, clusters: Clusters, node: int, size: float) -> None:
-        self.clusters, self.node, self.size = clusters, node, size
+    def __init__(self, clusters: Clusters, node: int) -> None:
+        self.clusters, self.node = clusters, node
 
     def rows(self) -> Rows:
-        """Return the rows of smaller clusters."""
-        table, numbers = self.part_of()
-        return Rows(table.points[numbers], table.normals[numbers], self.clusters.cones[numbers])
-
-    def part_of(self) -> tuple[Rows, IntArray]:
-        """Return the table of the mesh, and which rows are this cell's."""
-        return self.clusters.table, self.clusters.below(self.node, LEVELS)
+        """Return the corners of all pieces with the normal of each."""
+        own = self.clusters.rows_of(self.node)
+        return Rows(self.clusters.rows.points[own], self.clusters.rows.normals[own])
 
     def split(self) -> tuple[Cell, ...]:
-        """Return both halves of the cluster; of a triangle its own."""
-        if self.node < self.clusters.count // 2:
-            return tuple(MeshCell(self.clusters, 2 * self.node + i, self.size) for i in (0, 1))
-        members = self._triangles()
-        if len(members) == 1:
-            return members[0].split()
-        first = self.cut()
-        return tuple(p[0] if len(p) == 1 else BundleCell(p, self.size) for p in (members[:first], members[first:]))
+        """Return both halves of the cluster; of one of the last level itself."""
+        if self.node >= self.clusters.last:
+            return (self,)
+        return tuple(MeshCell(self.clusters, 2 * self.node + i) for i in (0, 1))
 
     def cut(self) -> int:
-        """Return how many triangles, in the order in which they are stated, are in the first part; of one, its cut."""
-        if self.node < self.clusters.count // 2:
-            return len(self.clusters.members(2 * self.node))
-        members = self._triangles()
-        return members[0].cut() if len(members) == 1 else len(members) // 2
-
-    def _triangles(self) -> list[PolygonCell]:
-        normals, corners = self.clusters.normals, self.clusters.corners
-        members = self.clusters.members(self.node)
-        return [PolygonCell(corners[i], normals[i], tangents(normals[i][None])[0]) for i in members]
+        """Return how many pieces, in the order in which they are stated, are in the first part."""
+        return len(self.clusters.members(2 * self.node))
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the middle of the cluster's box and the distance to the farthest corner of a triangle."""
-        return self.clusters.centres[self.node], float(self.clusters.radii[self.node])
+        """Return the middle of the cluster's box and the distance to the farthest corner of a piece."""
+        corners = self.anchors()
+        middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        return middle, float(np.max(np.linalg.norm(corners - middle, axis=1)))
 
     def anchors(self) -> FloatArray:
-        """Return the corners of all triangles."""
-        return self.clusters.corners[self.clusters.members(self.node)].reshape(-1, 3)
+        """Return the corners of all pieces."""
+        return self.clusters.pieces[self.clusters.members(self.node)].reshape(-1, 3)
 
     def to_dict(self) -> Json:
-        """Return the numbers of the triangles: their corners, with the normal of each, bound the cell exactly."""
-        return {"kind": self.kind, "triangles": self.clusters.members(self.node).tolist()}
+        """Return how the mesh's triangles are halved, and the numbers of the cell's pieces in order."""
+        order = self.clusters.members(self.node).tolist()
+        return {"kind": self.kind, "halved": list(self.clusters.halved), "order": order}
 
 
 class MeshFace(Surface):
@@ -100,12 +78,14 @@ class MeshFace(Surface):
         super().__init__(name)
         self.body = body
         corners = np.asarray(body.mesh.triangles, dtype=float)
-        normals = np.asarray(body.mesh.face_normals, dtype=float)
-        self.clusters = Clusters(corners, -normals, body.size)
+        sides = corners[:, 1:] - corners[:, :1]
+        inward = np.cross(sides[:, 1], sides[:, 0])
+        inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), SMALLEST)
+        self.clusters = Clusters(corners, inward, body.size)
 
     def cells(self) -> Sequence[Cell]:
         """Return the whole surface as one cell."""
-        return [MeshCell(self.clusters, 1, self.body.size)]
+        return [MeshCell(self.clusters, 1)]
 
     def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the points of the mesh that are nearest to steps along the tangents of the point's triangle."""
@@ -114,11 +94,6 @@ class MeshFace(Surface):
         return points, -normals
 
     def places(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return the middles of triangles, of large ones cut into even parts; of too many, some from all clusters."""
-        mesh = self.body.mesh
-        side = EVEN * float(np.sqrt(mesh.area / count))
-        vertices, faces, owner = subdivide_to_size(mesh.vertices, mesh.faces, side, max_iter=20, return_index=True)
-        rank = np.empty(len(self.clusters.order), dtype=np.int64)
-        rank[self.clusters.order] = np.arange(len(rank))
-        some = np.argsort(rank[owner], kind="stable")[:: max(1, len(owner) // count)]
-        return np.asarray(vertices)[faces[some]].mean(axis=1), self.clusters.normals[owner[some]]
+        """Return the middles of pieces of triangles; of too many, some from all clusters."""
+        some = self.clusters.order[:: max(1, len(self.clusters.order) // count)]
+        return self.clusters.pieces[some].mean(axis=1), self.clusters.normals[some]

@@ -11,12 +11,11 @@ from nlpgrasp.best.scope.pieces import NONE, Pieces
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.tree.batch import Batch
 from nlpgrasp.best.tree.nodes import Cells
+from nlpgrasp.best.tree.rounded import rounded
 from nlpgrasp.best.tree.tree import BATCH, Tree
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
-DIGITS = 8  # of weights
-LEAST = 1e-5  # weights below are left out
 TURN_DIGITS = 9  # to which motions are the same
 SMALL = 200_000  # bytes of a certificate that other files may hold
 
@@ -63,12 +62,6 @@ def certificate(tree: Tree) -> tuple[float, Json]:
 def is_small(data: Json) -> bool:
     """Return whether a certificate is so small that other files may hold it."""
     return len(json.dumps(data, separators=(",", ":"))) <= SMALL
-
-
-def rounded(weights: FloatArray) -> FloatArray:
-    """Return a mixture (j,) as it is written: of few digits, without the weights that hardly count."""
-    result = np.where(weights < LEAST, 0.0, np.round(weights, DIGITS))
-    return np.asarray(np.round(result / np.sum(result), DIGITS)) if np.count_nonzero(result) == 1 else result
 
 
 def _bounds(tree: Tree, cells: list[Cells], numbers: IntArray, weights: FloatArray) -> FloatArray:

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.best.bound.closer import mixed_supports, single_supports
-from nlpgrasp.best.bound.finer import heaviest, refined
-from nlpgrasp.best.bound.supports import NONE
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.scope.pieces import Pieces
 from nlpgrasp.common.validation import FloatArray
@@ -71,28 +69,13 @@ class Part:
         rows = np.take_along_axis(self.rows, where, axis=1)
         return rows, np.take_along_axis(self.powers, where[..., None], axis=1)
 
-    def heaviest(self, weights: FloatArray | None) -> IntArray:
-        """Return contacts that do most along each direction and under a mixture, (c, j + 1)."""
-        c, _, j = self.powers.shape
-        mixed = np.mean(self.powers, axis=2) if weights is None else self.mixed(weights)
-        mean = np.full((c, j), 1.0 / j) if weights is None else weights[self.owner]
-        single = self.powers.transpose(0, 2, 1).reshape(c * j, -1)
-        again, alone = np.repeat(np.arange(c), j), self.twists.reshape(c * j, 1, -1)
+    def maxima(self, weights: FloatArray) -> FloatArray:
+        """Return what no contact exceeds under each node's mixture, (b, s)."""
         supports = self.pieces.supports
-        along = heaviest(supports, self.rows[again], single, alone, np.ones((c * j, 1))).reshape(c, j)
-        under = heaviest(supports, self.rows, mixed, self.twists, mean)
-        return np.column_stack([along, under])
-
-    def maxima(self, weights: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return what no contact exceeds under each node's mixture, and the row that does most or ``NONE``, (b, s)."""
-        supports, own = self.pieces.supports, weights[self.owner]
-        if supports.refines:
-            bounds, rows = refined(supports, self.rows, self.mixed(weights), self.twists, own)
-            return bounds[self.back], rows[self.back]
-        nowhere = np.full(self.back.shape, NONE)
         if supports.bent:
-            return mixed_supports(supports, self.cells, self.powers, self.twists, own)[self.back], nowhere
-        return np.max(self.mixed(weights), axis=1)[self.back], nowhere
+            found = mixed_supports(supports, self.cells, self.powers, self.twists, weights[self.owner])
+            return np.asarray(found[self.back])
+        return np.asarray(np.max(self.mixed(weights), axis=1)[self.back])
 
     def along(self) -> FloatArray:
         """Return what no contact exceeds along each direction alone, (b, s, j)."""
@@ -118,20 +101,16 @@ class Table:
     """
 
     def __init__(self, groups: Sequence[tuple[Pieces, slice]], cells: IntArray, twists: FloatArray) -> None:
-        self._groups, self._twists = groups, twists
         self._measure = groups[0][0].supports.measure
         self._parts = [Part.of(pieces, cells[:, where], twists) for pieces, where in groups]
         self.rows = np.zeros((0, 0, 0), dtype=np.int64)
         self.chosen = np.zeros((0, 0, 0, 0))
-        self._largest = np.zeros((0, 0), dtype=np.int64)
 
     def maxima(self, weights: FloatArray | None) -> FloatArray:
         """Return the largest mixed power over the rows of each slot, (b, k); of each direction, (b, k, j), for None."""
         if weights is None:
             return np.concatenate([part.along() for part in self._parts], axis=1)
-        found = [part.maxima(weights) for part in self._parts]
-        self._largest = np.concatenate([rows for _, rows in found], axis=1)
-        return np.concatenate([values for values, _ in found], axis=1)
+        return np.concatenate([part.maxima(weights) for part in self._parts], axis=1)
 
     def bounds(self, weights: FloatArray) -> FloatArray:
         """Return the bounds that mixtures give, (b,), with a margin for rounding."""
@@ -149,40 +128,14 @@ class Table:
         alone = np.eye(weights.shape[1])[best]
         return np.minimum(bounds, least), np.where((least < bounds)[:, None], alone, weights)
 
-    def choose(self, weights: FloatArray | None, pool: IntArray) -> None:
-        """Choose the rows that mixtures see: all of few, else the largest along each direction and under a mixture.
-
-        Where finer rows can replace those of a cell, only such as cannot be replaced, with those of a pool (b, k, p).
-        """
+    def choose(self, weights: FloatArray | None) -> None:
+        """Choose the rows that mixtures see: all of few, else the largest along each direction and under a mixture."""
         most = max(part.powers.shape[1] for part in self._parts)
         rows, tables = [], []
-        for part, (_, where) in zip(self._parts, self._groups, strict=True):
-            if most > FEW and part.pieces.supports.refines:
-                chosen, powers = self._with_pool(part, part.heaviest(weights), pool[:, where])
-            else:
-                once, its = part.largest(weights, most)
-                chosen, powers = once[part.back], its[part.back]
+        for part in self._parts:
+            once, its = part.largest(weights, most)
+            chosen, powers = once[part.back], its[part.back]
             again = np.diff(chosen, axis=2, prepend=-1) == 0  # one row counts once: no designs spread over copies
             rows.append(chosen)
             tables.append(np.where(again[..., None], 0.0, powers))
         self.rows, self.chosen = (np.concatenate(_padded(parts), axis=1) for parts in (rows, tables))
-
-    def _with_pool(self, part: Part, chosen: IntArray, pool: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return rows with those of the pool, (b, s, m), and their powers."""
-        chosen = chosen[part.back]
-        every = np.sort(np.concatenate([chosen, np.where(pool == NONE, chosen[..., :1], pool)], axis=2), axis=2)
-        b, s, m = every.shape
-        powers = part.pieces.supports.powers(every.reshape(b, s * m), self._twists)
-        return every, powers.reshape(b, s, m, -1)
-
-    def pool(self, weights: FloatArray, count: int) -> IntArray:
-        """Return rows that do most under the mixtures, (b, k, count), ``NONE`` where none can be replaced."""
-        b, k, _ = self.rows.shape
-        result = np.full((b, k, count), NONE)
-        for part, (_, where) in zip(self._parts, self._groups, strict=True):
-            if part.pieces.supports.refines:
-                mixed = (self.chosen[:, where] @ weights[:, None, :, None])[..., 0]
-                order = np.argsort(-mixed, axis=2)[..., : count - 1]
-                result[:, where, : order.shape[2]] = np.take_along_axis(self.rows[:, where], order, axis=2)
-                result[:, where, -1] = self._largest[:, where]
-        return result

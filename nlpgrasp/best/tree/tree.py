@@ -9,16 +9,17 @@ from itertools import combinations_with_replacement, product
 import numpy as np
 
 from nlpgrasp.best.bound.twists import Twists
+from nlpgrasp.best.cells.base import Surface
 from nlpgrasp.best.scope.pieces import NONE
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.tree.batch import Batch
 from nlpgrasp.best.tree.nodes import Cells, Node
 from nlpgrasp.best.tree.proof import Proof
+from nlpgrasp.common.validation import FloatArray
 
 BATCH = 64
 WORK = 500_000  # rows times directions of a batch; nodes are cut until there is work for some batches
 BATCHES = 4
-REPLACED = 8  # rows looked at, for each that finer ones may replace
 MOST_OPEN = 100_000  # nodes, beyond which a search ends
 SPREAD = 1e-2  # weight of a cell's squared radius beside the design's variance over it
 
@@ -51,6 +52,11 @@ class Tree:
         return max(self._closed, self.top)
 
     @property
+    def looked(self) -> int:
+        """Nodes for which mixtures were sought."""
+        return self.nodes
+
+    @property
     def full(self) -> bool:
         """Whether as many nodes are open as memory is meant for."""
         return len(self._heap) >= MOST_OPEN
@@ -59,6 +65,10 @@ class Tree:
     def open_nodes(self) -> list[Node]:
         """Nodes that are not closed yet, loosest first."""
         return sorted(self._heap)
+
+    def surface(self, slot: int, cell: int, point: FloatArray, normal: FloatArray) -> Surface:
+        """Return the face that a row of a slot's cell is on."""
+        return self.scope.group_of[slot][0].surface_at(cell, point, normal)
 
     def begin(self, target: float) -> list[Node]:
         """Bound one node for each choice of root cells, but for mirror images; return those that stay open."""
@@ -162,8 +172,7 @@ class Tree:
         """Return how many rows times directions a node takes."""
         rows = 0
         for slot, cell in enumerate(cells):
-            supports = self.scope.group_of[slot][0].supports
-            rows += supports.count(cell) * (REPLACED if supports.refines else 1)
+            rows += self.scope.group_of[slot][0].supports.count(cell)
         return rows * self.twists.per_node
 
     def _close(self, node: Node) -> None:

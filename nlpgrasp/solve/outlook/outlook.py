@@ -11,7 +11,7 @@ import numpy as np
 
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Met, Search
-from nlpgrasp.best.tree.certificate import certificate, is_small
+from nlpgrasp.best.tree.certificate import is_small
 from nlpgrasp.bodies import Box, Mesh, Prism, Superquadric
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
@@ -102,7 +102,7 @@ class Outlook:
         """Return what holds of all placements so far, with its certificate where that is small."""
         nodes = self._search.tree.nodes
         if self._certified is None or self._certified[0] != nodes:
-            self._certified = nodes, *certificate(self._search.tree)
+            self._certified = nodes, *self._search.certificate()
         _, upper, proof = self._certified
         kept = proof if is_small(proof) else {}
         return GlobalBound(max(upper, self.upper), nodes, self._search.scope.dropped, kept)

@@ -53,7 +53,8 @@ def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources:
         return [*checks, Check("bound", False, str(error))]
     proof = Proof(problem, certificate, sources)
     try:
-        faces_of(problem["body"])
+        if faces_of(problem["body"]).get("surface", ()) is None:
+            sources.find(problem["body"].get("source"))
     except NotMadeError as reason:
         return [*checks, Check.not_made("bound", str(reason))]
     for check in proof.checks(bound.upper, bound.dropped):

@@ -17,7 +17,8 @@ from nlpgrasp.verify.check import NotMadeError
 
 SAME = 1e-9  # relative to the body's size
 TURNS = {"sector": 8, "revolved": 4}  # parts of a turn
-Faces = dict[str, "FlatFace | list[Json]"]
+Faces = dict[str, "FlatFace | list[Json] | None"]
+"""Of each face its outline, or cells that cover it; None of a mesh, whose triangles are in a file of their own."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,10 @@ class FlatFace:
 
 
 def faces_of(body: Json) -> Faces:
-    """Return the faces of a body by name: flat ones, or of curved ones cells that cover them."""
+    """Return the faces of a body by name."""
     kind = body["type"]
+    if kind == "mesh":
+        return {"surface": None}
     if kind not in MAKERS:
         raise NotMadeError(f"nothing recomputes the cells of a {kind}")
     return dict(MAKERS[kind](body))
@@ -121,11 +124,11 @@ MAKERS = {
 
 
 def uncovered(faces: Faces, own: Places, roots: Sequence[Json], size: float) -> list[str]:
-    """Return the faces of which a contact may use a part that no root covers."""
+    """Return the faces of which a contact may use a part that no root covers; nothing is said of a mesh."""
     members = [cell for root in roots for cell in _members(root)]
     missing = []
     for name, face in faces.items():
-        if name not in own.faces:
+        if name not in own.faces or face is None:
             continue
         if isinstance(face, FlatFace):
             left = _left(face, own, [m for m in members if _on(m, face, size)], size)

@@ -10,10 +10,14 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.tasks import Task, task_from_dict
+from nlpgrasp.verify.bodies.mesh import MeshSurface
+from nlpgrasp.verify.bodies.triangles import TriangleSurface
 from nlpgrasp.verify.bound import motions, turned
+from nlpgrasp.verify.bound.cells.mesh import MeshCell
 from nlpgrasp.verify.bound.faces import SAME, Faces, faces_of, uncovered
 from nlpgrasp.verify.bound.leaves import Leaves
 from nlpgrasp.verify.bound.places import Places, places
+from nlpgrasp.verify.bound.shared import SharedLeaves
 from nlpgrasp.verify.bound.supports import Budget
 from nlpgrasp.verify.bound.tree import Group, Nodes
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
@@ -73,7 +77,12 @@ class Proof:
     @cached_property
     def groups(self) -> list[Group]:
         """Contacts that are alike, with their cells."""
-        return [Group(group) for group in self.data["groups"]]
+        return [Group(group, self._triangles) for group in self.data["groups"]]
+
+    def _triangles(self) -> TriangleSurface:
+        if not isinstance(self.surface, MeshSurface):
+            raise ValueError(f"cells of a mesh on a {self.problem['body']['type']}")
+        return self.surface.triangles
 
     @cached_property
     def nodes(self) -> Nodes:
@@ -125,6 +134,11 @@ class Proof:
             own = self.asked[0][group.contacts[0]]
             cells = [cell for _, cell in data["roots"]]
             left = [] if data["turned"] is not None else uncovered(self.faces, own, cells, self.size)
+            meshes = [cell for number in group.roots if isinstance(cell := group.cells[number], MeshCell)]
+            if any(self.faces[name] is None for name in own.faces):
+                missing = min((cell.left_out(self._triangles()) for cell in meshes), default=None)
+                if missing is None or missing > 0:
+                    return f"contact {group.contacts[0]} may also be on {missing} other pieces of the mesh", ""
             if left:
                 return f"contact {group.contacts[0]} may also be elsewhere on {', '.join(left)}", ""
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
@@ -157,10 +171,11 @@ class Proof:
         return wrong, f"{len(self.data['motions'])} motions, {len(self.nodes.twins)} twins"
 
     @cached_property
-    def leaves(self) -> Leaves:
+    def leaves(self) -> Leaves | SharedLeaves:
         """What bounds are computed from."""
+        kind = SharedLeaves if "mixtures" in self.data else Leaves
         budget = Budget.of(self.problem["force_budget"])
-        return Leaves(self.data, self.groups, self.problem["contacts"], self.task, budget)
+        return kind(self.data, self.groups, self.problem["contacts"], self.task, budget)
 
     def _directions(self) -> tuple[str, str]:
         off = float(np.max(np.abs(self.leaves.reach - 1.0), initial=0.0))

@@ -136,7 +136,7 @@ class Contact:
         """
         space = len(origin)
         velocity = twists[None, :, :space] + _turned(twists[:, space:], points - origin)
-        normal = np.sum(velocity * normals[:, None], axis=2)
+        normal = np.einsum("mjs,ms->mj", velocity, normals)
         sliding = np.linalg.norm(velocity - normal[..., None] * normals[:, None], axis=2)
         torsion = np.abs(normals @ twists[:, space:].T) if space == 3 else np.zeros_like(normal)
         return self.work(normal, [sliding, torsion]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
@@ -166,4 +166,5 @@ def _turned(turning: FloatArray, arms: FloatArray) -> FloatArray:
     """Return ``tau x arm`` for every arm (m, space) and turning (j, 1 or 3), (m, j, space)."""
     if arms.shape[1] == 2:
         return np.asarray(turning[None] * np.stack([-arms[:, 1], arms[:, 0]], axis=1)[:, None])
-    return np.cross(turning[None], arms[:, None])
+    (x, y, z), (p, q, r) = arms.T[:, :, None], turning.T
+    return np.stack([q * z - r * y, r * x - p * z, p * y - q * x], axis=2)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain, combinations_with_replacement, product
 
 import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.verify.bodies.triangles import TriangleSurface
 from nlpgrasp.verify.bound.cells.bundle import cell_of, same_place
 from nlpgrasp.verify.bound.cells.cell import Cell
+from nlpgrasp.verify.bound.cells.mesh import MeshCell
 from nlpgrasp.verify.bound.places import Places
 
 SAME = 1e-8  # relative to the body's size
@@ -25,12 +27,14 @@ class Group:
     ----------
     data : mapping
         ``contacts``, ``roots``, ``cuts``.
+    mesh : callable
+        Returns the body's triangles, for cells that are made of them.
     """
 
-    def __init__(self, data: Json) -> None:
+    def __init__(self, data: Json, mesh: Callable[[], TriangleSurface]) -> None:
         self.contacts = tuple(int(i) for i in data["contacts"])
         self.roots = tuple(int(number) for number, _ in data["roots"])
-        self.cells: dict[int, Cell] = {int(number): cell_of(cell) for number, cell in data["roots"]}
+        self.cells: dict[int, Cell] = {int(number): _root(cell, mesh) for number, cell in data["roots"]}
         self.parts: dict[int, tuple[int, ...]] = {}
         self.left_out: list[tuple[int, Cell]] = []
         if len(self.cells) != len(self.roots):
@@ -54,6 +58,10 @@ class Group:
     def wrongly_left_out(self, own: Places, slack: float) -> list[int]:
         """Return the numbers of cells of which a part was left out that constraints do not exclude."""
         return [number for number, cell in self.left_out if not own.exclude(cell, slack)]
+
+
+def _root(cell: Json, mesh: Callable[[], TriangleSurface]) -> Cell:
+    return MeshCell.whole(cell, mesh()) if cell["kind"] == "mesh" else cell_of(cell)
 
 
 class Nodes:

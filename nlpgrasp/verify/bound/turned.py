@@ -80,6 +80,8 @@ def _half_plane(roots: Sequence[Json], turning: Turning, faces: Faces) -> str:
             continue
         if isinstance(face, FlatFace):
             return "a flat face does not turn"
+        if face is None:
+            return "a mesh does not turn"
         at_zero = [{**cell, "angles": [0.0, 0.0]} for cell in face]
         if not all(is_among(cell, roots, turning.size) for cell in at_zero):
             return f"the cells do not cover the half-plane of {name}"

@@ -6,7 +6,6 @@ import numpy as np
 
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Search
-from nlpgrasp.best.tree.certificate import certificate
 from tests.best.brute_force.cases import random_case
 from tests.best.brute_force.search import BruteForce
 
@@ -50,7 +49,7 @@ def compared(number, **effort):
         found.run(lambda: found.tree.nodes >= nodes)
     else:
         _grow(found.tree, nodes, brute)
-    bound = certificate(found.tree)[0]
+    bound = found.certificate()[0]
     return Compared(number, problem.body.kind, problem.budget.kind, bound, brute, found.mu.lower)
 
 

@@ -1,0 +1,1 @@
+"""Branch and bound over clusters of a mesh, with mixtures that all nodes share."""
