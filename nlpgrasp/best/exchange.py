@@ -12,7 +12,8 @@ from nlpgrasp.common.validation import FloatArray
 
 SPREAD, LATEST, ADDED = 60, 80, 8  # directions: well-spread ones, the latest weak ones, of which a round adds some
 ROUNDS = 25
-COUNT = 8000  # places of a contact
+COUNT = 5000  # places of a contact
+LIKELY = 1000  # places, of those that seem best along the latest directions, that are tried along all
 MODEL = 1e-3  # relative: where the known directions and all directions agree on a placement's value
 
 
@@ -44,7 +45,11 @@ class Places:
         supports = self.pieces.supports
         flat = self.maps.transpose(1, 0, 2).reshape(self.maps.shape[1], -1)
         z = (twists @ flat).reshape(len(twists), *self.maps.shape[::2])
-        return np.asarray(supports.measure.support(supports.contact, z) ** supports.measure.power)
+        return np.asarray(supports.measure.support(supports.contact, z) ** supports.measure.power, dtype=np.float32)
+
+    def near(self, spot: Spot) -> Spot:
+        """Return the place that is nearest to a spot."""
+        return self.spot(int(np.argmin(np.linalg.norm(self.points - spot.point, axis=1))))
 
     def spot(self, place: int) -> Spot:
         """Return one of them as a spot."""
@@ -79,6 +84,11 @@ class Exchange:
         rough = all(surface.rough for p in pieces for surface in p.surfaces)
         return cls(pieces, climber, COUNT) if rough else None
 
+    def allowed(self, spots: Sequence[Spot]) -> list[Spot]:
+        """Return the spots, those that constraints do not permit replaced by the nearest of their places."""
+        pairs = zip(spots, self.of_slot, strict=True)
+        return [spot if spot.allowed or not len(places.points) else places.near(spot) for spot, places in pairs]
+
     def improved(self, spots: Sequence[Spot], twists: FloatArray) -> tuple[list[Spot], float]:
         """Return a grasp that no exchange of one contact betters, and what its mu seems to be.
 
@@ -111,19 +121,21 @@ class Exchange:
         """Return the spots after exchanges along the known directions, and the least support along these."""
         twists = np.concatenate([self.spread, self.latest])
         pairs = zip(self._spread_powers, self._latest_powers, strict=True)
-        tables = dict(zip(self.places, (np.concatenate(pair) for pair in pairs), strict=True))
+        tables = dict(zip(self.places, pairs, strict=True))
         result = list(spots)
         own = np.stack([_powers(spot, twists) for spot in spots])
         value, since, i = float(np.min(np.sum(own, axis=0))), 0, 0
         while since < len(result):
-            table = tables[self.of_slot[i]]
-            rest = np.sum(own, axis=0) - own[i]
-            least = np.min(table + rest[:, None], axis=0)
-            chosen = int(np.argmax(least))
+            spread, latest = tables[self.of_slot[i]]
+            rest = (np.sum(own, axis=0) - own[i]).astype(np.float32)[:, None]
+            least = np.min(latest + rest[len(spread) :], axis=0)
+            likely = np.argsort(-least)[:LIKELY]
+            least = np.minimum(least[likely], np.min(spread[:, likely] + rest[: len(spread)], axis=0))
+            chosen = int(likely[np.argmax(least)])
             since += 1
-            if least[chosen] > value * (1.0 + MODEL):
-                value, since = float(least[chosen]), 1
-                own[i] = table[:, chosen]
+            if np.max(least) > value * (1.0 + MODEL):
+                value, since = float(np.max(least)), 1
+                own[i] = np.concatenate([spread[:, chosen], latest[:, chosen]])
                 result[i] = self.of_slot[i].spot(chosen)
             i = (i + 1) % len(result)
         return result, value ** (1.0 / spots[0].pieces.supports.measure.power)

@@ -25,6 +25,7 @@ from nlpgrasp.quality import Bounds, mu
 ROUGH, FINE = 0.01, 0.15  # width of a grasp's certificate: at first, and at last relative to the gap asked for
 SHARE, UNSURE = 0.8, 0.5  # of the gap that the tree closes; the rest is the certificate's, at first a rough one's
 CLIMBS, MORE, SAME = 4, 60, 3  # at first; nodes that are worth one more; from designs in the same root cells
+EXCHANGES = 30  # nodes that are worth one more where contacts are exchanged
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
 BETTER = 1e-3
 
@@ -138,10 +139,12 @@ class Search:
         if not open_nodes:
             return
         for i in np.argsort(-self._values(open_nodes), kind="stable")[:LOOKED].tolist():
-            node, allowance = open_nodes[i], CLIMBS + self.tree.looked // MORE
+            node, allowance = open_nodes[i], CLIMBS + self.tree.looked // (MORE if self.exchange is None else EXCHANGES)
             spots, roots = self._spots(node), self._roots(node)
             if self._climbs[roots] >= SAME or self._climbs.total() >= allowance:
                 continue
+            if self.exchange is not None:
+                spots = self.exchange.allowed(spots)
             if not all(spot.allowed for spot in spots):
                 continue
             self._climbs[roots] += 1

@@ -69,15 +69,21 @@ def test_halved_triangles_are_the_surface_again():
         (random_hull, [ng.FrictionContact(0.6)] * 3, {}),
         (random_hull, [ng.SoftContact(0.5, 0.2)] * 2, {"force_budget": "per_finger"}),
         (bent_bar, [ng.FrictionContact(0.5)] * 4, {}),
-        (bent_bar, [ng.SoftContact(0.5, 0.2), ng.FrictionContact(0.8), ng.PointContact()], {}),
-        (bent_bar, [ng.FrictionContact(0.7)] * 3, {"constraints": [ng.Table(-0.1)], "force_budget": "shared"}),
+        pytest.param(
+            *(bent_bar, [ng.SoftContact(0.5, 0.2), ng.FrictionContact(0.8), ng.PointContact()], {}),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            *(bent_bar, [ng.FrictionContact(0.7)] * 3, {"constraints": [ng.Table(-0.1)], "force_budget": "shared"}),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
 def test_no_placement_is_above_the_bound_of_a_mesh(make, contacts, more, seed):
     rng = np.random.default_rng(seed)
     asked = problem(make(rng), contacts, **more)
-    search = searched(asked, 300)
+    search = searched(asked, 200)
     upper, data = search.certificate()
     assert upper <= search.tree.upper * (1 + 1e-5)
     assert upper == max(leaf[2] for leaf in data["leaves"])
@@ -88,7 +94,7 @@ def test_no_placement_is_above_the_bound_of_a_mesh(make, contacts, more, seed):
         assert leaf_bound(data, search.tree.pool.clusters, placement) >= value
 
 
-def best_of_many(asked, clusters, rng, count=3000, kept=6):
+def best_of_many(asked, clusters, rng, count=2000, kept=3):
     """Rows of the best of many random placements at corners, after rounds of exchanging one contact, and their mu."""
     points, normals = clusters.rows.points, clusters.rows.normals
     allowed = np.flatnonzero(points[:, 2] >= -0.1) if asked.constraints else np.arange(len(points))
@@ -100,9 +106,9 @@ def best_of_many(asked, clusters, rng, count=3000, kept=6):
     rows = rng.choice(allowed, (count, len(asked.models)))
     rows = rows[np.argsort(-screened(rows))[:kept]]
     for i in [*range(rows.shape[1])] * 2:
-        tried = np.repeat(rows, 200, axis=0)
+        tried = np.repeat(rows, 100, axis=0)
         tried[:, i] = rng.choice(allowed, len(tried))
-        every = np.concatenate([rows[:, None], tried.reshape(len(rows), 200, -1)], axis=1)
+        every = np.concatenate([rows[:, None], tried.reshape(len(rows), 100, -1)], axis=1)
         found = screened(every.reshape(-1, rows.shape[1])).reshape(len(rows), -1)
         rows = every[np.arange(len(rows)), np.argmax(found, axis=1)]
     grasps = [ng.Grasp(points[own], normals[own], asked.models, asked.origin) for own in rows]
@@ -126,9 +132,10 @@ def leaf_bound(data, clusters, placement):
     return min(found)
 
 
+@pytest.mark.slow
 def test_more_search_and_more_room_bring_the_bound_down(monkeypatch):
     asked = problem(random_hull(np.random.default_rng(4)), [ng.FrictionContact(0.5)] * 3)
-    short, long = searched(asked, 50), searched(asked, 3000)
+    short, long = searched(asked, 50), searched(asked, 1500)
     assert long.certificate()[0] < short.certificate()[0]
     monkeypatch.setattr(certificate, "MOST_LEAVES", 40)
     upper, data = long.certificate()
@@ -140,6 +147,6 @@ def test_more_search_and_more_room_bring_the_bound_down(monkeypatch):
 def test_an_icosphere_is_bounded_as_its_sphere_is():
     mesh = trimesh.creation.icosphere(4, 1.0)
     asked = ng.GraspProblem(ng.Mesh(mesh, resolution=8), [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0] * 6))
-    search = searched(asked, 1000)
+    search = searched(asked, 300)
     known = 0.4516  # of the sphere; normals of triangles are up to 3 degrees off, for better or worse
-    assert 0.9 * known < search.mu.lower < 1.1 * known < search.upper < 1.5 * known
+    assert 0.9 * known < search.mu.lower < 1.1 * known < search.upper < 1.6 * known

@@ -16,7 +16,8 @@ from tests.verify.edits import put
 
 FRICTION, SOFT = ng.FrictionContact(0.5), ng.SoftContact(0.5, 0.2)
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
-LIMITED = [ng.Table(0.2), ng.Forbid(ng.BoxRegion([0.2, -2, -2], [0.6, 2, 2]))]
+TABLE = 0.6
+LIMITED = [ng.Table(TABLE), ng.Forbid(ng.BoxRegion([0.2, -2, -2], [0.6, 2, 2]))]
 PROBLEMS = {
     "friction": ([FRICTION] * 3, {}),
     "soft": ([SOFT, SOFT, FRICTION], {"force_budget": "per_finger", "constraints": LIMITED}),
@@ -33,7 +34,7 @@ def folder(tmp_path_factory):
         body = ng.Mesh.load(place / "bar.ply", resolution=8)
         problem = ng.GraspProblem(body, contacts, TASK, **more)
         search = Search(scope_of(problem), 0.01)
-        search.run(lambda own=search: own.tree.nodes >= 1000)
+        search.run(lambda own=search: own.tree.nodes >= 400)
         upper, certificate = search.certificate()
         certificate["leaves"].sort(key=lambda leaf: -leaf[2])
         best = ng.BestPossible(
@@ -57,7 +58,7 @@ def test_a_mesh_bound_is_computed_again_as_it_is_claimed(name, folder):
     assert verification.passed, str(verification)
     assert verification.not_made == ()
     stated, found = Proof(data["problem"], data["certificate"], Sources((folder,))).bounds
-    assert len(found) > 20
+    assert len(found) > 10
     assert np.max(np.abs(stated - found)) <= 1e-12 * np.max(found)
 
 

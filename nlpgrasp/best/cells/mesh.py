@@ -95,5 +95,5 @@ class MeshFace(Surface):
 
     def places(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return the middles of pieces of triangles; of too many, some from all clusters."""
-        some = self.clusters.order[:: max(1, len(self.clusters.order) // count)]
+        some = self.clusters.order[:: -(-len(self.clusters.order) // count)]
         return self.clusters.pieces[some].mean(axis=1), self.clusters.normals[some]

@@ -6,16 +6,14 @@ import numpy as np
 
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.cells.mesh import MeshCell
-from nlpgrasp.best.pool.front import Front
+from nlpgrasp.best.pool.front import Front, grown
 from nlpgrasp.best.pool.pool import Pool
 from nlpgrasp.best.pool.tree import PoolTree
 from nlpgrasp.best.tree.table import MARGIN
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
-MOST_LEAVES = 20_000
-BATCH = 512  # nodes that are cut at a time
-AGAIN = np.float32(1e-6)  # relative: a node that is looser than the search ended with by less is a leaf
+MOST_LEAVES = 40_000
 
 
 def pool_certificate(tree: PoolTree) -> tuple[float, Json]:
@@ -27,7 +25,7 @@ def pool_certificate(tree: PoolTree) -> tuple[float, Json]:
     data : mapping
         As of docs/how_close.md; leaves name mixtures by number.
     """
-    front, complete = _grown(tree)
+    front, complete = grown(tree.pool, tree.excluded, tree.upper**tree.scope.measure.power, MOST_LEAVES)
     nodes, chosen = front.nodes, tree.pool.bounds(front.nodes)[1]
     used, mixture = np.unique(chosen, return_inverse=True)
     bounds = _bounds(tree.pool, nodes, used, mixture)
@@ -50,23 +48,6 @@ def pool_certificate(tree: PoolTree) -> tuple[float, Json]:
         "leaves": [list(leaf) for leaf in leaves],
     }
     return float(np.max(bounds, initial=0.0)), data
-
-
-def _grown(tree: PoolTree) -> tuple[Front, bool]:
-    """Return a tree of few leaves that proves what the search ended with, as far as there is room for."""
-    front = Front(tree.pool, tree.excluded)
-    goal = np.float32(tree.upper**tree.scope.measure.power) * (1 + AGAIN)
-    stuck: list[IntArray] = []
-    while True:
-        open_ = np.flatnonzero(front.bounds > goal)
-        left = MOST_LEAVES - len(front) - sum(map(len, stuck))
-        if not len(open_) or left <= 0:
-            break
-        loosest = open_[np.argsort(-front.bounds[open_], kind="stable")[: min(BATCH, left)]]
-        stuck.append(front.cut(loosest)[0])
-    complete = not len(open_)
-    front.nodes = np.concatenate([front.nodes, *stuck])
-    return front, complete
 
 
 def _bounds(pool: Pool, nodes: IntArray, used: IntArray, mixture: IntArray) -> FloatArray:

@@ -3,69 +3,82 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.best.bound.supports import TORSION, Supports
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import Work
 
-CHUNK = 150_000  # corners times directions at a time: what a processor's cache holds
+CHUNK = 80_000  # corners times directions at a time: what a processor's cache holds
+EVERY = slice(0, None)
+
+Numbers = FloatArray | NDArray[np.float32]
 
 
 class Corners:
     """Contacts at some rows, with what their work is made of as products of matrices.
 
-    With the arm a from the torque origin and the inward normal n the work along the normal is
-    ``n . f + (a x n) . tau``, and the squared velocity ``|f + tau x a|^2`` is linear in 1, a and the products of a's
-    components. The rest is across the normal.
+    With the arm a from the middle of all rows and the inward normal n, the twist's force part taken about that middle,
+    the work along the normal is ``n . f + (a x n) . tau``, and the squared velocity ``|f + tau x a|^2`` is linear in 1,
+    a and the products of a's components. The rest is across the normal.
 
     Parameters
     ----------
     supports : Supports
         Of which these rows are.
     rows : slice or (m,) array
+    single : bool
+        Whether single precision is enough.
     """
 
-    def __init__(self, supports: Supports, rows: slice | IntArray) -> None:
-        self.supports = supports
+    def __init__(self, supports: Supports, rows: slice | IntArray, single: bool = False) -> None:
+        self.supports, self._type = supports, np.dtype(np.float32 if single else np.float64)
         points, normals = supports.points[rows], supports.normals[rows]
-        arms = points - supports.origin
-        self._along = np.ascontiguousarray(np.concatenate([normals, np.cross(arms, normals)], axis=1).T)
-        self._arms, self._normals = np.ascontiguousarray(arms.T), np.ascontiguousarray(normals.T)
-        self._maps = np.ascontiguousarray(supports.maps[rows].transpose(1, 0, 2))
-        x, y, z = self._arms
-        self._products = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
+        middle = points.mean(axis=0)
+        self._arm, arms = middle - supports.origin, points - middle
+        x, y, z = arms.T
+        self._along = self._made(np.concatenate([normals, np.cross(arms, normals)], axis=1).T)
+        self._products = self._made(np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x]))
+        self._normals = self._made(normals.T)
+        self._maps = self._made(supports.maps_at(points - self._arm, normals).transpose(1, 0, 2))
         self.torsion = TORSION in supports.contact.axes(3)
 
     def __len__(self) -> int:
         """Return how many rows there are."""
         return int(self._along.shape[1])
 
-    def mixed(self, twists: FloatArray, weights: FloatArray) -> FloatArray:
-        """Return ``sum over j of w_j s^p`` at every row, (m,), for twists (j, 6) and weights (j,)."""
-        result = np.empty(len(self))
-        squares = _squares(twists)
+    def _made(self, values: FloatArray) -> Numbers:
+        return np.ascontiguousarray(values, dtype=self._type)
+
+    def mixed(self, twists: FloatArray, weights: FloatArray, part: slice = EVERY) -> FloatArray:
+        """Return ``sum over j of w_j s^p`` at rows, (m,), for twists (j, 6) and weights (j,)."""
+        first, last, _ = part.indices(len(self))
+        result = np.empty(last - first)
+        moved = np.concatenate([twists[:, :3] + np.cross(twists[:, 3:], self._arm), twists[:, 3:]], axis=1)
+        own, squares, shares = self._made(moved), self._made(_squares(moved)), self._made(weights)
         step = max(1, CHUNK // len(twists))
-        for begin in range(0, len(self), step):
-            part = slice(begin, begin + step)
-            result[part] = weights @ self._powers(twists, squares, part)
+        for begin in range(first, last, step):
+            end = min(last, begin + step)
+            result[begin - first : end - first] = shares @ self._powers(own, squares, slice(begin, end))
         return result
 
-    def _powers(self, twists: FloatArray, squares: FloatArray, part: slice) -> FloatArray:
+    def _powers(self, twists: Numbers, squares: Numbers, part: slice) -> Numbers:
         """Return ``s^p`` of some rows along twists, (j, m)."""
         contact, measure = self.supports.contact, self.supports.measure
-        along = twists @ self._along[:, part]
         if measure.lengths:  # the square is as exact as its parts, though what is across the normal may not be
+            along = twists @ self._along[:, part]
             across = squares @ self._products[:, part]
             across -= along**2
             across = np.sqrt(np.maximum(across, 0.0, out=across), out=across)
             square = contact.squared_support(self._work(along, across, twists, part), np)
             if square is not None:
                 return np.asarray(square if measure.power == 2.0 else square ** (0.5 * measure.power))
-        z = (twists @ self._maps[:, part].reshape(6, -1)).reshape(len(twists), -1, self._maps.shape[2])
-        return np.asarray(measure.support(contact, z) ** measure.power)
+        maps = self._maps[:, part]
+        z = (twists @ maps.reshape(6, -1)).reshape(len(twists), -1, maps.shape[2])
+        return np.asarray(measure.support(contact, np.asarray(z, dtype=float)) ** measure.power)
 
-    def _work(self, along: FloatArray, across: FloatArray, twists: FloatArray, part: slice) -> Work:
+    def _work(self, along: Numbers, across: Numbers, twists: Numbers, part: slice) -> Work:
         if not self.torsion:
             return Work(along, across, np.zeros(1))
         return Work(along, across, np.abs(twists[:, 3:] @ self._normals[:, part]))

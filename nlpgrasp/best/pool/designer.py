@@ -16,6 +16,8 @@ DIRECTIONS = 24  # of a node
 ROWS = 24  # of a cell that a linear program sees to begin with
 NEAR = 4  # mixtures whose directions a node begins with
 
+Mixed = tuple[float, IntArray, FloatArray]  # a bound, numbers of directions and their weights
+
 
 class Designer:
     """Makes mixtures by the linear program of ``best.bound.mixtures``, over the rows that known mixtures point to.
@@ -30,31 +32,35 @@ class Designer:
         self.pool = pool
 
     def look(self, nodes: IntArray, rounds: int) -> list[Node]:
-        """Make mixtures for nodes (b, k) in some rounds; return the nodes with bounds and designs."""
+        """Make mixtures for nodes (b, k) in some rounds; return the nodes with bounds and designs.
+
+        A round's mixture is looked at over the node's own cells alone, and the best of them goes to the pool.
+        """
         pool, twists = self.pool, self.pool.twists
         numbers = np.stack([self._directions(node) for node in nodes])
         rows = np.stack([self._rows(node) for node in nodes])
-        best = np.full(len(nodes), np.inf)
+        best: list[Mixed] = [(np.inf, numbers[0], np.zeros(0))] * len(nodes)
         weights, design = np.zeros(numbers.shape), np.zeros(rows.shape)
         for left in reversed(range(rounds)):
             rows = np.sort(rows, axis=2)
             weights, design = mixtures(self._powers(rows, numbers))
-            added = len(pool)
-            for own, shares in zip(numbers, weights, strict=True):
+            found = np.empty((*nodes.shape, 1), dtype=np.int64)
+            for i, (node, own, shares) in enumerate(zip(nodes, numbers, weights, strict=True)):
                 kept = shares > LEAST
-                pool.add(own[kept], rounded(shares[kept]))
-            new = np.arange(added, len(pool))
-            for i, node in enumerate(nodes):
-                best[i] = min(best[i], float(np.min(pool.each(node)[added:])))
+                mixture = own[kept], rounded(shares[kept])
+                found[i, :, 0], bound = pool.heaviest(node, *mixture)
+                if bound < best[i][0]:
+                    best[i] = (bound, *mixture)
             if left:
                 numbers = renewed(pool.scope, twists, numbers, weights, (rows, design))
-                found = np.stack([pool.rows(node, new) for node in nodes])
                 rows = np.concatenate([rows, found], axis=2)
+        for _, own, shares in best:
+            pool.add(own, shares)
         power = 1.0 / pool.scope.measure.power
         parts = zip(nodes, best, numbers, weights, rows, design, strict=True)
         return [
-            Node((-(float(bound) ** power), i), tuple(node.tolist()), own, shares, there, spread)
-            for i, (node, bound, own, shares, there, spread) in enumerate(parts)
+            Node((-(seen[0] ** power), i), tuple(node.tolist()), own, shares, there, spread)
+            for i, (node, seen, own, shares, there, spread) in enumerate(parts)
         ]
 
     def _powers(self, rows: IntArray, numbers: IntArray) -> FloatArray:

@@ -7,6 +7,9 @@ import numpy as np
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.pool.pool import Pool, Single
 
+BATCH = 512  # nodes that are cut at a time
+AGAIN = np.float32(1e-6)  # relative: a node whose bound exceeds a goal by less is not cut
+
 
 class Front:
     """Open nodes, and what it took to get there.
@@ -100,3 +103,28 @@ class Front:
         every, parent = np.concatenate(parts), np.concatenate(parents)
         allowed = ~np.any(self._excluded[every + self.pool.offsets], axis=1)
         return every[allowed], parent[allowed]
+
+
+def grown(pool: Pool, excluded: np.ndarray, goal: float, most: int) -> tuple[Front, bool]:
+    """Return a new tree that is cut until no node's bound exceeds a goal, or there are so many nodes.
+
+    With all mixtures there from the beginning it needs fewer nodes than the search that made them.
+
+    Returns
+    -------
+    front : Front
+        With the nodes that could not be cut.
+    reached : bool
+    """
+    front = Front(pool, excluded)
+    stuck = [(front.nodes[:0], front.bounds[:0])]
+    while True:
+        open_ = np.flatnonzero(front.bounds > np.float32(goal) * (1 + AGAIN))
+        left = most - len(front) - sum(len(nodes) for nodes, _ in stuck)
+        if not len(open_) or left <= 0:
+            break
+        loosest = open_[np.argsort(-front.bounds[open_], kind="stable")[: min(BATCH, left)]]
+        stuck.append(front.cut(loosest))
+    front.nodes = np.concatenate([front.nodes, *(nodes for nodes, _ in stuck)])
+    front.bounds = np.concatenate([front.bounds, *(bounds for _, bounds in stuck)])
+    return front, not len(open_)

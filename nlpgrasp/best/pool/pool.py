@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.best.bound.twists import Twists
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.cells.clusters import Clusters
-from nlpgrasp.best.pool.corners import Corners
+from nlpgrasp.best.pool.corners import EVERY, Corners
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.common.validation import FloatArray
 
 FIRST = 64  # mixtures that there is room for to begin with
 WORK = 2_000_000  # nodes times mixtures at a time
-ROUNDING = np.float32(1e-5)  # relative: more than what single precision takes from a sum over contacts
+ROUNDING = np.float32(3e-5)  # relative: more than what single precision takes from a sum over contacts
 
 Single = NDArray[np.float32]
 
@@ -37,7 +39,7 @@ class Pool:
 
     def __init__(self, scope: Scope, clusters: Clusters, twists: Twists) -> None:
         self.scope, self.clusters, self.twists = scope, clusters, twists
-        self.corners = [Corners(pieces.supports, slice(0, len(clusters.rows.points))) for pieces, _ in scope.groups]
+        self.corners = self._corners(single=True)
         group = [i for i, pieces in enumerate(scope.pieces) for _ in pieces.slots]
         self.offsets = clusters.count * np.array(group, dtype=np.int64)
         self.mixtures: list[tuple[IntArray, FloatArray]] = []
@@ -64,10 +66,30 @@ class Pool:
 
     def largest(self, numbers: IntArray, weights: FloatArray) -> FloatArray:
         """Return the largest g of a mixture over every cluster, for one group of contacts after another."""
-        return np.concatenate([self._over_clusters(self._mixed(c, numbers, weights)) for c in self.corners])
+        return np.concatenate([self._over_clusters(self._mixed(c, numbers, weights)) for c in self._exact])
 
-    def _mixed(self, corners: Corners, numbers: IntArray, weights: FloatArray) -> FloatArray:
-        return corners.mixed(self.twists[numbers], weights / np.sum(weights))
+    def heaviest(self, node: IntArray, numbers: IntArray, weights: FloatArray) -> tuple[IntArray, float]:
+        """Return the row of each cell of a node (k,) that has most of a mixture, (k,), and the bound that it gives."""
+        found: dict[tuple[int, int], tuple[int, float]] = {}
+        places = list(zip(node.tolist(), (self.offsets // self.clusters.count).tolist(), strict=True))
+        for cell, group in places:
+            if (cell, group) not in found:
+                part = self.clusters.rows_of(cell)
+                mixed = self._mixed(self.corners[group], numbers, weights, part)
+                best = int(np.argmax(mixed))
+                found[cell, group] = part.start + best, float(mixed[best])
+        return np.array([found[place][0] for place in places]), sum(found[place][1] for place in places)
+
+    @cached_property
+    def _exact(self) -> list[Corners]:
+        return self._corners(single=False)
+
+    def _corners(self, single: bool) -> list[Corners]:
+        every = slice(0, len(self.clusters.rows.points))
+        return [Corners(pieces.supports, every, single) for pieces, _ in self.scope.groups]
+
+    def _mixed(self, corners: Corners, numbers: IntArray, weights: FloatArray, part: slice = EVERY) -> FloatArray:
+        return corners.mixed(self.twists[numbers], weights / np.sum(weights), part)
 
     def _over_clusters(self, mixed: FloatArray) -> FloatArray:
         """Return the largest of a value at every row over every cluster."""

@@ -15,7 +15,7 @@ from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.tree.nodes import Node
 from nlpgrasp.common.validation import FloatArray
 
-ROOT_ROUNDS, ROUNDS = 30, 3  # of linear programs, for the whole surface and for a node
+ROOT_ROUNDS, ROUNDS = 30, 5  # of linear programs, for the whole surface and for a node
 TOP, CUT = 512, 0.5  # nodes that are looked at again at a time, and the share of these that is cut
 LOOKED = 4  # nodes that new mixtures are made for at a time
 APART = 2  # cells in which these differ at least
