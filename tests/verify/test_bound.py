@@ -61,7 +61,16 @@ PROBLEMS = {
         ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, ng.lift([0, 0, 0], 0.3) + ng.disturbance(1, 0.01)
     ),
 }
-CURVED = ("sphere", "cylinder", "cylinder, mixed", "torus", "ellipsoid", "ellipsoid, limited", "superquadric")
+CURVED = (
+    "sphere",
+    "cylinder",
+    "cylinder, mixed",
+    "cylinder, all different",
+    "torus",
+    "ellipsoid",
+    "ellipsoid, limited",
+    "superquadric",
+)
 _FILES = {}
 
 
