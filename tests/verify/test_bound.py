@@ -163,7 +163,7 @@ def leaf(i, value):
 SQUARE_EDITS = {
     "the bound is lower": (put(("upper",), share(0.999)), "upper"),
     "a leaf's bound is lower": (leaf(3, share(0.999)), "leaves"),
-    "a weight": (leaf(2, share(1.01)), "leaves"),
+    "a weight": (leaf(2, lambda weight: weight + 0.1), "leaves"),
     "a weight below zero": (leaf(2, share(-1.0)), "leaves"),
     "a direction": (put(("certificate", "directions", 0, 0), share(1.01)), "directions"),
     "a vertex of a cell": (

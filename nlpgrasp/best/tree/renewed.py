@@ -48,7 +48,8 @@ def renewed(
     added = twists.add(fresh.reshape(-1, fresh.shape[2])).reshape(fresh.shape[:2])
     twists.remember(fresh[:, 0])
     result = numbers.copy()
-    np.put_along_axis(result, np.argsort(weights, axis=1)[:, :few], added, axis=1)
+    least = np.where(_repeated(twists[numbers], -weights), -1.0, weights)  # copies share the weight of one of them
+    np.put_along_axis(result, np.argsort(least, axis=1)[:, :few], added, axis=1)
     return result
 
 
