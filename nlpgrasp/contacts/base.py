@@ -103,6 +103,10 @@ class ContactModel(ABC):
     def project(self, z: FloatArray) -> FloatArray:
         """Return the Euclidean projection of force components ``z`` (..., n_i) onto K_i."""
 
+    def into(self, z: FloatArray) -> FloatArray:
+        """Return forces of K_i next to the projection of ``z`` (..., n_i), which iterations find to billionths."""
+        return self.project(z)
+
     @abstractmethod
     def derivative_entries(self, z: FloatArray) -> FloatArray:
         """Return the upper triangle of ``derivative``, entries first and row by row, (n_i (n_i + 1) / 2, ...)."""
@@ -191,12 +195,7 @@ class ContactModel(ABC):
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``||P_K(z)||^2`` in closed form (symbolic), or ``None`` when there is none.
 
-        Parameters
-        ----------
-        work : Work
-            z, as far as it matters.
-        ops : module
-            ``numpy`` or ``casadi``.
+        ``work`` is z, as far as it matters; ``ops`` is ``numpy`` or ``casadi``.
         """
         return None
 

@@ -47,3 +47,9 @@ def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> Floa
         return contacts[0].project(z.reshape(shape)).reshape(z.shape)
     parts = [c.project(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
     return np.concatenate(parts, axis=1)
+
+
+def into(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+    """Return finger forces of K next to the projection of finger forces (m, n)."""
+    parts = [c.into(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
+    return np.concatenate(parts, axis=1)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.contacts.product import into
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
@@ -168,7 +169,7 @@ def _into_the_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> Floa
     """
     inside = np.full_like(x, np.nan)
     solved = np.all(np.isfinite(x), axis=1)
-    inside[solved] = wrench_set.project(x[solved])
+    inside[solved] = into(x[solved], wrench_set.contacts, wrench_set.space)
     left = w - inside @ wrench_set.G.T
     size = np.linalg.norm(left, axis=1)
     off = np.flatnonzero(size > TOLERANCE)  # false for NaN
