@@ -46,6 +46,11 @@ class Largest:
         """What no contact of the cell exceeds."""
         return max([self.below, *(float(np.max(bounds)) for _, _, bounds in self._parts)])
 
+    @property
+    def count(self) -> int:
+        """How many parts there are."""
+        return sum(len(bounds) for _, _, bounds in self._parts)
+
     def narrow(self, enough: float) -> None:
         """Look at smaller parts in place of those that might exceed the largest met by more than a relative share."""
         for i, (sheet, parts, bounds) in enumerate(self._parts):

@@ -19,7 +19,7 @@ from nlpgrasp.verify.bound.supports import Budget, Contact
 from nlpgrasp.verify.bound.tree import Group
 
 MARGIN = 1e-9  # relative: what rounding may take from a bound, added to every one
-ROUNDS = 8  # of smaller parts of curved cells
+ROUNDS, MOST_PARTS = 8, 200_000  # of smaller parts of curved cells, and those of a leaf at most
 
 
 class Leaves:
@@ -69,9 +69,10 @@ class Leaves:
         whole = float(w @ reach**p)
         asked = (float(stated) / (1.0 + MARGIN)) ** p * whole
         for _ in range(ROUNDS):
-            if add(parts[slot].above for slot in slots) <= asked:
-                break
             met = add(parts[slot].below for slot in slots)
+            done = met > asked or add(parts[slot].above for slot in slots) <= asked  # disproved, or shown
+            if done or sum(part.count for part in parts.values()) > MOST_PARTS:
+                break
             for part in parts.values():
                 part.narrow(asked / met - 1.0 if met > 0.0 else 0.0)
         total = add(parts[slot].above for slot in slots)
