@@ -37,8 +37,8 @@ class Branches:
 
     Where a search of all placements covers the problem, a short one at each step says whether any is better than the
     branch at hand, and meets those that are; the first programs of a cold solve's starts are solved at the first step
-    alone. Elsewhere those of some starts are solved at every step before the first is taken: branches that begin at
-    different tasks differ more than those of many starts at one.
+    alone, where the search leaves a gap. Elsewhere those of some starts are solved at every step before the first is
+    taken: branches that begin at different tasks differ more than those of many starts at one.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Branches:
         self._outlooks: Iterator[Outlook | None] = chain([first], ahead)
         self._complete = first is not None and first.complete
         each = int(np.ceil(SHARE * starts))
-        for step, bench in enumerate(benches[:1] if self._complete else benches):
+        for step, bench in enumerate([] if self._complete else benches):
             end = step in (0, len(benches) - 1)
             self._begin(bench, range(starts) if end else [(step * each + n) % starts for n in range(each)])
 
@@ -113,6 +113,8 @@ class Branches:
             look(bench, current, rng)
             slide(bench, current, rng, self._steps)
         if not self._search(bench, 0.0 if current is None else current.value, rng):
+            if self._complete and self._steps == 1:
+                self._begin(bench, range(self._starts))
             self._look(bench, current, rng)
         for _ in range(OTHERS if self._steps > 1 else max(OTHERS, self._starts)):
             following = self._next(bench, current)
