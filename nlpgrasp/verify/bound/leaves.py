@@ -19,7 +19,8 @@ from nlpgrasp.verify.bound.supports import Budget, Contact
 from nlpgrasp.verify.bound.tree import Group
 
 MARGIN = 1e-9  # relative: what rounding may take from a bound, added to every one
-ROUNDS, MOST_PARTS = 8, 200_000  # of smaller parts of curved cells, and those of a leaf at most
+MATTERS = 0.5  # of the largest bound of a leaf
+ROUNDS, MOST_PARTS = 8, 20_000  # of smaller parts of curved cells, and those of a leaf at most
 
 
 class Leaves:
@@ -48,12 +49,15 @@ class Leaves:
         self._models = models
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Return the bounds that are stated and those computed again, (n,) each.
+        """Return the bounds that are claimed of leaves and those computed again, (n,) each.
 
-        Over curved cells these are as close as it takes to see that they are not above the stated ones.
+        A leaf far below the largest is claimed to be below a share of that only: it does not matter more closely. Over
+        curved cells bounds are computed as closely as it takes to see that they are not above the claimed ones.
         """
-        stated = [float(leaf[3]) for leaf in self.leaves]
-        return np.array(stated), np.array([self._bound(*leaf[:4]) for leaf in self.leaves])
+        stated = np.array([float(leaf[3]) for leaf in self.leaves])
+        claimed = np.maximum(stated, MATTERS * np.max(stated, initial=0.0))
+        every = zip(self.leaves, claimed.tolist(), strict=True)
+        return claimed, np.array([self._bound(cells, numbers, w, own) for (cells, numbers, w, *_), own in every])
 
     def _bound(self, cells: Sequence[int], numbers: Sequence[int], weights: Sequence[float], stated: float) -> float:
         w, chosen = array("weights", weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
@@ -67,7 +71,7 @@ class Leaves:
         }
         add = max if self.budget.shared and len(w) == 1 else sum
         whole = float(w @ reach**p)
-        asked = (float(stated) / (1.0 + MARGIN)) ** p * whole
+        asked = (stated / (1.0 + MARGIN)) ** p * whole
         for _ in range(ROUNDS):
             met = add(parts[slot].below for slot in slots)
             done = met > asked or add(parts[slot].above for slot in slots) <= asked  # disproved, or shown
