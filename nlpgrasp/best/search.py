@@ -180,10 +180,9 @@ class Search:
             row = int(node.rows[slot][np.argmax(node.design[slot])])
             point, normal = pieces.supports.points[row], pieces.supports.normals[row]
             spot = Spot(pieces, self.tree.surface(slot, node.cells[slot], point, normal), point, normal)
-            on = (
-                spot if spot.surface.rough else spot.moved(np.zeros(point.size - 1))
-            )  # a disc's row may be beyond its rim
-            spots.append(on)
+            if not spot.surface.rough:
+                spot = spot.moved(np.zeros(point.size - 1))  # a disc's row may be beyond its rim
+            spots.append(spot)
         return spots
 
     def offer(self, spots: Sequence[Spot], value: float) -> None:

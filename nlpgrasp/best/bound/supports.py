@@ -71,7 +71,7 @@ class Supports:
         self._numbers: list[IntArray] = []
         self.curved: list[tuple[Between, ...]] = []
         self._balls: list[tuple[FloatArray, float]] = []
-        self.widest = 0.0  # radius of the largest cell
+        self.widest, self.bent = 0.0, False  # radius of the largest cell; whether any has curved parts
 
     def add(self, cell: Cell) -> None:
         """Add the rows of a cell, which gets the next number."""
@@ -80,6 +80,7 @@ class Supports:
         self.widest = max(self.widest, self._balls[-1][1])
         self._numbers.append(self._used + np.arange(len(rows.points)))
         self.curved.append(tuple(Between.of(curved) for curved in rows.curved))
+        self.bent = self.bent or bool(rows.curved)
         self._append(rows)
 
     def _append(self, rows: Rows) -> None:
@@ -160,11 +161,6 @@ class Supports:
         work = np.stack([along, across, np.zeros_like(along), about], axis=3)[..., : self.maps.shape[2]]
         turning = np.sqrt(np.sum(twists[..., 3:] ** 2, axis=2))
         return self.measure.powers(self.contact, work), np.sqrt(square), turning
-
-    @property
-    def bent(self) -> bool:
-        """Whether any cell has curved parts."""
-        return any(self.curved)
 
     def powers(self, rows: IntArray, twists: FloatArray) -> FloatArray:
         """Return what contacts do along twists, to the measure's power.

@@ -44,9 +44,8 @@ class Leaves:
         self.twists = array("directions", data["directions"], (None, task.dimension))
         self.reach = task.support(self.twists)[0]
         self.origin = array("origin", data["origin"], (2 if task.dimension == 3 else 3,))
-        models = [Contact.of(contacts[group.contacts[0]], budget) for group in groups]
-        self._slots = [(i, group) for i, group in enumerate(groups) for _ in group.contacts]
-        self._models = models
+        self._models = [Contact.of(contacts[group.contacts[0]], budget) for group in groups]
+        self._groups, self._slots = groups, [i for i, group in enumerate(groups) for _ in group.contacts]
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return the bounds that are claimed of leaves and those computed again, (n,) each.
@@ -59,19 +58,15 @@ class Leaves:
         every = zip(self.leaves, claimed.tolist(), strict=True)
         return claimed, np.array([self._bound(cells, numbers, w, own) for (cells, numbers, w, *_), own in every])
 
-    def _bound(self, cells: Sequence[int], numbers: Sequence[int], weights: Sequence[float], stated: float) -> float:
-        w, chosen = array("weights", weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
-        if not (np.all(w > 0.0) and len(w) and np.all(chosen >= 0)):
-            raise ValueError(f"weights {weights} of directions {numbers}")
-        reach, twists, p = self.reach[chosen], self.twists[chosen], self.budget.power
-        slots = [(i, cell) for (i, _), cell in zip(self._slots, cells, strict=True)]
-        groups = dict(self._slots)
+    def _bound(self, cells: Sequence[int], numbers: Sequence[int], weights: Sequence[float], claimed: float) -> float:
+        w, twists, whole = self._mixture(numbers, weights)
+        slots = list(zip(self._slots, cells, strict=True))
         parts = {
-            (i, cell): Largest(self._models[i], groups[i].cells[cell], twists, w, self.origin) for i, cell in set(slots)
+            (i, cell): Largest(self._models[i], self._groups[i].cells[cell], twists, w, self.origin)
+            for i, cell in set(slots)
         }
         add = max if self.budget.shared and len(w) == 1 else sum
-        whole = float(w @ reach**p)
-        asked = (stated / (1.0 + MARGIN)) ** p * whole
+        asked = (claimed / (1.0 + MARGIN)) ** self.budget.power * whole
         for _ in range(ROUNDS):
             met = add(parts[slot].below for slot in slots)
             done = met > asked or add(parts[slot].above for slot in slots) <= asked  # disproved, or shown
@@ -80,4 +75,11 @@ class Leaves:
             for part in parts.values():
                 part.narrow(asked / met - 1.0 if met > 0.0 else 0.0)
         total = add(parts[slot].above for slot in slots)
-        return float((total / whole) ** (1.0 / p)) * (1.0 + MARGIN)
+        return float((total / whole) ** (1.0 / self.budget.power)) * (1.0 + MARGIN)
+
+    def _mixture(self, numbers: Sequence[int], weights: Sequence[float]) -> tuple[FloatArray, FloatArray, float]:
+        """Return weights (j,) and directions (j, d) that are stated, and ``sum w phi_A(y)^p`` of them."""
+        w, chosen = array("weights", weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
+        if not (np.all(w > 0.0) and len(w) and np.all(chosen >= 0)):
+            raise ValueError(f"weights {weights} of directions {numbers}")
+        return w, self.twists[chosen], float(w @ self.reach[chosen] ** self.budget.power)

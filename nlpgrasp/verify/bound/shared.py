@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.bound.cells.mesh import MeshCell
-from nlpgrasp.verify.bound.leaves import MARGIN
-from nlpgrasp.verify.bound.supports import Budget, Contact
+from nlpgrasp.verify.bound.leaves import MARGIN, Leaves
+from nlpgrasp.verify.bound.supports import Budget
 from nlpgrasp.verify.bound.tree import Group
 
 PART = 4000  # corners at a time
 
 
-class SharedLeaves:
+class SharedLeaves(Leaves):
     """What the bounds of a mesh's leaves are computed from.
 
     Parameters
@@ -35,39 +35,30 @@ class SharedLeaves:
     def __init__(
         self, data: Json, groups: Sequence[Group], contacts: Sequence[Json], task: Task, budget: Budget
     ) -> None:
-        self.data, self.groups, self.budget = data, groups, budget
-        self.twists = array("directions", data["directions"], (None, task.dimension))
-        self.reach = task.support(self.twists)[0]
-        self.origin = array("origin", data["origin"], (3,))
-        self.models = [Contact.of(contacts[group.contacts[0]], budget) for group in groups]
-        self._slots = [i for i, group in enumerate(groups) for _ in group.contacts]
+        super().__init__(data, groups, contacts, task, budget)
+        self._mixtures = data["mixtures"]
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return the bounds that are stated and those computed again, (n,) each."""
-        leaves = self.data["leaves"]
         by_mixture: dict[int, list[int]] = {}
-        for i, (_, mixture, _) in enumerate(leaves):
+        for i, (_, mixture, _) in enumerate(self.leaves):
             by_mixture.setdefault(int(mixture), []).append(i)
-        found = np.empty(len(leaves))
+        found = np.empty(len(self.leaves))
         for mixture, own in by_mixture.items():
-            found[own] = self._under(mixture, [leaves[i][0] for i in own])
-        return np.array([float(leaf[2]) for leaf in leaves]), found
+            found[own] = self._under(mixture, [self.leaves[i][0] for i in own])
+        return np.array([float(leaf[2]) for leaf in self.leaves]), found
 
     def _under(self, mixture: int, nodes: Sequence[Sequence[int]]) -> FloatArray:
         """Return the bounds that a mixture gives for some nodes."""
-        if not 0 <= mixture < len(self.data["mixtures"]):
-            raise ValueError(f"mixture {mixture} of {len(self.data['mixtures'])}")
-        numbers, weights = self.data["mixtures"][mixture]
-        w, chosen = array("weights", weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
-        if not (np.all(w > 0.0) and len(w) and np.all(chosen >= 0)):
-            raise ValueError(f"weights {weights} of directions {numbers}")
+        if not 0 <= mixture < len(self._mixtures):
+            raise ValueError(f"mixture {mixture} of {len(self._mixtures)}")
+        w, twists, reach = self._mixture(*self._mixtures[mixture])
         largest: list[dict[int, float]] = []
-        for i, group in enumerate(self.groups):
+        for i, group in enumerate(self._groups):
             cells = {cell for node in nodes for slot, cell in zip(self._slots, node, strict=True) if slot == i}
-            largest.append(self._largest(i, {c: _mesh_cell(group, c) for c in cells}, self.twists[chosen], w))
+            largest.append(self._largest(i, {c: _mesh_cell(group, c) for c in cells}, twists, w))
         totals = [sum(largest[i][cell] for i, cell in zip(self._slots, node, strict=True)) for node in nodes]
-        p = self.budget.power
-        return np.asarray((np.array(totals) / float(w @ self.reach[chosen] ** p)) ** (1.0 / p) * (1.0 + MARGIN))
+        return np.asarray((np.array(totals) / reach) ** (1.0 / self.budget.power) * (1.0 + MARGIN))
 
     def _largest(
         self, group: int, cells: dict[int, MeshCell], twists: FloatArray, weights: FloatArray
@@ -89,7 +80,7 @@ class SharedLeaves:
     ) -> float:
         """Return the largest mixed power of a contact at the corners of some pieces."""
         part = MeshCell(whole.data, whole.corners, whole.normals, *pieces).rows()
-        powers, _ = self.models[group].powers(part.points, part.normals, twists, self.origin)
+        powers, _ = self._models[group].powers(part.points, part.normals, twists, self.origin)
         return float(np.max(powers @ weights))
 
 
