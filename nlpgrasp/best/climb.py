@@ -61,13 +61,17 @@ class Climber:
     ----------
     task : Task
     twists : (m, d) array
-        Well-spread directions with unit work of the task.
+        Well-spread directions with unit work of the task, to begin with.
     size : float
         Of the body, metres.
     """
 
     def __init__(self, task: Task, twists: FloatArray, size: float) -> None:
         self.task, self.twists, self.size = task, twists, size
+
+    def learn(self, twists: FloatArray) -> None:
+        """Begin descents from these directions (m, d) as well, where they are weak."""
+        self.twists = np.concatenate([self.twists, twists])
 
     def climb(self, spots: Sequence[Spot], twists: FloatArray, known: float = 0.0) -> tuple[list[Spot], float]:
         """Return a grasp uphill of this one, and what its mu seems to be.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.best.bound.weakest import Design, descended
+from nlpgrasp.best.bound.weakest import Design, descended, normalised
 from nlpgrasp.best.climb import Climber, Spot
 from nlpgrasp.best.exchange import Exchange
 from nlpgrasp.best.pool.certificate import pool_certificate
@@ -28,6 +28,7 @@ CLIMBS, MORE, SAME = 4, 60, 3  # at first; nodes that are worth one more; from d
 EXCHANGES = 30  # nodes that are worth one more where contacts are exchanged
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
 BETTER = 1e-3
+AGAIN = 3  # climbs from one design, while certificates disprove what they end with
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,9 @@ class Search:
             if self.exchange is not None:
                 spots, value = self.exchange.improved(spots, self.twists[node.twists])
                 self.offer(spots, value)
-            self.offer(*self.climber.climb(spots, self.twists[node.twists], self.value))
+            for _ in range(AGAIN):
+                if self.offer(*self.climber.climb(spots, self.twists[node.twists], self.value)):
+                    break
 
     def _values(self, nodes: Sequence[Node]) -> FloatArray:
         """Return what mu seems to be with each contact at its heaviest row, (b,)."""
@@ -185,17 +188,28 @@ class Search:
             spots.append(spot)
         return spots
 
-    def offer(self, spots: Sequence[Spot], value: float) -> None:
-        """Remember a grasp, and certify it where it seems better than the best so far."""
+    def offer(self, spots: Sequence[Spot], value: float) -> bool:
+        """Remember a grasp, and certify it where it seems better than the best so far.
+
+        Returns whether it is as good as it seemed. Where it is not, climbs know from now on the direction in which the
+        certificate found it weaker than descents had.
+        """
         placed = [spots[i] for i in np.argsort(self.scope.slots)]
         points, normals = np.stack([s.point for s in placed]), np.stack([s.normal for s in placed])
         faces = tuple(s.surface.name for s in placed)
+        disproved = False
         if value > self.value * (1.0 + BETTER):
             grasp = Grasp(points, normals, self.scope.problem.models, self.scope.origin)
             found = self._certified(grasp, ROUGH)
+            disproved = found.upper < value * (1.0 - ROUGH)
+            if disproved and found.worst_direction is not None:
+                learnt = normalised(self.scope.task, found.worst_direction[None])
+                self.climber.learn(learnt)
+                self.twists.remember(learnt)
             value = min(value, found.upper)
             if found.lower > self.mu.lower:
                 self.grasp, self.mu, self.faces = grasp, found, faces
                 self.value = max(value, self._elsewhere)
         if value > 0.0:
             self.met.append(Met(value, points, normals, faces))
+        return not disproved

@@ -32,9 +32,9 @@ def test_the_bound_claimed_is_the_largest_of_the_leaves():
 
 
 def test_a_search_with_more_leaves_than_are_kept_claims_what_follows_from_those(monkeypatch):
-    fine = bound(gap=0.002)
+    fine = bound(gap=0.0005)
     monkeypatch.setattr(proof, "MOST_LEAVES", 3)
-    coarse = bound(gap=0.002)
+    coarse = bound(gap=0.0005)
     assert not coarse.certificate["complete"]
     assert len(coarse.certificate["leaves"]) < len(fine.certificate["leaves"])
     assert coarse.upper == max(leaf[3] for leaf in coarse.certificate["leaves"]) > fine.upper

@@ -11,7 +11,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task
 
 RANDOM, RECENT = 200, 60  # directions at random beside the lattice, and latest ones
-TRIED = 120  # along which a design is tried
+TRIED = 300  # along which a design is tried
 FLAT = 1e-9
 
 

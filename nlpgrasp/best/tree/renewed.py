@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.best.bound.twists import Twists
-from nlpgrasp.best.bound.weakest import Design, descended
+from nlpgrasp.best.bound.weakest import Design, descended, normalised
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.common.validation import FloatArray
@@ -37,18 +37,23 @@ def renewed(
         b, c, m = rows.shape
         designs.append(Design.over(pieces.supports, rows.reshape(b, c * m), shares.reshape(b, c * m), 3 * c))
     few = numbers.shape[1] // FRESH
-    own = np.take_along_axis(numbers, np.argsort(-weights, axis=1)[:, :STARTS], axis=1)
+    copied = _repeated(twists[numbers], -weights)
+    heavy = np.argsort(np.where(copied, 0.0, -weights), axis=1)[:, :STARTS]
+    own = twists[np.take_along_axis(numbers, heavy, axis=1)]
+    between = normalised(scope.task, own + np.roll(own, 1, axis=1))  # what descents that stay at corners miss
+    stuck = np.any(copied & (weights > 0.0), axis=1)[:, None, None]
+    between = np.where(stuck & np.any(between != 0.0, axis=2, keepdims=True), between, own)
     tried = twists.tried()
     every = np.broadcast_to(tried, (len(weights), *tried.shape))
     value = sum(d.value(every) for d in designs)
     weakest = tried[np.argsort(value, axis=1)[:, :few]]
-    found, ratios = descended(designs, scope.task, np.concatenate([twists[own], weakest], axis=1))
+    found, ratios = descended(designs, scope.task, np.concatenate([own, between, weakest], axis=1))
     order = np.argsort(np.where(_repeated(found, ratios), np.inf, ratios), axis=1)[:, :few]
     fresh = np.take_along_axis(found, order[..., None], axis=1)
     added = twists.add(fresh.reshape(-1, fresh.shape[2])).reshape(fresh.shape[:2])
     twists.remember(fresh[:, 0])
     result = numbers.copy()
-    least = np.where(_repeated(twists[numbers], -weights), -1.0, weights)  # copies share the weight of one of them
+    least = np.where(copied, -1.0, weights)  # copies share the weight of one of them
     np.put_along_axis(result, np.argsort(least, axis=1)[:, :few], added, axis=1)
     return result
 
