@@ -14,7 +14,9 @@ from nlpgrasp.best import BestPossible, best_possible
 from nlpgrasp.cli.options import AsJson, Script, writable
 from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.cli.script import load_problem
+from nlpgrasp.common.extras.pyplot import pyplot
 from nlpgrasp.quality import Bounds
+from nlpgrasp.report.bound import Moment, write_bound_picture
 
 EVERY = 1.0  # seconds between two lines of progress
 
@@ -26,33 +28,53 @@ def bound_command(
     out: Annotated[
         Path | None, typer.Option("--out", help="Bound and certificate, for nlpgrasp verify; not kept by default.")
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", metavar="F.png", help="How the gap closed, and where a contact is worth most."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Bound mu over all placements of a problem script. Ctrl-C keeps the bound so far."""
     place = None if out is None else writable(out, script)  # before the script runs: it may change the folder
+    shown = None if picture is None else writable(picture, script)
+    if shown is not None:
+        pyplot("a picture")  # before the work
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
-    found = best_possible(problem, gap, time_limit, _Progress() if sys.stderr.isatty() else None)
+    progress = _Progress(sys.stderr.isatty())
+    found = best_possible(problem, gap, time_limit, progress)
     if place is not None:
         found.save(place)
+    if shown is not None:
+        write_bound_picture(problem, found, progress.moments, shown)
     if as_json:
         emit(_data(found, out))
     else:
         _show(problem.name, found, out)
+        if picture is not None:
+            typer.echo(f"  picture written to {picture}")
     if found.grasp is None:
         raise typer.Exit(1)
 
 
 class _Progress:
-    """Lines on standard error, one a second: the bound, the best grasp, how much was searched."""
+    """Remembers bound and best grasp at every moment, and writes them to standard error, a line a second.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    told : bool
+        Whether to write.
+    """
+
+    def __init__(self, told: bool) -> None:
+        self._told, self.moments = told, list[Moment]()
         self._begun = self._last = time.monotonic()
 
     def __call__(self, upper: float, mu: Bounds, nodes: int) -> None:
-        """Write a line where the last one is old."""
+        """Remember, and write a line where the last one is old."""
         now = time.monotonic()
-        if now - self._last >= EVERY:
+        self.moments.append((now - self._begun, upper, mu.lower))
+        if self._told and now - self._last >= EVERY:
             self._last = now
             met = f"best met {mu.lower:.4g}" if mu.lower > 0.0 else "no grasp met"
             sys.stderr.write(f"{now - self._begun:6.1f} s  mu at most {upper:.4g}, {met}, {nodes} nodes\n")

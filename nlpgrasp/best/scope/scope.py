@@ -17,7 +17,7 @@ from nlpgrasp.best.cells.faces import surfaces
 from nlpgrasp.best.scope.pieces import Bundled, Pieces, Roots
 from nlpgrasp.best.scope.places import Places, places
 from nlpgrasp.best.scope.symmetry import Symmetry, symmetries
-from nlpgrasp.best.scope.turning import pinned
+from nlpgrasp.best.scope.turning import Turned, pinned
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
@@ -85,16 +85,11 @@ def scope_of(problem: GraspProblem) -> Scope:
     InputError
         On a body, a contact model or a force budget that the bound does not cover.
     """
-    measure = Measure.of(problem.budget)
-    faces = surfaces(problem.body)
-    if faces is None:
-        raise InputError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
-    for i, contact in enumerate(problem.models):
-        if contact.kind not in KINDS:
-            raise InputError(f"contacts[{i}]", contact.kind, "point, friction or soft contacts for a global bound")
+    measure, faces = _covered(problem)
     own, dropped = places(problem)
+    turned = pinned(problem, faces, own)
     for bundled in Bundled:
-        made = _made(problem, faces, own, measure, bundled)
+        made = _made(problem, faces, own, measure, bundled, turned)
         same = symmetries(problem.body, problem.task, problem.origin, made)
         choices = prod(comb(len(pieces.roots) + len(pieces.slots) - 1, len(pieces.slots)) for pieces in made)
         if choices <= MOST_ROOTS * (1 + len(same)):
@@ -102,11 +97,40 @@ def scope_of(problem: GraspProblem) -> Scope:
     return Scope(problem, problem.task, measure, tuple(made), tuple(same), dropped)
 
 
+def whole_of(problem: GraspProblem) -> Scope:
+    """Return what the bound covers of a problem, all places of a contact as one cell, without its symmetries.
+
+    Raises
+    ------
+    InputError
+        As ``scope_of``.
+    """
+    measure, faces = _covered(problem)
+    own, dropped = places(problem)
+    made = _made(problem, faces, own, measure, Bundled.ALL, [])
+    return Scope(problem, problem.task, measure, tuple(made), (), dropped)
+
+
+def _covered(problem: GraspProblem) -> tuple[Measure, Sequence[Surface]]:
+    """Return how supports add up, and the faces of the body; refuse what the bound does not cover."""
+    measure, faces = Measure.of(problem.budget), surfaces(problem.body)
+    if faces is None:
+        raise InputError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
+    for i, contact in enumerate(problem.models):
+        if contact.kind not in KINDS:
+            raise InputError(f"contacts[{i}]", contact.kind, "point, friction or soft contacts for a global bound")
+    return measure, faces
+
+
 def _made(
-    problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places], measure: Measure, bundled: Bundled
+    problem: GraspProblem,
+    faces: Sequence[Surface],
+    own: Sequence[Places],
+    measure: Measure,
+    bundled: Bundled,
+    turned: Sequence[Turned],
 ) -> list[Pieces]:
     """Return the pieces of contacts that are alike; each that can be turned to a line has its own."""
-    turned = pinned(problem, faces, own)
     made: list[Pieces] = []
     for slots in _alike(problem, own):
         given = [([slot], Roots(turned[slot][1], turned[slot][0])) for slot in slots if slot < len(turned)]

@@ -1,0 +1,83 @@
+"""Where a contact is worth most: the most that it can add to mu, over the surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.best.pool.tree import PoolTree
+from nlpgrasp.best.scope.scope import Scope, whole_of
+from nlpgrasp.best.trees import tree_of
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.problem.problem import GraspProblem
+
+
+@dataclass(frozen=True)
+class ContactWorth:
+    """What a contact adds, at most, to mu of any grasp, by where it is.
+
+    For directions y with unit work of the task and weights w of sum one, ``mu^p <= sum_i g_i(p_i)`` holds for contacts
+    at any places p, with ``g_i(p) = sum_j w_j s_i(p, y_j)^p`` and the support s_i of contact i alone
+    (docs/how_close.md). The weights are those of the least such bound over all placements.
+
+    Parameters
+    ----------
+    scope : Scope
+        Every contact's places as one cell.
+    twists : (j, d) array
+        Directions y, about the problem's torque origin.
+    weights : (j,) array
+    """
+
+    scope: Scope
+    twists: FloatArray
+    weights: FloatArray
+
+    @classmethod
+    def of(cls, problem: GraspProblem) -> ContactWorth:
+        """Return it for a problem, in about a second.
+
+        Raises
+        ------
+        InputError
+            On a problem that the bound does not cover.
+        """
+        scope = whole_of(problem)
+        tree = tree_of(scope)
+        node = tree.begin(0.0)[0]
+        numbers, weights = node.twists, node.weights
+        if isinstance(tree, PoolTree):
+            whole = np.array([node.cells])
+            numbers, weights = tree.pool.mixtures[int(tree.pool.bounds(whole)[1][0])]
+        return cls(scope, tree.twists[numbers], weights / np.sum(weights))
+
+    def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return g at points of the surface with inward normals, (m, 3) each: the most of any contact, (m,).
+
+        NaN where no contact may be.
+        """
+        worth = np.full(len(points), np.nan)
+        near = nearest_faces(self.scope.problem.body, points, normals)
+        for pieces, _ in self.scope.groups:
+            supports, slot = pieces.supports, pieces.slots[0]
+            mine = np.isin(near, self.scope.problem.allowed_faces(slot)) & pieces.allowed.each(points, normals)
+            z = self.twists @ supports.maps_at(points[mine], normals[mine])
+            found = supports.measure.powers(supports.contact, z) @ self.weights
+            worth[mine] = np.fmax(worth[mine], found)
+        return worth
+
+
+def nearest_faces(body: Body, points: FloatArray, normals: FloatArray) -> NDArray[np.str_]:
+    """Return the name of the face that each point (m, 3) with an inward normal is on, or nearest to."""
+    if len(body.face_names) == 1:
+        return np.full(len(points), body.face_names[0])
+    apart = []
+    for name in body.face_names:
+        h, slope, outward, extent = body.evaluate(name, points)
+        beside = np.maximum(extent, 0.0) + body.size * (1.0 + np.sum(outward * normals, axis=1))
+        apart.append(np.abs(h) / slope + beside)
+    nearest: NDArray[np.str_] = np.take(np.array(body.face_names), np.argmin(apart, axis=0))
+    return nearest
