@@ -21,6 +21,7 @@ FIRST, LONGEST, LEAST = 0.1, 0.3, 2e-4  # steps, relative to the body's size
 CUTS, KEPT = 40, 10  # directions in a step's program; of the latest
 DIFFERENCE = 1e-6
 GAIN = 1e-6
+SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
 HOPE = 2.0  # share of mu, over the rounds so far, that a climb may lack
 
 
@@ -161,5 +162,7 @@ def _maximised(A: FloatArray, b: FloatArray) -> FloatArray | None:
     solver = clarabel.DefaultSolver(
         sparse.csc_matrix((n, n)), objective, sparse.csc_matrix(A), b, cones, quiet_settings(1e-9)
     )
-    x = np.array(solver.solve().x)
-    return x if np.all(np.isfinite(x)) else None
+    found = solver.solve()
+    if found.status not in SOLVED:  # of an infeasible program x is a direction, as long as it may be
+        return None
+    return np.array(found.x)

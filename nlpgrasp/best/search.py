@@ -74,6 +74,7 @@ class Search:
         self.value = 0.0  # what the best grasp's mu seems to be, within its certificate
         self.met: list[Met] = []
         self._begun = False
+        self._fresh: list[Node] = []  # nodes that no climb began from yet
         self._elsewhere = 0.0
         self._climbs: Counter[tuple[int, ...]] = Counter()
 
@@ -109,17 +110,24 @@ class Search:
 
     def run(self, stopped: Callable[[], bool], watch: Callable[[Search], None] | None = None) -> None:
         """Search until the gap is closed, memory is full, or ``stopped`` says so; the bound holds at any time."""
-        nodes = self.tree.grow(self.target) if self._begun else self.tree.begin(self.target)
-        self._begun = True
+        if self._begun and not self._fresh:
+            self._fresh = self.tree.grow(self.target)
+        self.begin()
         while True:
-            self._look(nodes)
+            self._look(self._fresh)
             if watch is not None:
                 watch(self)
             if self.tree.top <= self.value * (1.0 + SHARE * self.gap):
                 self.refine()
             if self.searched or stopped():
+                self._fresh = []
                 return
-            nodes = self.tree.grow(self.target)
+            self._fresh = self.tree.grow(self.target)
+
+    def begin(self) -> None:
+        """Bound all placements once, without a grasp; does nothing where that was done."""
+        if not self._begun:
+            self._fresh, self._begun = self.tree.begin(self.target), True
 
     def certificate(self) -> tuple[float, Json]:
         """Return the bound that follows from what is recorded of the search, and the record (docs/how_close.md)."""

@@ -8,6 +8,7 @@ from itertools import chain
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
@@ -193,8 +194,12 @@ class Branches:
 
 
 def _unseen(bench: Workbench) -> Outlook | None:
-    """Return a search of all placements for the task of a step; None where its grasps are none to slide."""
-    return unseen(bench.problem, bench.options) if bench.follows_contacts else None
+    """Return a search of all placements for the task of a step; None where its grasps are none to slide.
+
+    Nor where a step is no time for one: on a mesh.
+    """
+    slides = bench.follows_contacts and not isinstance(bench.problem.body, Mesh)
+    return unseen(bench.problem, bench.options) if slides else None
 
 
 def _there(bench: Workbench, placed: Placed, states: Sequence[Branch], near: float = SAME) -> Branch | None:

@@ -162,7 +162,7 @@ def test_hand_on_a_mesh_touches_the_mesh_itself(name, quality, shared_meshes):
     body = ng.Mesh.load(shared_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")
     hand = four_finger_hand()
     solution = solved(body, hand, starts=2)
-    assert solution.mu.upper == pytest.approx(quality, rel=SAME)
+    assert solution.mu.upper >= (1.0 - SAME) * quality
     gaps, _ = tip_gaps(solution, FOUR, FOUR_TIPS)
     assert np.max(np.abs(gaps)) < 1e-5
     assert np.max(body.closest(solution.grasp.points)[2]) < 1e-6

@@ -1,9 +1,11 @@
 """A look over all placements before the starts: bounds, starts, and gaps that are closed."""
 
+import json
 import math
 
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.best.search import Met
@@ -53,6 +55,26 @@ def test_images_of_better_grasps_come_last():
         expected = [best, other, changed, turned][:count]
         assert len(placed) == len(expected)
         assert all(np.array_equal(one, points) for one, points in zip(placed, expected, strict=True))
+
+
+def test_a_mesh_is_bounded_by_a_glance(tmp_path):
+    """Without grasps to begin from; the certificate holds no cell but the whole mesh, and is small."""
+    trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
+    body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=8)
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+    problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 3, task)
+    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(**QUICK))
+    exact = ng.best_possible(ng.GraspProblem(ng.Box([0.08, 0.05, 0.04]), problem.models, task), gap=0.05)
+    assert solution.mu.lower <= exact.upper <= solution.best_possible <= 2.5 * exact.mu.lower
+    assert solution.starts[0].message != "from the search of all placements"
+    assert len(json.dumps(dict(solution.bound.certificate))) < 5000
+    path = solution.save(tmp_path / "box.json")
+    checks = {check.name: check for check in ng.verify(path).checks}
+    assert all(check.passed and check.made for name, check in checks.items() if name.startswith("bound, "))
+    data = json.loads(path.read_text())
+    data["quality"]["best_possible"]["certificate"]["leaves"][0][2] *= 0.99
+    path.write_text(json.dumps(data))
+    assert not {check.name: check for check in ng.verify(path).checks}["bound, leaves"].passed
 
 
 def test_no_look_where_none_is_wanted_or_possible():

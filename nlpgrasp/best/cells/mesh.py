@@ -62,6 +62,10 @@ class MeshCell(Cell):
         order = self.clusters.members(self.node).tolist()
         return {"kind": self.kind, "halved": list(self.clusters.halved), "order": order}
 
+    def uncut(self) -> Json:
+        """Return the data of the whole mesh where no cell is cut: its triangles as they are."""
+        return {"kind": self.kind, "halved": [], "order": None}
+
 
 class MeshFace(Surface):
     """The surface of a mesh: its triangles, with their own normals.

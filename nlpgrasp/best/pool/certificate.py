@@ -72,6 +72,7 @@ def _groups(tree: PoolTree, front: Front) -> list[Json]:
         own = np.unique(cells[(slots >= where.start) & (slots < where.stop)]).tolist()
         parts = [[None if out[2 * cell + i] else 2 * cell + i for i in (0, 1)] for cell in own]
         cuts = [[cell, MeshCell(clusters, cell).cut(), *both] for cell, both in zip(own, parts, strict=True)]
-        roots = [[1, MeshCell(clusters, 1).to_dict()]]
+        whole = MeshCell(clusters, 1)
+        roots = [[1, whole.to_dict() if own else whole.uncut()]]
         result.append({"contacts": list(pieces.slots), "turned": None, "roots": roots, "cuts": cuts})
     return result

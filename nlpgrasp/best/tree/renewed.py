@@ -61,7 +61,7 @@ def renewed(
 def _repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
     """Return which directions (b, m, d) are nearly those of others with smaller ratios (b, m)."""
     unit = twists / np.maximum(np.max(np.abs(twists), axis=1, keepdims=True), 1e-300)
-    unit /= np.linalg.norm(unit, axis=2, keepdims=True)
+    unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), 1e-300)
     near = unit @ unit.transpose(0, 2, 1) > ALIKE
     first = np.argsort(np.argsort(ratios, axis=1), axis=1)
     return np.asarray(np.any(near & (first[:, None] < first[:, :, None]), axis=2))

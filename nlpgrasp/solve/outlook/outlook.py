@@ -58,6 +58,10 @@ class Outlook:
         last = tree.nodes + nodes
         self._search.run(lambda: tree.nodes >= last or stop.requested())
 
+    def glance(self) -> None:
+        """Bound all placements once, and look for no grasps."""
+        self._search.begin()
+
     def expect(self, mu: float) -> None:
         """Compare bounds with a grasp found elsewhere, of this certified quality, where it is better."""
         self._search.expect(mu)
@@ -125,7 +129,8 @@ _remembered: OrderedDict[str, Outlook] = OrderedDict()
 def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook | None:
     """Return a short look over all placements of a problem, None where the bound does not cover it or is not wanted.
 
-    It depends on the problem alone. The latest few are remembered, as an experiment solves a problem with many seeds;
+    Of a mesh, on which a search takes minutes, that is the bound alone, unless a gap is asked for. It depends on the
+    problem alone. The latest few are remembered, as an experiment solves a problem with many seeds;
     where a gap is asked for the look is a new one, for the search goes on from it.
     """
     if not _wanted(problem, options):
@@ -137,7 +142,10 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook
     found = unseen(problem, options)
     if found is None:
         return None
-    found.look(OF_FLAT if isinstance(problem.body, Box | Prism) else NODES, _share_of(stop))
+    if isinstance(problem.body, Mesh) and options.gap is None:
+        found.glance()
+    else:
+        found.look(OF_FLAT if isinstance(problem.body, Box | Prism) else NODES, _share_of(stop))
     if options.gap is None and stop.deadline is None and not stop.requested():
         _remembered[key] = found
         while len(_remembered) > KEPT:
@@ -164,8 +172,8 @@ def unseen(problem: GraspProblem, options: SolveOptions) -> Outlook | None:
 
 
 def _wanted(problem: GraspProblem, options: SolveOptions) -> bool:
-    """Return whether to look at all: a mesh is bounded too, but in minutes."""
-    return options.global_bound and not isinstance(problem.body, Mesh | Superquadric)
+    """Return whether to look at all: a superquadric is bounded too, but loosely and in ten seconds."""
+    return options.global_bound and not isinstance(problem.body, Superquadric)
 
 
 def _key(problem: GraspProblem) -> str:

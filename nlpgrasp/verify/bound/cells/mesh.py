@@ -22,7 +22,7 @@ class MeshCell:
     Parameters
     ----------
     data : mapping
-        ``halved`` and ``order`` of the whole mesh (docs/how_close.md).
+        ``halved`` and ``order`` of the whole mesh, None for all pieces as they come (docs/how_close.md).
     corners : (n, 3, 3) array
         Of the pieces in order, metres.
     normals : (n, 3) array
@@ -41,10 +41,11 @@ class MeshCell:
     def whole(cls, data: Json, mesh: TriangleSurface) -> MeshCell:
         """Return all pieces that the data name; raise ``ValueError`` where there are no such pieces."""
         corners, triangle = halved(mesh.corners, data["halved"])
-        order = np.array(data["order"], dtype=np.int64)
+        stated = data["order"]
+        order = np.arange(len(corners)) if stated is None else np.array(stated, dtype=np.int64)
         if len(order) and not (order.min() >= 0 and order.max() < len(corners)):
             raise ValueError(f"pieces up to {order.max()}, of {len(corners)}")
-        return cls(data, corners[order], -mesh.normals[triangle[order]], 0, len(order))
+        return cls({**data, "order": order.tolist()}, corners[order], -mesh.normals[triangle[order]], 0, len(order))
 
     def left_out(self, mesh: TriangleSurface) -> int:
         """Return how many pieces of the mesh the cell has not got."""
