@@ -24,8 +24,7 @@ from nlpgrasp.quality import Bounds, mu
 
 ROUGH, FINE = 0.01, 0.15  # width of a grasp's certificate: at first, and at last relative to the gap asked for
 SHARE, UNSURE = 0.8, 0.5  # of the gap that the tree closes; the rest is the certificate's, at first a rough one's
-CLIMBS, MORE, SAME = 4, 60, 3  # at first; nodes that are worth one more; from designs in the same root cells
-EXCHANGES = 30  # nodes that are worth one more where contacts are exchanged
+CLIMBS, MORE, SAME = 4, 0.8, 3  # at first; more, by the root of the nodes; from designs in the same root cells
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
 BETTER = 1e-3
 AGAIN = 3  # climbs from one design, while certificates disprove what they end with
@@ -76,6 +75,7 @@ class Search:
         self._begun = False
         self._fresh: list[Node] = []  # nodes that no climb began from yet
         self._elsewhere = 0.0
+        self._rng = np.random.default_rng(0)
         self._climbs: Counter[tuple[int, ...]] = Counter()
 
     def expect(self, mu: float) -> None:
@@ -148,10 +148,11 @@ class Search:
         if not open_nodes:
             return
         for i in np.argsort(-self._values(open_nodes), kind="stable")[:LOOKED].tolist():
-            node, allowance = open_nodes[i], CLIMBS + self.tree.looked // (MORE if self.exchange is None else EXCHANGES)
-            spots, roots = self._spots(node), self._roots(node)
+            node, allowance = open_nodes[i], CLIMBS + MORE * np.sqrt(self.tree.looked)
+            roots = self._roots(node)
             if self._climbs[roots] >= SAME or self._climbs.total() >= allowance:
                 continue
+            spots = self._spots(node, drawn=self._climbs[roots] > 0)
             if self.exchange is not None:
                 spots = self.exchange.allowed(spots)
             if not all(spot.allowed for spot in spots):
@@ -184,11 +185,13 @@ class Search:
             return node.cells
         return tuple(p.whole(cell) for cell, (p, _) in zip(node.cells, self.scope.group_of, strict=True))
 
-    def _spots(self, node: Node) -> list[Spot]:
-        """Return each contact at its heaviest row."""
+    def _spots(self, node: Node, drawn: bool) -> list[Spot]:
+        """Return each contact at its heaviest row, or at one drawn with the design as probabilities."""
         spots = []
         for slot, (pieces, _) in enumerate(self.scope.group_of):
-            row = int(node.rows[slot][np.argmax(node.design[slot])])
+            share = np.maximum(node.design[slot], 0.0)
+            chosen = self._rng.choice(len(share), p=share / np.sum(share)) if drawn else np.argmax(share)
+            row = int(node.rows[slot][chosen])
             point, normal = pieces.supports.points[row], pieces.supports.normals[row]
             spot = Spot(pieces, self.tree.surface(slot, node.cells[slot], point, normal), point, normal)
             if not spot.surface.rough:

@@ -12,7 +12,7 @@ from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.common.validation import FloatArray
 
 FRESH = 4  # directions that are replaced: one of so many
-STARTS = 3  # of the node's own directions that descents begin from, beside the weakest of those tried
+STARTS = 3  # of the node's own directions that descents begin from, or between, beside the weakest of those tried
 ALIKE = 0.999  # cosine of directions that are the same
 
 
@@ -42,12 +42,12 @@ def renewed(
     own = twists[np.take_along_axis(numbers, heavy, axis=1)]
     between = normalised(scope.task, own + np.roll(own, 1, axis=1))  # what descents that stay at corners miss
     stuck = np.any(copied & (weights > 0.0), axis=1)[:, None, None]
-    between = np.where(stuck & np.any(between != 0.0, axis=2, keepdims=True), between, own)
+    begin = np.where(stuck & np.any(between != 0.0, axis=2, keepdims=True), between, own)
     tried = twists.tried()
     every = np.broadcast_to(tried, (len(weights), *tried.shape))
     value = sum(d.value(every) for d in designs)
     weakest = tried[np.argsort(value, axis=1)[:, :few]]
-    found, ratios = descended(designs, scope.task, np.concatenate([own, between, weakest], axis=1))
+    found, ratios = descended(designs, scope.task, np.concatenate([begin, weakest], axis=1))
     order = np.argsort(np.where(_repeated(found, ratios), np.inf, ratios), axis=1)[:, :few]
     fresh = np.take_along_axis(found, order[..., None], axis=1)
     added = twists.add(fresh.reshape(-1, fresh.shape[2])).reshape(fresh.shape[:2])
