@@ -1,6 +1,7 @@
 """Directions have unit work of the task; mixtures of them are as good as those of a linear program."""
 
 import numpy as np
+import pytest
 from scipy.optimize import linprog
 
 import nlpgrasp as ng
@@ -13,8 +14,26 @@ def test_a_direction_without_work_is_never_among_them():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     twists = Twists(task, 0.1)
     numbers = twists.add(np.stack([np.zeros(6), np.array([2.0, 0, 0, 0, 0, 0]) / 2.0]))
-    assert np.allclose(task.support(twists[numbers])[0], 1.0, rtol=1e-12)
-    assert np.array_equal(twists[numbers[1]], [1.0, 0, 0, 0, 0, 0])
+    work = task.support(twists[numbers])[0]
+    assert np.all((work >= 1.0) & (work <= 1.0 + 1e-9))
+    assert np.allclose(twists[numbers[1]], [1.0, 0, 0, 0, 0, 0], rtol=1e-9, atol=0.0)
+
+
+@pytest.mark.parametrize("center", [[0.0] * 6, [0.9, 0.3, 0.0, 0.02, 0.0, 0.0]])
+def test_directions_have_few_digits_and_no_less_than_unit_work(center):
+    """Their file is a third smaller, and a bound that takes the work for 1 is no lower than it should be."""
+    task = ng.TaskEllipsoid([1.0, 0.7, 0.5, 0.03, 0.02, 0.01], center=center)
+    twists = Twists(task, 0.05)
+    y = np.random.default_rng(0).standard_normal((500, 6)) * [1, 1, 1, 40, 40, 40]
+    y = y[task.support(y)[0] > 0.1]
+    y /= task.support(y)[0][:, None]
+    found = twists[twists.add(y)]
+    work = task.support(found)[0]
+    short = np.array([max(len(repr(abs(x)).rstrip("0")) for x in row) <= 14 for row in found.tolist()])
+    assert np.mean(short) > 0.75
+    assert np.all(work[short] >= 1.0)
+    assert np.all(np.abs(work - 1.0) <= 1e-9)
+    assert np.max(np.abs(found - y) / np.max(np.abs(y), axis=1, keepdims=True)) <= 1e-9
 
 
 def test_mixtures_are_those_of_a_linear_program():

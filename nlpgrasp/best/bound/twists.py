@@ -13,6 +13,7 @@ from nlpgrasp.tasks import Task
 RANDOM, RECENT = 200, 60  # directions at random beside the lattice, and latest ones
 TRIED = 300  # along which a design is tried
 FLAT = 1e-9
+DIGITS, ABOVE, UNIT = 11, 5e-10, 1e-9  # of directions; how far a unit of work is exceeded, about and at most
 
 
 class Twists:
@@ -44,12 +45,12 @@ class Twists:
         self._recent = self.lattice[:0]
 
     def add(self, twists: FloatArray) -> IntArray:
-        """Add directions (m, d) and return their numbers, (m,).
+        """Add directions (m, d), with few digits, and return their numbers, (m,).
 
         In place of a zero row, along which the task does no work and every bound would be zero, stands one of the
         lattice.
         """
-        twists = np.where(np.any(twists != 0.0, axis=1, keepdims=True), twists, self.lattice[:1])
+        twists = _short(self.task, np.where(np.any(twists != 0.0, axis=1, keepdims=True), twists, self.lattice[:1]))
         numbers = np.arange(self._count, self._count + len(twists))
         while self._count + len(twists) > len(self._all):
             self._all = np.concatenate([self._all, np.zeros_like(self._all)])
@@ -74,3 +75,15 @@ class Twists:
         """Keep some of the directions (m, d) that were found weak."""
         some = twists[self._rng.permutation(len(twists))[: RECENT // 4]]
         self._recent = np.concatenate([some, self._recent])[:RECENT]
+
+
+def _short(task: Task, twists: FloatArray) -> FloatArray:
+    """Return directions (m, d) with few digits along which the task does hardly more than unit work, and no less.
+
+    Bounds that take the work for 1 are then no lower than they should be. One that would have to be off by more stays.
+    """
+    largest = np.max(np.abs(twists), axis=1, keepdims=True)
+    scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(largest)))
+    short = np.round(twists * (1.0 + ABOVE) * scale) / scale
+    work = task.support(short)[0]
+    return np.where(((work >= 1.0) & (work <= 1.0 + UNIT))[:, None], short, twists)
