@@ -8,15 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nlpgrasp.best.tree.certificate import is_small
 from nlpgrasp.common.files import read_text, write_text
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.global_bound import SCHEMA, is_small
 
-SCHEMA = "nlpgrasp-bound/1"
 LARGEST = 512 * 2**20  # bytes of a file
 
 

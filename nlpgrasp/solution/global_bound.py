@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
+from nlpgrasp.common.files import write_text
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.solution.schema.types import GlobalBoundData
+
+SCHEMA = "nlpgrasp-bound/1"
+SMALL = 200_000  # bytes of a certificate that other files may hold
+
+
+def is_small(certificate: Json) -> bool:
+    """Return whether another file may hold a certificate itself."""
+    return len(json.dumps(certificate, separators=(",", ":"))) <= SMALL
 
 
 @dataclass(frozen=True)
@@ -23,7 +36,8 @@ class GlobalBound:
     dropped : tuple of str
         Parts of the problem that it leaves out: they only lower mu.
     certificate : dict
-        What it takes to compute the bound again, or where that is; empty where it was not kept.
+        What it takes to compute the bound again, or where that is: the name and digest of a bound file; empty where it
+        was not kept.
     stated_gap : float or None
         What a file says that the gap is, inf for null; None of a bound that comes from a search.
     """
@@ -47,7 +61,41 @@ class GlobalBound:
             "nodes": self.nodes,
             "dropped": list(self.dropped),
         }
-        return {**data, "certificate": self.certificate} if self.certificate else data
+        return {**data, "certificate": self.certificate} if self.certificate and is_small(self.certificate) else data
+
+    def saved_beside(self, problem: Mapping[str, object], path: Path) -> GlobalBound:
+        """Write a certificate that is too large for a solution file to a bound file; return what the solution states.
+
+        Parameters
+        ----------
+        problem : mapping
+            As JSON data.
+        path : Path
+            Of the solution file; ``F.json`` has its bound in ``F.bound.json``.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be written.
+        """
+        if not self.certificate or is_small(self.certificate):
+            return self
+        data = {
+            "schema": SCHEMA,
+            "upper": self.upper,
+            "gap": None,
+            "closed": False,
+            "nodes": self.nodes,
+            "seconds": 0.0,
+            "dropped": list(self.dropped),
+            "problem": dict(problem),
+            "grasp": None,
+            "certificate": self.certificate,
+        }
+        text = json.dumps(data, allow_nan=False, separators=(",", ":")) + "\n"
+        beside = write_text(path.with_suffix(".bound.json"), text)
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        return replace(self, certificate={"file": beside.name, "sha256": digest})
 
     @classmethod
     def from_dict(cls, data: GlobalBoundData, name: str) -> GlobalBound:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from nlpgrasp.common.shown.drawing import Drawing
@@ -207,8 +207,19 @@ class GraspSolution(Measured):
         return solution
 
     def save(self, path: str | Path) -> Path:
-        """Write the solution as JSON (schema 1), atomically; return the path."""
-        return write(self.to_dict(), path)
+        """Write the solution as JSON (schema 1), atomically; return the path.
+
+        A certificate of the bound over all placements that is larger than 200 kB goes to a bound file beside it,
+        ``F.bound.json`` for ``F.json``, which the solution names with its digest.
+
+        Raises
+        ------
+        InputError
+            When the folder does not exist or cannot be written.
+        """
+        if self.bound is None:
+            return write(self.to_dict(), path)
+        return write(replace(self, bound=self.bound.saved_beside(self.problem, Path(path))).to_dict(), path)
 
     @classmethod
     def load(cls, path: str | Path) -> GraspSolution:

@@ -57,6 +57,28 @@ def test_images_of_better_grasps_come_last():
         assert all(np.array_equal(one, points) for one, points in zip(placed, expected, strict=True))
 
 
+def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkeypatch):
+    solution = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
+    assert list(solution.save(tmp_path / "small.json").parent.iterdir()) == [tmp_path / "small.json"]
+    monkeypatch.setattr("nlpgrasp.solution.global_bound.SMALL", 150)
+    assert "certificate" not in solution.to_dict()["quality"]["best_possible"]
+    path, beside = solution.save(tmp_path / "square.json"), tmp_path / "square.bound.json"
+    stated = json.loads(path.read_text())["quality"]["best_possible"]
+    assert stated["certificate"]["file"] == "square.bound.json"
+    assert stated["upper"] == solution.best_possible
+    found = ng.verify(path)
+    assert found.passed, str(found)
+    assert {check.name for check in found.checks if check.made} >= {"bound, leaves", "bound, upper"}
+    assert ng.verify(beside).passed, str(ng.verify(beside))
+    again = ng.GraspSolution.load(path)
+    assert again.save(tmp_path / "again.json").read_text() == path.read_text()
+    beside.write_text(beside.read_text().replace('"nodes":', '"nodes": '))
+    assert not ng.verify(path).passed
+    beside.unlink()
+    left = {check.name: check for check in ng.verify(path).checks}
+    assert not left["bound"].made
+
+
 def test_a_mesh_is_bounded_by_a_glance(tmp_path):
     """Without grasps to begin from; the certificate holds no cell but the whole mesh, and is small."""
     trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 
 from nlpgrasp.best.cells.base import IntArray
@@ -17,7 +15,6 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
 TURN_DIGITS = 9  # to which motions are the same
-SMALL = 200_000  # bytes of a certificate that other files may hold
 
 
 def certificate(tree: Tree) -> tuple[float, Json]:
@@ -57,11 +54,6 @@ def certificate(tree: Tree) -> tuple[float, Json]:
         "leaves": leaves,
     }
     return float(np.max(bounds, initial=0.0)), data
-
-
-def is_small(data: Json) -> bool:
-    """Return whether a certificate is so small that other files may hold it."""
-    return len(json.dumps(data, separators=(",", ":"))) <= SMALL
 
 
 def _bounds(tree: Tree, cells: list[Cells], numbers: IntArray, weights: FloatArray) -> FloatArray:

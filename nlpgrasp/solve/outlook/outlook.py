@@ -11,7 +11,6 @@ import numpy as np
 
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Met, Search
-from nlpgrasp.best.tree.certificate import is_small
 from nlpgrasp.bodies import Box, Mesh, Prism, Superquadric
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
@@ -103,13 +102,13 @@ class Outlook:
         return [self._placements.setdefault(i, Placed(met[i].faces, met[i].points)) for i in chosen]
 
     def bound(self) -> GlobalBound:
-        """Return what holds of all placements so far, with its certificate where that is small."""
+        """Return what holds of all placements so far, with its certificate."""
         nodes = self._search.tree.nodes
         if self._certified is None or self._certified[0] != nodes:
             self._certified = nodes, *self._search.certificate()
         _, upper, proof = self._certified
-        kept = proof if is_small(proof) else {}
-        return GlobalBound(max(upper, self.upper), nodes, self._search.scope.dropped, kept)
+        certificate = {"asked": self._search.gap, **proof}
+        return GlobalBound(max(upper, self.upper), nodes, self._search.scope.dropped, certificate)
 
 
 def _alike(one: Met, other: Met, apart: float) -> bool:
