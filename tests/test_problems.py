@@ -16,7 +16,7 @@ VALUES = {
     "rectangle": (2, 0.3799),
     "hexagon": (4, 0.7722),
     "cube": (2, 0.4643),
-    "peg_in_hole": (2, 0.08124),
+    "peg_in_hole": (2, 0.1283),
     "pencil": (2, 0.3668),
     "ellipsoid": (2, 0.7319),
     "screwdriver": (2, 0.03563),

@@ -16,13 +16,13 @@ from nlpgrasp.common.conic import quiet_settings
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task
 
-ROUNDS = 25
+ROUNDS = 15
 FIRST, LONGEST, LEAST = 0.1, 0.3, 2e-4  # steps, relative to the body's size
 CUTS, KEPT = 40, 10  # directions in a step's program; of the latest
 DIFFERENCE = 1e-6
 GAIN = 1e-6
 SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
-HOPE = 2.0  # share of mu, over the rounds so far, that a climb may lack
+HOPE = 1.0  # share of mu, over the rounds so far, that a climb may lack
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from itertools import chain
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies import Box, Mesh, Prism
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
@@ -25,11 +25,11 @@ from nlpgrasp.studies.sliding import GAIN, Branch, at_most, look, slide
 SAME, NEAR = 0.02, 0.15  # of the body's size: contacts this close, in any order, are the same grasp, and neighbours
 SHARE = 1 / 3  # of a cold solve's starts are begun at each step without a search, all of them at both ends of the path
 FOLLOWED = 40  # branches at most: the best at hand
-HOPEFUL, HOPEFUL_NEW = 0.85, 0.7  # of the best's quality: from there on another is slid, and one that never settled
+HOPEFUL, HOPEFUL_NEW = 0.85, 0.8  # of the best's quality: from there on another is slid, and one that never settled
 OTHERS = 3  # slides of other branches a step
 RISING = 5  # slides of a start that begins with next to nothing
-NODES = 400  # of a step's search
-FIRST = 2  # times as many at the first step, where nothing is known
+NODES, OF_FLAT = 400, 800  # of a step's search; on boxes and prisms nodes take less time
+FIRST = 800  # at the first step, where nothing is known, at least
 MET = 6  # grasps of a step's search that become branches, at most
 
 
@@ -133,7 +133,8 @@ class Branches:
         if seen is None:
             return False
         seen.expect(known)
-        seen.look(NODES * (FIRST if self._steps == 1 else 1), Stop())
+        nodes = OF_FLAT if isinstance(bench.problem.body, Box | Prism) else NODES
+        seen.look(max(nodes, FIRST) if self._steps == 1 else nodes, Stop())
         self.bound = seen.bound()
         done = seen.searched and self._complete
         for placed in seen.placements(MET, known * (1.0 + GAIN if done else HOPEFUL)):
