@@ -143,7 +143,7 @@ class Search:
         return mu(grasp, self.scope.task, rtol, force_budget=self.scope.problem.budget)
 
     def _look(self, nodes: Sequence[Node]) -> None:
-        """Climb from the heaviest rows of those new nodes where they seem to be the best grasps."""
+        """Climb from the heaviest rows, then from others, of those new nodes where these seem to be the best grasps."""
         open_nodes = [node for node in nodes if node.rows.size]
         if not open_nodes:
             return
@@ -214,9 +214,7 @@ class Search:
             found = self._certified(grasp, ROUGH)
             disproved = found.upper < value * (1.0 - ROUGH)
             if disproved and found.worst_direction is not None:
-                learnt = normalised(self.scope.task, found.worst_direction[None])
-                self.climber.learn(learnt)
-                self.twists.remember(learnt)
+                self._learn(found.worst_direction)
             value = min(value, found.upper)
             if found.lower > self.mu.lower:
                 self.grasp, self.mu, self.faces = grasp, found, faces
@@ -224,3 +222,10 @@ class Search:
         if value > 0.0:
             self.met.append(Met(value, points, normals, faces))
         return not disproved
+
+    def _learn(self, direction: FloatArray) -> None:
+        """Try a direction from now on, unless the task does no work along it."""
+        learnt = normalised(self.scope.task, direction[None])
+        if np.any(learnt):
+            self.climber.learn(learnt)
+            self.twists.remember(learnt)

@@ -13,7 +13,7 @@ from nlpgrasp.tasks import Task
 RANDOM, RECENT = 200, 60  # directions at random beside the lattice, and latest ones
 TRIED = 300  # along which a design is tried
 FLAT = 1e-9
-DIGITS, ABOVE, UNIT = 11, 5e-10, 1e-9  # of directions; how far a unit of work is exceeded, about and at most
+DIGITS, ABOVE, UNIT = 11, 5e-10, 9e-10  # of directions; how far a unit of work is exceeded, about and at most
 
 
 class Twists:
