@@ -39,7 +39,7 @@ def few_pieces(place, name):
     if name not in _DATA:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(clusters, "ENOUGH", FEW)
-            _DATA[name] = bound_data(place, name, 100)
+            _DATA[name] = bound_data(place, name, 1000)
     return json.loads(_DATA[name])
 
 
