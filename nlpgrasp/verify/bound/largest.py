@@ -51,10 +51,16 @@ class Largest:
         """How many parts there are."""
         return sum(len(bounds) for _, _, bounds in self._parts)
 
-    def narrow(self, enough: float) -> None:
-        """Look at smaller parts in place of those that might exceed the largest met by more than a relative share."""
+    def narrow(self, enough: float, room: float) -> None:
+        """Look at smaller parts in place of those that might exceed the largest met by too much.
+
+        Parameters
+        ----------
+        enough, room : float
+            Good enough is this relative share more, and this much.
+        """
         for i, (sheet, parts, bounds) in enumerate(self._parts):
-            large = bounds > (1.0 + enough) * self.below
+            large = bounds > (1.0 + enough) * self.below + room
             if np.any(large):
                 small = sheet.halved(parts[large])
                 new = np.concatenate([bounds[~large], self._bounds(sheet, small)])

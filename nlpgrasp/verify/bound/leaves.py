@@ -72,8 +72,8 @@ class Leaves:
             done = met > asked or add(parts[slot].above for slot in slots) <= asked  # disproved, or shown
             if done or sum(part.count for part in parts.values()) > MOST_PARTS:
                 break
-            for part in parts.values():
-                part.narrow(asked / met - 1.0 if met > 0.0 else 0.0)
+            for part in parts.values():  # half of what there is above the contacts met by their shares, half for each
+                part.narrow(0.5 * (asked / met - 1.0) if met > 0.0 else 0.0, 0.5 * (asked - met) / len(slots))
         total = add(parts[slot].above for slot in slots)
         return float((total / whole) ** (1.0 / self.budget.power)) * (1.0 + MARGIN)
 
