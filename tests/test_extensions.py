@@ -154,7 +154,10 @@ def passed(solution, path):
     """Save, read and verify a solution; return what was read."""
     solution.save(path)
     again = ng.GraspSolution.load(path)
-    assert again.to_dict() == solution.to_dict()
+    asked, found = solution.to_dict(), again.to_dict()
+    for data in (asked, found):  # a large certificate is in a file beside the one saved, which names it
+        data["quality"].get("best_possible", {}).pop("certificate", None)
+    assert found == asked
     assert ng.verify(path).passed
     return again
 
