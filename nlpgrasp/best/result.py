@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nlpgrasp.common.files import read_text, write_text
+from nlpgrasp.common.files import read_text
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.global_bound import SCHEMA, is_small
+from nlpgrasp.solution.global_bound import SCHEMA, is_small, reference, write_bound
 
 LARGEST = 512 * 2**20  # bytes of a file
 
@@ -78,7 +77,7 @@ class BestPossible:
         InputError
             When the folder does not exist or cannot be written.
         """
-        return write_text(path, _text(self.to_dict()) + "\n")
+        return write_bound(self.to_dict(), path)
 
     @classmethod
     def load(cls, path: str | Path) -> BestPossible:
@@ -162,7 +161,7 @@ class BestPossible:
             When no file is named and the certificate is larger than 200 kB, or the file cannot be read.
         """
         if file is not None:
-            return {"file": Path(file).name, "sha256": digest(file)}
+            return reference(file)
         if not self.is_small:
             raise InputError("file", None, "the name of the saved bound, for a certificate of more than 200 kB")
         return self.certificate
@@ -173,21 +172,3 @@ class BestPossible:
             return f"mu at most {self.upper:.4g} over all placements{without}; no grasp met ({self.nodes} nodes)"
         found = f"best met {self.mu.lower:.4g}, within {100.0 * self.gap:.2g} %"
         return f"mu at most {self.upper:.4g} over all placements{without}; {found} ({self.nodes} nodes)"
-
-
-def digest(path: str | Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal digits.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read.
-    """
-    try:
-        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError("file", f"{path}: {error.strerror}", "a saved bound") from None
-
-
-def _text(data: Json) -> str:
-    return json.dumps(data, allow_nan=False, separators=(",", ":"))

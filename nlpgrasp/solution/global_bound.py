@@ -12,6 +12,7 @@ from pathlib import Path
 from nlpgrasp.common.files import write_text
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
+from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema.types import GlobalBoundData
 
 SCHEMA = "nlpgrasp-bound/1"
@@ -21,6 +22,32 @@ SMALL = 200_000  # bytes of a certificate that other files may hold
 def is_small(certificate: Json) -> bool:
     """Return whether another file may hold a certificate itself."""
     return len(json.dumps(certificate, separators=(",", ":"))) <= SMALL
+
+
+def write_bound(data: Json, path: str | Path) -> Path:
+    """Write the data of a bound file, whole or not at all, and return the path.
+
+    Raises
+    ------
+    InputError
+        When the folder does not exist or cannot be written.
+    """
+    return write_text(path, json.dumps(data, allow_nan=False, separators=(",", ":")) + "\n")
+
+
+def reference(path: str | Path) -> Json:
+    """Return the name and SHA-256 of a bound file, as files beside it hold them.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+    file = Path(path)
+    try:
+        return {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
+    except OSError as error:
+        raise InputError("file", f"{path}: {error.strerror}", "a saved bound") from None
 
 
 @dataclass(frozen=True)
@@ -92,10 +119,7 @@ class GlobalBound:
             "grasp": None,
             "certificate": self.certificate,
         }
-        text = json.dumps(data, allow_nan=False, separators=(",", ":")) + "\n"
-        beside = write_text(path.with_suffix(".bound.json"), text)
-        digest = hashlib.sha256(text.encode()).hexdigest()
-        return replace(self, certificate={"file": beside.name, "sha256": digest})
+        return replace(self, certificate=reference(write_bound(data, path.with_suffix(".bound.json"))))
 
     @classmethod
     def from_dict(cls, data: GlobalBoundData, name: str) -> GlobalBound:

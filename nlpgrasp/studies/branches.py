@@ -28,8 +28,10 @@ FOLLOWED = 40  # branches at most: the best at hand
 HOPEFUL, HOPEFUL_NEW = 0.85, 0.8  # of the best's quality: from there on another is slid, and one that never settled
 OTHERS = 3  # slides of other branches a step
 RISING = 5  # slides of a start that begins with next to nothing
-NODES, OF_FLAT = 400, 800  # of a step's search; on boxes and prisms nodes take less time
-FIRST = 800  # at the first step, where nothing is known, at least
+NODES, LONG = (
+    400,
+    800,
+)  # of a step's search; of the first, where nothing is known, and where faces are flat and nodes quick
 MET = 6  # grasps of a step's search that become branches, at most
 
 
@@ -133,8 +135,8 @@ class Branches:
         if seen is None:
             return False
         seen.expect(known)
-        nodes = OF_FLAT if isinstance(bench.problem.body, Box | Prism) else NODES
-        seen.look(max(nodes, FIRST) if self._steps == 1 else nodes, Stop())
+        long = self._steps == 1 or isinstance(bench.problem.body, Box | Prism)
+        seen.look(LONG if long else NODES, Stop())
         self.bound = seen.bound()
         done = seen.searched and self._complete
         for placed in seen.placements(MET, known * (1.0 + GAIN if done else HOPEFUL)):
