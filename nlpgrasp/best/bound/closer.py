@@ -22,6 +22,7 @@ from nlpgrasp.common.validation import FloatArray
 
 ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance: at least, and for cells as large as those a search begins with
 ROUNDS = 3  # of quarters
+BLOCK = 256  # parts that are cut at a time: as many as a processor's cache holds
 MARGIN = 0.3  # of the tolerance: room for other arithmetic that looks as closely (``verify.bound``)
 
 
@@ -140,26 +141,27 @@ class _Look:
             np.maximum.at(self._upper, owner[~open_], upper[~open_])
             if not np.any(open_):
                 return
-            vertices, into = patches.finer(parts[open_])
-            parts, upper = self._bounds(patches, vertices, into, owner[open_])
-            owner = np.repeat(owner[open_], len(into))
+            blocks = np.array_split(np.flatnonzero(open_), -(-np.count_nonzero(open_) // BLOCK))
+            found = [self._quarters(patches, parts[block], owner[block]) for block in blocks]
+            parts, owner, upper = (np.concatenate([one[i] for one in found]) for i in range(3))
         np.maximum.at(self._upper, owner, upper)
 
-    def _bounds(
-        self, patches: Patches, vertices: FloatArray, into: IntArray, owner: IntArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return parts (n r, c, q) with corners among vertices (n, v, q), and what none inside exceeds, (n r,)."""
+    def _quarters(
+        self, patches: Patches, parts: FloatArray, owner: IntArray
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Return the quarters (n r, c, q) of parts (n, c, q), their cells, and what none inside exceeds, (n r,)."""
+        vertices, into = patches.finer(parts)
         n, v, q = vertices.shape
         supports, weights = self._supports, self._weights[owner][:, None]
         points, normals = (x.reshape(n, v, 3) for x in patches.contacts(vertices.reshape(n * v, q)))
         powers, speed, turning = supports.at(points, normals, self._twists[owner])
         np.maximum.at(self._met, owner, np.max(np.sum(powers * weights, axis=2), axis=1))
-        parts = vertices[:, into].reshape(-1, into.shape[1], q)
-        bends = patches.bends(parts).reshape(n, len(into), 1, 2, 3)
+        quarters = vertices[:, into].reshape(-1, into.shape[1], q)
+        bends = patches.bends(quarters).reshape(n, len(into), 1, 2, 3)
         largest = powers ** (1.0 / supports.measure.power)
         more = between(supports, bends, largest[:, into], speed[:, into], turning[:, None, None])
         upper = np.sum((powers[:, into] + more) * weights[:, None], axis=3)
-        return parts, np.max(upper, axis=2).ravel()
+        return quarters, np.repeat(owner, len(into)), np.max(upper, axis=2).ravel()
 
     def result(self) -> FloatArray:
         """Return the bounds from above, (c,), with their margin."""

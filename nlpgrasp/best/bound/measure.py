@@ -58,9 +58,14 @@ class Measure:
 
     def powers(self, contact: ContactModel, z: FloatArray) -> FloatArray:
         """Return ``s^p`` for force components z (..., n_i), (...)."""
-        square = contact.squared_support(_work(contact, z), np) if self.lengths else None
+        found = self.powers_of(contact, _work(contact, z))
+        return np.asarray(self.support(contact, z) ** self.power) if found is None else found
+
+    def powers_of(self, contact: ContactModel, work: Work) -> FloatArray | None:
+        """Return ``s^p`` for work along the normal, the surface and about the normal; None where it has no formula."""
+        square = contact.squared_support(work, np) if self.lengths else None
         if square is None:
-            return np.asarray(self.support(contact, z) ** self.power)
+            return None
         return np.asarray(square if self.power == 2.0 else square ** (0.5 * self.power))
 
     def steepness(self, contact: ContactModel, components: int) -> float:

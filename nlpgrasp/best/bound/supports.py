@@ -11,7 +11,7 @@ from nlpgrasp.best.cells.base import Cell, IntArray, Rows
 from nlpgrasp.best.cells.curved.patches import Curved, Patches
 from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts import ContactModel, Work
 
 TORSION = 3  # component of a contact-frame wrench that is the moment about the normal, in space
 
@@ -157,10 +157,13 @@ class Supports:
         along = vx * nx + vy * ny + vz * nz
         square = vx**2 + vy**2 + vz**2
         across = np.sqrt(np.maximum(square - along**2, 0.0))
-        about = tx * nx + ty * ny + tz * nz
-        work = np.stack([along, across, np.zeros_like(along), about], axis=3)[..., : self.maps.shape[2]]
+        about = tx * nx + ty * ny + tz * nz if self.maps.shape[2] > 3 else np.zeros(1)
+        powers = self.measure.powers_of(self.contact, Work(along, across, np.abs(about)))
+        if powers is None:
+            work = np.stack(np.broadcast_arrays(along, across, 0.0, about), axis=3)[..., : self.maps.shape[2]]
+            powers = self.measure.powers(self.contact, work)
         turning = np.sqrt(np.sum(twists[..., 3:] ** 2, axis=2))
-        return self.measure.powers(self.contact, work), np.sqrt(square), turning
+        return powers, np.sqrt(square), turning
 
     def powers(self, rows: IntArray, twists: FloatArray) -> FloatArray:
         """Return what contacts do along twists, to the measure's power.

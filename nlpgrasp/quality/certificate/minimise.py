@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality import inverse_iteration
 from nlpgrasp.quality.certificate.containment import Containment
+
+REGULAR = 1e-6  # of the Hessian's trace without cones, where the contacts do nothing along a direction
 
 
 def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[FloatArray, FloatArray]:
@@ -43,6 +46,24 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
         value = np.where(better, trial_value, value)
         step = np.where(better, 1.5 * step, 0.3 * step)
     return u, value
+
+
+def iterate(problem: Containment, u: FloatArray, steps: int = 12) -> tuple[FloatArray, FloatArray]:
+    """Return directions and ratios after inverse iteration from each row of ``u``: in a tenth of ``descend``'s steps.
+
+    For the L2 budget, whose support squared is piecewise quadratic, and any task (``quality.inverse_iteration``).
+    Arguments and values as of ``descend``; a narrow dip may be missed where no start is near it.
+    """
+    regular = REGULAR * np.sum(problem.wrenches.G**2) * np.eye(problem.rank)
+
+    def model(u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        phi = problem.wrenches.support(u[0])[0]
+        reach, wrench = problem.task.support(u[0])
+        value = np.where(reach > 0.0, phi / np.where(reach > 0.0, reach, 1.0), np.inf)
+        return value[None], wrench[None], (problem.wrenches.curvature(u[0]) + regular)[None]
+
+    found, values = inverse_iteration.descend(model, u[None], steps)
+    return found[0] / np.maximum(np.linalg.norm(found[0], axis=1, keepdims=True), 1e-300), values[0]
 
 
 def separated(u: FloatArray, order: NDArray[np.intp], cosine: float, most: int) -> list[int]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.budgets.sets.l2 import L2Set
@@ -77,6 +79,18 @@ class WrenchSet:
         """Return ``phi(y | G(B n K))`` (m,) and the wrenches that attain it (m, d)."""
         phi, x = self.forces(y)
         return phi, x @ self.G.T
+
+    def curvature(self, y: FloatArray) -> FloatArray:
+        """Return the Hessian of ``phi^2 / 2`` under the L2 budget, whichever this one's is: (m, d) to (m, d, d).
+
+        ``phi^2 / 2 = |P_K(G^T y)|^2 / 2`` has a gradient everywhere; where cones have kinks it is one of the Hessians
+        on either side.
+        """
+        z = y @ self.G
+        H = np.zeros((*y.shape, y.shape[1]))
+        for contact, r in zip(self.contacts, self.ranges, strict=True):
+            H += self.G[:, r] @ contact.derivative(z[:, r]) @ self.G[:, r].T
+        return H
 
     def transformed(self, matrix: FloatArray) -> WrenchSet:
         """Return the linear image of the set under ``matrix`` (d', d)."""

@@ -18,7 +18,7 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.cuts import most_relevant, with_new
 from nlpgrasp.solve.ascent.state import AscentState, Effort
-from nlpgrasp.solve.ascent.weakest import AFTER_A_STEP, Descents, Weakest, weakest_at
+from nlpgrasp.solve.ascent.weakest import QUICK, Descents, Weakest, weakest_at
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
@@ -69,7 +69,7 @@ class Rules:
     slowest: float = 0.0
     looks_back: bool = False
     untried: float = -np.inf
-    descents: Descents = AFTER_A_STEP
+    descents: Descents = QUICK
 
     def growth(self, gained: float, promised: float) -> float:
         """Return the factor on the radius after a step that gained something."""

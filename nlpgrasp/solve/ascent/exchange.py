@@ -11,7 +11,7 @@ from nlpgrasp.solve.ascent.ascend import SPAN, Rules, ascend
 from nlpgrasp.solve.ascent.cuts import with_known
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.ascent.steps.registry import model_of
-from nlpgrasp.solve.ascent.weakest import weakest_at
+from nlpgrasp.solve.ascent.weakest import Weakest, disproved, weakest_at
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 
@@ -39,6 +39,9 @@ def exchange(
 ) -> AscentState:
     """Improve a state in place until the model promises nothing more, the rounds are used up, or a stop.
 
+    Descents may flatter where it ends: as long as a polytope finds a direction that they missed, the ascent goes on
+    from there with that direction.
+
     Parameters
     ----------
     bench : Workbench
@@ -51,13 +54,15 @@ def exchange(
     """
     rules = exchange_rules(bench) if rules is None else rules
     model = model_of(bench).make(bench)
-    weakest = weakest_at(bench, state.placed, rng)
-    state.cuts, state.value = with_known(state.cuts, weakest.directions, bench.problem.task), weakest.value
-    for turn in ascend(bench, state, model, rules, rng, stop):
-        if turn.step.promised < rules.least_gain * state.value:
-            break
-        if rules.slowest > 0.0 and _gain(state) < rules.slowest:
-            break
+    weakest: Weakest | None = weakest_at(bench, state.placed, rng)
+    while weakest is not None:
+        state.cuts, state.value = with_known(state.cuts, weakest.directions, bench.problem.task), weakest.value
+        for turn in ascend(bench, state, model, rules, rng, stop):
+            if turn.step.promised < rules.least_gain * state.value:
+                break
+            if rules.slowest > 0.0 and _gain(state) < rules.slowest:
+                break
+        weakest = disproved(bench, state.placed, state.value) if state.rounds < rules.rounds else None
     state.remember()
     return state
 

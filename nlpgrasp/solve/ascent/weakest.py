@@ -10,7 +10,7 @@ from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.certificate.containment import Containment, conditioned
-from nlpgrasp.quality.certificate.minimise import descend, random_directions, separated
+from nlpgrasp.quality.certificate.minimise import iterate, random_directions, separated
 from nlpgrasp.quality.certificate.sandwich import narrowed
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.workbench.placed import Placed
@@ -21,6 +21,8 @@ SLACK = 1.25  # keep local minima up to this factor above the least
 KEEP = 64
 SEPARATION = 0.97
 HULL_GAP, HULL_CELLS = 2e-3, 600
+MISSED = 0.01  # relative: what descents may lack of the least ratio
+FOLLOWED = 40  # directions that inverse iteration begins from: the weakest known, and of random ones
 
 
 @dataclass(frozen=True)
@@ -46,19 +48,16 @@ class Descents:
     Parameters
     ----------
     fresh : int
-        Random starting directions.
-    iterations : int
-        Of each descent.
+        Random directions.
     gap : float
         Relative: how near to certified the least ratio is where directions come from a polytope.
     """
 
     fresh: int
-    iterations: int
     gap: float = HULL_GAP
 
 
-THOROUGH, AFTER_A_STEP, QUICK = Descents(150, 40), Descents(60, 30), Descents(60, 25)
+THOROUGH, QUICK = Descents(150), Descents(60)
 
 
 def weakest_at(
@@ -96,19 +95,52 @@ def weakest_directions(
     if problem is None:
         y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
         return Weakest(0.0, y)
-    if isinstance(budget, L2Budget) and task.is_centred:
+    if isinstance(budget, L2Budget):
         start = random_directions(descents.fresh, problem.rank, rng)
-        if known is not None and len(known):
-            old = np.linalg.lstsq(problem.matrix.T, known.T, rcond=None)[0].T
-            old = old[np.linalg.norm(old, axis=1) > 0.0]
-            start = np.concatenate([old, start])
-        found, values = descend(problem, start, descents.iterations)
+        found, values = _iterated(problem, np.concatenate([_in_coordinates(problem, known), start]))
     else:
         found, values = _from_hull(problem, descents.gap)
+    return _weakest(problem, task, found, values)
+
+
+def disproved(bench: Workbench, placed: Placed, value: float) -> Weakest | None:
+    """Return directions in which a placed state is weaker than descents found it to be; None where there are none.
+
+    Descents miss a narrow dip that no start is near; a certificate's polytope does not.
+    """
+    if value <= 0.0 or not isinstance(bench.budget(placed), L2Budget):
+        return None
+    task = bench.problem.task
+    problem, _ = conditioned(WrenchSet.of(bench.grasp(placed), bench.budget(placed)), task)
+    if problem is None:
+        return None
+    found, values = _from_hull(problem, MISSED)
+    return _weakest(problem, task, found, values) if np.min(values) < value * (1.0 - MISSED) else None
+
+
+def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatArray) -> Weakest:
+    """Return the weakest of directions that were found in a containment's coordinates, apart from each other."""
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
     chosen = separated(found, order, SEPARATION, KEEP)
     return Weakest(float(values[chosen[0]]), _unit_reach(task, found[chosen] @ problem.matrix))
+
+
+def _in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray:
+    """Return known directions (m, d) in a containment's coordinates, those that are not lost there, (m', r)."""
+    if known is None or not len(known):
+        return np.zeros((0, problem.rank))
+    u = np.linalg.lstsq(problem.matrix.T, known.T, rcond=None)[0].T
+    size = np.linalg.norm(u, axis=1, keepdims=True)
+    return np.asarray(u[size[:, 0] > 0.0] / size[size[:, 0] > 0.0])
+
+
+def _iterated(problem: Containment, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the weakest of the starting directions, and where inverse iteration ends from these, with their ratios."""
+    values = problem.ratio(start)[0]
+    first = start[np.argsort(values, kind="stable")[:FOLLOWED]]
+    found, least = iterate(problem, first)
+    return np.concatenate([found, start]), np.concatenate([least, values])
 
 
 def _from_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:

@@ -43,19 +43,21 @@ class Spherical:
     def bends(self, parts: FloatArray) -> FloatArray:
         """Return the bends of small triangles or arcs (n, c, 3), (n, 2, 3)."""
         large, small = float(np.max(self.a)), float(np.min(self.a))
-        sides = angles(parts, np.roll(parts, -1, axis=1))
-        side = np.max(sides, axis=1)
+        a = self.a[:, None]
+        corners = np.ascontiguousarray(parts.transpose(1, 2, 0))  # (c, 3, n): rows of n run fast
+        sides = angles(corners, np.roll(corners, -1, axis=0), axis=1)
+        side = np.max(sides, axis=0)
         steps = _enclosing(sides) ** 2 / 2.0
-        middle = parts.mean(axis=1)
-        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-        radius = np.max(angles(parts, middle[:, None]), axis=1)
-        g = np.maximum(np.linalg.norm(middle / self.a, axis=1) - radius / small, 1.0 / large)
+        middle = np.mean(corners, axis=0)
+        middle /= _length(middle)
+        radius = np.max(angles(corners, middle, axis=1), axis=0)
+        g = np.maximum(_length(middle / a) - radius / small, 1.0 / large)
         turn = 1.0 / (small * g)
-        stretched = middle / self.a**2
-        off = np.linalg.norm(stretched - np.sum(stretched * middle, axis=1, keepdims=True) * middle, axis=1)
+        stretched = middle / a**2
+        off = _length(stretched - np.sum(stretched * middle, axis=0) * middle)
         half = 0.5 * (1.0 / small**2 - 1.0 / large**2)
         rate = turn**2 + 2.0 * turn * np.minimum(half, off + 3.0 * half * radius) / g**2
-        reach = np.minimum(large, np.linalg.norm(middle * self.a, axis=1) + large * radius)
+        reach = np.minimum(large, _length(middle * a) + large * radius)
         swept = np.full(len(parts), 2.0 * large) if large == small else reach + (large / small + small / large) / g
         apart = large * side  # from a corner to anywhere in the part
         second = np.stack([rate, swept + rate * apart, rate], axis=1)
@@ -107,20 +109,26 @@ def grid(corners: int, levels: int) -> tuple[tuple[tuple[IntArray, IntArray], ..
     return tuple(pairs), np.array(parts)
 
 
-def angles(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Return angles between unit vectors, exact for small ones, radians."""
-    return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(u - v, axis=-1), 1.0)))
+def angles(u: FloatArray, v: FloatArray, axis: int = -1) -> FloatArray:
+    """Return angles between unit vectors along an axis, exact for small ones, radians."""
+    apart = np.sqrt(np.sum((u - v) ** 2, axis=axis))
+    return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * apart, 1.0)))
+
+
+def _length(v: FloatArray) -> FloatArray:
+    """Return the lengths of vectors (3, n), (n,)."""
+    return np.asarray(np.sqrt(np.sum(v**2, axis=0)))
 
 
 def _enclosing(sides: FloatArray) -> FloatArray:
     """Return the radius of the smallest circle around arcs, or triangles, with these sides as drawn in a plane, (m,).
 
-    Sides (m, c) are angles on the sphere; in the plane that touches it they are longer, by ``t / sin t`` at most.
+    Sides (c, m) are angles on the sphere; in the plane that touches it they are longer, by ``t / sin t`` at most.
     """
-    longest = np.max(sides, axis=1)
-    if sides.shape[1] < 3:
+    longest = np.max(sides, axis=0)
+    if len(sides) < 3:
         return np.asarray(0.5 * longest)
-    a, b, c = (sides * (longest / np.sin(longest))[:, None]).T
+    a, b, c = sides * (longest / np.sin(longest))
     squares = a**2 + b**2 + c**2 - 2.0 * np.maximum(np.maximum(a, b), c) ** 2
     area = 0.25 * np.sqrt(np.maximum((a + b + c) * (b + c - a) * (a + c - b) * (a + b - c), 0.0))
     acute = (squares > 0.0) & (area > 0.0)
