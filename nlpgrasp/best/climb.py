@@ -14,6 +14,7 @@ from nlpgrasp.best.cells.base import Surface
 from nlpgrasp.best.scope.pieces import Pieces
 from nlpgrasp.common.conic import quiet_settings
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.tasks import Task
 
 ROUNDS = 15
@@ -116,40 +117,53 @@ class Climber:
 
     def _uphill(self, spots: Sequence[Spot], cuts: FloatArray, step: float) -> list[Spot] | None:
         """Return the spots after the step that raises the least linearised support most, None where there is none."""
-        q = spots[0].point.size - 1
-        h = DIFFERENCE * self.size
-        tries = np.concatenate([h * np.eye(q), -h * np.eye(q), np.zeros((1, q))])
-        power = spots[0].pieces.supports.measure.power
-        values, rows, offsets = [], [], []
-        for i, spot in enumerate(spots):
-            supports = spot.pieces.supports
-            places = spot.surface.moved(spot.point, tries)
-            z = cuts @ supports.maps_at(*places)
-            values.append(supports.measure.support(supports.contact, z) ** power)
-            A, b = spot.surface.limits(spot.point)
-            rows.append(np.pad(A, ((0, 0), (i * q, (len(spots) - 1 - i) * q + 1))))
-            offsets.append(b)
-        total = np.maximum(sum(v[-1] for v in values), 1e-300)
-        slopes = np.concatenate([(v[:q] - v[q : 2 * q]).T for v in values], axis=1) / (2.0 * h)
-        slopes *= (total ** (1.0 / power - 1.0) / power)[:, None]
-        rising = np.column_stack([-slopes, np.ones(len(cuts))])
-        box = np.eye(q * len(spots), q * len(spots) + 1)
-        A = np.concatenate([rising, *rows, box, -box])
-        b = np.concatenate([total ** (1.0 / power), *offsets, np.full(2 * len(box), step)])
+        total, slopes = self._differences(spots, cuts)
+        q, m, n = spots[0].point.size - 1, len(cuts), slopes.shape[1]
+        limits = [spot.surface.limits(spot.point) for spot in spots]
+        used = sum(len(b) for _, b in limits)
+        A, b = np.zeros((m + used + 2 * n, n + 1)), np.full(m + used + 2 * n, step)
+        A[:m, :-1], A[:m, -1], b[:m] = -slopes, 1.0, total
+        at = m
+        for i, (sides, offsets) in enumerate(limits):
+            A[at : at + len(offsets), i * q : (i + 1) * q], b[at : at + len(offsets)] = sides, offsets
+            at += len(offsets)
+        A[at : at + n, :n], A[at + n :, :n] = np.eye(n), -np.eye(n)
         x = _maximised(A, b)
         if x is None:
             return None
         moved = [spot.moved(s) for spot, s in zip(spots, x[:-1].reshape(-1, q), strict=True)]
         return moved if all(spot.allowed for spot in moved) else None
 
+    def _differences(self, spots: Sequence[Spot], cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support along cuts, (m,), and its slopes over steps of the spots, (m, k q)."""
+        q, h, measure = spots[0].point.size - 1, DIFFERENCE * self.size, spots[0].pieces.supports.measure
+        tries = np.concatenate([h * np.eye(q), -h * np.eye(q), np.zeros((1, q))])
+        values = np.zeros((len(spots), len(tries), len(cuts)))
+        for model, own in _by_model(spots).items():
+            places = [spots[i].surface.moved(spots[i].point, tries) for i in own]
+            supports = spots[own[0]].pieces.supports
+            z = cuts @ supports.maps_at(*(np.concatenate([place[j] for place in places]) for j in range(2)))
+            values[own] = (measure.support(model, z) ** measure.power).reshape(len(own), len(tries), len(cuts))
+        total = np.maximum(np.sum(values[:, -1], axis=0), 1e-300)
+        slopes = (values[:, :q] - values[:, q : 2 * q]).reshape(-1, len(cuts)).T / (2.0 * h)
+        power = 1.0 / measure.power
+        return total**power, slopes * (total ** (power - 1.0) * power)[:, None]
+
+
+def _by_model(spots: Sequence[Spot]) -> dict[ContactModel, list[int]]:
+    """Return which spots have contacts of the same model."""
+    found: dict[ContactModel, list[int]] = {}
+    for i, spot in enumerate(spots):
+        found.setdefault(spot.pieces.supports.contact, []).append(i)
+    return found
+
 
 def _designs(spots: Sequence[Spot]) -> list[Design]:
     """Return the contacts in their places as designs, those of one model together."""
     result = []
-    for model in dict.fromkeys(spot.pieces.supports.contact for spot in spots):
-        own = [spot for spot in spots if spot.pieces.supports.contact == model]
-        supports = own[0].pieces.supports
-        maps = supports.maps_at(np.stack([s.point for s in own]), np.stack([s.normal for s in own]))
+    for model, own in _by_model(spots).items():
+        supports = spots[own[0]].pieces.supports
+        maps = supports.maps_at(np.stack([spots[i].point for i in own]), np.stack([spots[i].normal for i in own]))
         result.append(Design(model, supports.measure, maps[None], np.ones((1, len(own)))))
     return result
 
