@@ -26,9 +26,9 @@ SAME, NEAR = 0.02, 0.15  # of the body's size: contacts this close, in any order
 SHARE = 1 / 3  # of a cold solve's starts are begun at each step without a search, all of them at both ends of the path
 FOLLOWED = 40  # branches at most: the best at hand
 HOPEFUL, HOPEFUL_NEW = 0.85, 0.8  # of the best's quality: from there on another is slid, and one that never settled
-OTHERS = 3  # slides of other branches a step
+OTHERS = 2  # slides of other branches a step
 RISING = 5  # slides of a start that begins with next to nothing
-NODES, LONG = 250, 600  # of a step's search; of the first step's, and where faces are flat and nodes quick
+NODES, LONG = 180, 600  # of a step's search; of the first step's, and where faces are flat and nodes quick
 MET = 6  # grasps of a step's search that become branches, at most
 
 
