@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nlpgrasp.best.climb import Climber, Spot
+from nlpgrasp.best.climb import Climber
 from nlpgrasp.best.scope.pieces import Pieces
+from nlpgrasp.best.spots import Spot
 from nlpgrasp.common.validation import FloatArray
 
 SPREAD, LATEST, ADDED = 60, 80, 8  # directions: well-spread ones, the latest weak ones, of which a round adds some
@@ -99,13 +100,13 @@ class Exchange:
             Directions that are weak there.
         """
         best = list(spots)
-        value, weak = self.climber.weakest(best, twists)
+        ((value, weak),) = self.climber.weakest([best], [twists])
         for _ in range(ROUNDS):
             self._add(weak[:ADDED])
             moved, hoped = self._exchanged(best)
             if hoped <= value * (1.0 + MODEL):
                 break
-            found, weak = self.climber.weakest(moved, self.latest)
+            ((found, weak),) = self.climber.weakest([moved], [self.latest])
             if found > value:
                 best, value = moved, found
         return best, value

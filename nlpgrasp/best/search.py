@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.best.bound.weakest import Design, descended, normalised
-from nlpgrasp.best.climb import Climber, Spot
+from nlpgrasp.best.climb import Climber
 from nlpgrasp.best.exchange import Exchange
 from nlpgrasp.best.pool.certificate import pool_certificate
 from nlpgrasp.best.pool.tree import PoolTree
 from nlpgrasp.best.scope.scope import Scope
+from nlpgrasp.best.spots import Spot
 from nlpgrasp.best.tree.certificate import certificate
 from nlpgrasp.best.tree.nodes import Node
 from nlpgrasp.best.trees import tree_of
@@ -147,6 +148,7 @@ class Search:
         open_nodes = [node for node in nodes if node.rows.size]
         if not open_nodes:
             return
+        begun: list[tuple[list[Spot], FloatArray]] = []
         for i in np.argsort(-self._values(open_nodes), kind="stable")[:LOOKED].tolist():
             node, allowance = open_nodes[i], CLIMBS + MORE * np.sqrt(self.tree.looked)
             roots = self._roots(node)
@@ -161,9 +163,16 @@ class Search:
             if self.exchange is not None:
                 spots, value = self.exchange.improved(spots, self.twists[node.twists])
                 self.offer(spots, value)
-            for _ in range(AGAIN):
-                if self.offer(*self.climber.climb(spots, self.twists[node.twists], self.value)):
-                    break
+            begun.append((spots, self.twists[node.twists]))
+        self._climb(begun)
+
+    def _climb(self, begun: Sequence[tuple[Sequence[Spot], FloatArray]]) -> None:
+        """Climb from some spots, with directions that are weak there; anew where a certificate taught a direction."""
+        for _ in range(AGAIN):
+            if not begun:
+                return
+            found = self.climber.climb([spots for spots, _ in begun], [twists for _, twists in begun], self.value)
+            begun = [one for one, ended in zip(begun, found, strict=True) if not self.offer(*ended)]
 
     def _values(self, nodes: Sequence[Node]) -> FloatArray:
         """Return what mu seems to be with each contact at its heaviest row, (b,)."""
