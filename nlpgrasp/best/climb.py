@@ -15,7 +15,7 @@ from nlpgrasp.tasks import Task
 ROUNDS = 15
 FIRST, LONGEST, LEAST = 0.1, 0.3, 2e-4  # steps, relative to the body's size
 CUTS, KEPT = 40, 10  # directions in a step's program; of the latest
-SPREAD, DESCENT = 6, 8  # well-spread directions that descents begin from too, the weakest; their steps
+SPREAD, DESCENT = 24, 8  # well-spread directions that descents begin from too, the weakest; their steps
 GAIN = 1e-6
 HOPE = 1.0  # share of mu, over the rounds so far, that a climb may lack
 
