@@ -9,6 +9,7 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.certificate.closure import separating_direction
 from nlpgrasp.quality.certificate.containment import Containment, conditioned
 from nlpgrasp.quality.certificate.minimise import iterate, random_directions, separated
 from nlpgrasp.quality.certificate.sandwich import narrowed
@@ -136,7 +137,13 @@ def _in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArra
 
 
 def _iterated(problem: Containment, start: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the weakest of the starting directions, and where inverse iteration ends from these, with their ratios."""
+    """Return the weakest of the starting directions, and where inverse iteration ends from these, with their ratios.
+
+    Where no force in the cones works along some direction, however narrow the dip, that is one of them.
+    """
+    separating = separating_direction(problem.wrenches)
+    if separating is not None:
+        start = np.concatenate([separating[None], start])
     values = problem.ratio(start)[0]
     first = start[np.argsort(values, kind="stable")[:FOLLOWED]]
     found, least = iterate(problem, first)

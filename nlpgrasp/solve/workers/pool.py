@@ -88,7 +88,8 @@ class Runner:
     def starts(self, seed: int, stop: Stop) -> Iterator[StartResult]:
         """Yield each start's result as it is done, in any order.
 
-        The first three quarters of them begin from the best grasps that the outlook met, as many as there are.
+        The first three quarters of them begin from the best grasps that the outlook met, as many as there are; the
+        first half where it left something out, which those grasps may break.
         """
         begin = self._known(stop)
         if self.workers == 1:
@@ -99,7 +100,9 @@ class Runner:
     def _known(self, stop: Stop) -> list[Placed | None]:
         """Return what each start begins from, None where it draws for itself."""
         seen = self.outlook(stop) if follows_contacts(self.problem) else None
-        known: list[Placed | None] = [] if seen is None else [*seen.placements((3 * self.count + 3) // 4)]
+        known: list[Placed | None] = []
+        if seen is not None:
+            known += seen.placements((3 * self.count + 3) // 4 if seen.complete else (self.count + 1) // 2)
         return known + [None] * (self.count - len(known))
 
     def look_back(self, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:
