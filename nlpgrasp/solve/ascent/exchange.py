@@ -8,11 +8,13 @@ import numpy as np
 
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.ascent.ascend import SPAN, Rules, ascend
-from nlpgrasp.solve.ascent.cuts import with_known
+from nlpgrasp.solve.ascent.cuts import with_known, with_new
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.ascent.steps.registry import model_of
-from nlpgrasp.solve.ascent.weakest import Weakest, disproved, weakest_at
+from nlpgrasp.solve.ascent.weakest import disproved, weakest_at
 from nlpgrasp.solve.workbench.workbench import Workbench
+
+LAP = 10  # rounds between two looks at what descents may have missed
 
 
 def exchange_rules(bench: Workbench) -> Rules:
@@ -39,8 +41,8 @@ def exchange(
 ) -> AscentState:
     """Improve a state in place until the model promises nothing more, the rounds are used up, or a stop.
 
-    Descents may flatter where it ends: as long as a polytope finds a direction that they missed, the ascent goes on
-    from there with that direction.
+    Descents may flatter: every few rounds, and where it ends, a polytope looks for directions that they missed, and
+    the ascent goes on from the last state that was confirmed, with those directions.
 
     Parameters
     ----------
@@ -54,17 +56,53 @@ def exchange(
     """
     rules = exchange_rules(bench) if rules is None else rules
     model = model_of(bench).make(bench)
-    weakest: Weakest | None = weakest_at(bench, state.placed, rng)
-    while weakest is not None:
-        state.cuts, state.value = with_known(state.cuts, weakest.directions, bench.problem.task), weakest.value
+    weakest = weakest_at(bench, state.placed, rng)
+    state.cuts, state.value = with_known(state.cuts, weakest.directions, bench.problem.task), weakest.value
+    sure = _Confirmed(bench, state)
+    going = True
+    while going:
         for turn in ascend(bench, state, model, rules, rng, stop):
             if turn.step.promised < rules.least_gain * state.value:
                 break
             if rules.slowest > 0.0 and _gain(state) < rules.slowest:
                 break
-        weakest = disproved(bench, state.placed, state.value) if state.rounds < rules.rounds else None
+            sure.look_now_and_then()
+        going = not sure.look() and state.rounds < rules.rounds
     state.remember()
     return state
+
+
+class _Confirmed:
+    """The last state of an ascent whose value a polytope confirmed.
+
+    Parameters
+    ----------
+    bench : Workbench
+    state : AscentState
+        Where the ascent stands; put back, with directions that descents missed, where these make it the worse one.
+    """
+
+    def __init__(self, bench: Workbench, state: AscentState) -> None:
+        self._bench, self._state, self._rounds = bench, state, state.rounds
+        self._placed, self._value, self._multipliers = state.placed, -np.inf, state.multipliers
+        self.look()
+
+    def look_now_and_then(self) -> None:
+        """Look again after some rounds."""
+        if self._state.rounds - self._rounds >= LAP:
+            self.look()
+
+    def look(self) -> bool:
+        """Confirm the state, or put it right; return whether it was confirmed."""
+        state = self._state
+        found = disproved(self._bench, state.placed, state.value)
+        if found is not None:
+            state.cuts, state.value = with_new(self._bench, state.cuts, found.directions), found.value
+            if found.value < self._value:
+                state.accept(self._placed, self._value, self._multipliers)
+        self._placed, self._value, self._multipliers = state.placed, state.value, state.multipliers
+        self._rounds = state.rounds
+        return found is None
 
 
 def _gain(state: AscentState) -> float:

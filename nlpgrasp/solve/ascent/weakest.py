@@ -82,6 +82,10 @@ def weakest_directions(
 ) -> Weakest:
     """Return the weakest directions of a grasp.
 
+    Under the L2 budget they come from descents, in milliseconds; along the kinks of other budgets' supports these stop,
+    and where no force in the cones works along some directions, but the task does not ask for any along the one found,
+    the others may be a narrow dip that descents miss: there they come from the certificate's polytope.
+
     Parameters
     ----------
     grasp : Grasp
@@ -96,9 +100,11 @@ def weakest_directions(
     if problem is None:
         y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
         return Weakest(0.0, y)
-    if isinstance(budget, L2Budget):
-        start = random_directions(descents.fresh, problem.rank, rng)
-        found, values = _iterated(problem, np.concatenate([_in_coordinates(problem, known), start]))
+    separating = separating_direction(problem.wrenches) if isinstance(budget, L2Budget) else None
+    closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
+    if isinstance(budget, L2Budget) and closed:
+        start = [random_directions(descents.fresh, problem.rank, rng), _in_coordinates(problem, known)]
+        found, values = _iterated(problem, np.concatenate(start + ([] if separating is None else [separating[None]])))
     else:
         found, values = _from_hull(problem, descents.gap)
     return _weakest(problem, task, found, values)
@@ -137,13 +143,7 @@ def _in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArra
 
 
 def _iterated(problem: Containment, start: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the weakest of the starting directions, and where inverse iteration ends from these, with their ratios.
-
-    Where no force in the cones works along some direction, however narrow the dip, that is one of them.
-    """
-    separating = separating_direction(problem.wrenches)
-    if separating is not None:
-        start = np.concatenate([separating[None], start])
+    """Return the weakest of the starting directions, and where inverse iteration ends from these, with their ratios."""
     values = problem.ratio(start)[0]
     first = start[np.argsort(values, kind="stable")[:FOLLOWED]]
     found, least = iterate(problem, first)
@@ -151,7 +151,7 @@ def _iterated(problem: Containment, start: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _from_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:
-    """Return directions and ratios from the certificate's polytope: descents stop at the kinks of other budgets."""
+    """Return directions and ratios from the certificate's polytope."""
     state = narrowed(problem, gap)
     found = state.worst[None, :]
     if state.hull is not None and problem.rank > 1:
