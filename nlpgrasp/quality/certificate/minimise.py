@@ -49,10 +49,11 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
 
 
 def iterate(problem: Containment, u: FloatArray, steps: int = 12) -> tuple[FloatArray, FloatArray]:
-    """Return directions and ratios after inverse iteration from each row of ``u``: in a tenth of ``descend``'s steps.
+    """Return directions and ratios after inverse iteration from each row of ``u``, for the L2 budget and any task.
 
-    For the L2 budget, whose support squared is piecewise quadratic, and any task (``quality.inverse_iteration``).
-    Arguments and values as of ``descend``; a narrow dip may be missed where no start is near it.
+    The support squared is piecewise quadratic, so that fewer steps than ``descend`` takes come nearer to the least
+    ratio (``quality.inverse_iteration``). Arguments and values are those of ``descend``; a narrow dip may be missed
+    where no start is near it.
     """
     regular = REGULAR * np.sum(problem.wrenches.G**2) * np.eye(problem.rank)
 
