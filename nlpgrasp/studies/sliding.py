@@ -17,7 +17,7 @@ from nlpgrasp.solve.ascent.steps.registry import model_of
 from nlpgrasp.solve.ascent.weakest import Descents, weakest_at
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-LOOSE = Descents(60, 0.01)
+LOOSE = Descents(60, 12, 0.01)
 CUTS = 48  # of the exchange's program: a third of a solve's, in a third of the time
 SEEN = 24  # of a branch's directions, those found last, tell how good others can be at most
 GAIN = 2e-3  # relative: a slide ends, without a trial, where the model promises less

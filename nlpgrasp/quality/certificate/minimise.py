@@ -48,7 +48,7 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
     return u, value
 
 
-def iterate(problem: Containment, u: FloatArray, steps: int = 12) -> tuple[FloatArray, FloatArray]:
+def iterate(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
     """Return directions and ratios after inverse iteration from each row of ``u``, for the L2 budget and any task.
 
     The support squared is piecewise quadratic, so that fewer steps than ``descend`` takes come nearer to the least

@@ -50,11 +50,14 @@ class Descents:
     ----------
     fresh : int
         Random directions.
+    steps : int
+        Of each descent.
     gap : float
         Relative: how near to certified the least ratio is where directions come from a polytope.
     """
 
     fresh: int
+    steps: int = 20
     gap: float = HULL_GAP
 
 
@@ -104,7 +107,8 @@ def weakest_directions(
     closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
     if isinstance(budget, L2Budget) and closed:
         start = [random_directions(descents.fresh, problem.rank, rng), _in_coordinates(problem, known)]
-        found, values = _iterated(problem, np.concatenate(start + ([] if separating is None else [separating[None]])))
+        start += [] if separating is None else [separating[None]]
+        found, values = _iterated(problem, np.concatenate(start), descents.steps)
     else:
         found, values = _from_hull(problem, descents.gap)
     return _weakest(problem, task, found, values)
@@ -142,11 +146,11 @@ def _in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArra
     return np.asarray(u[size[:, 0] > 0.0] / size[size[:, 0] > 0.0])
 
 
-def _iterated(problem: Containment, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _iterated(problem: Containment, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
     """Return the weakest of the starting directions, and where inverse iteration ends from these, with their ratios."""
     values = problem.ratio(start)[0]
     first = start[np.argsort(values, kind="stable")[:FOLLOWED]]
-    found, least = iterate(problem, first)
+    found, least = iterate(problem, first, steps)
     return np.concatenate([found, start]), np.concatenate([least, values])
 
 
