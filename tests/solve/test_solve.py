@@ -36,7 +36,7 @@ def test_ellipsoid_with_four_fingers_beats_the_best_known(four_fingers):
 
 
 def test_ellipsoid_with_three_fingers():
-    solution = ng.solve(ellipsoid(3), starts=2, options=ng.SolveOptions(shadow_prices=False, workers=2))
+    solution = ng.solve(ellipsoid(3), starts=4, options=ng.SolveOptions(shadow_prices=False, workers=2))
     assert solution.mu.upper > 0.4869
     assert solution.mu.lower >= 0.4825
 

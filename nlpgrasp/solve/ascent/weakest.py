@@ -11,7 +11,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.certificate.closure import separating_direction
 from nlpgrasp.quality.certificate.containment import Containment, conditioned
-from nlpgrasp.quality.certificate.minimise import iterate, random_directions, separated
+from nlpgrasp.quality.certificate.minimise import descend, iterate, random_directions, separated
 from nlpgrasp.quality.certificate.sandwich import narrowed
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.workbench.placed import Placed
@@ -23,7 +23,7 @@ KEEP = 64
 SEPARATION = 0.97
 HULL_GAP, HULL_CELLS = 2e-3, 600
 MISSED = 0.01  # relative: what descents may lack of the least ratio
-FOLLOWED = 40  # directions that inverse iteration begins from: the weakest known, and of random ones
+BEGUN, FOLLOWED = 10, 40  # steps along gradients, and directions that inverse iteration goes on from: the weakest
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Descents:
     """
 
     fresh: int
-    steps: int = 20
+    steps: int = 12
     gap: float = HULL_GAP
 
 
@@ -147,11 +147,14 @@ def _in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArra
 
 
 def _iterated(problem: Containment, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Return the weakest of the starting directions, and where inverse iteration ends from these, with their ratios."""
-    values = problem.ratio(start)[0]
-    first = start[np.argsort(values, kind="stable")[:FOLLOWED]]
-    found, least = iterate(problem, first, steps)
-    return np.concatenate([found, start]), np.concatenate([least, values])
+    """Return weak directions and their ratios: where gradients lead in a few steps, and inverse iteration from there.
+
+    The former are near the latter and not yet all the same: cuts around the weakest directions are what a step needs.
+    """
+    found, values = descend(problem, start, BEGUN)
+    first = np.argsort(values, kind="stable")[:FOLLOWED]
+    last, least = iterate(problem, found[first], steps)
+    return np.concatenate([last, found]), np.concatenate([least, values])
 
 
 def _from_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:
