@@ -1,4 +1,4 @@
-"""A local optimum that is followed: looked at and slid by looser polytopes than a solve's; the certificate decides."""
+"""A local optimum that is followed: looked at and slid by shorter descents than a solve's; the certificate decides."""
 
 from __future__ import annotations
 
