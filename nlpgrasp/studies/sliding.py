@@ -14,10 +14,10 @@ from nlpgrasp.solve.ascent.cuts import with_known
 from nlpgrasp.solve.ascent.exchange import exchange_rules
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.ascent.steps.registry import model_of
-from nlpgrasp.solve.ascent.weakest import Descents, weakest_at
+from nlpgrasp.solve.ascent.weakest import QUICK, weakest_at
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-LOOSE = Descents(60, 12, 0.01)
+LOOSE = replace(QUICK, gap=0.01)
 CUTS = 48  # of the exchange's program: a third of a solve's, in a third of the time
 SEEN = 24  # of a branch's directions, those found last, tell how good others can be at most
 GAIN = 2e-3  # relative: a slide ends, without a trial, where the model promises less

@@ -83,7 +83,7 @@ class FlatFace(Surface):
         super().__init__(name)
         self.pieces, self.normal = tuple(pieces), normal
         self.axes = tangents(normal[None])[0]
-        self._pieces_sides = [_sides(piece, self.axes) for piece in self.pieces]
+        self._sides = [_sides(piece, self.axes) for piece in self.pieces]
 
     def cells(self) -> Sequence[Cell]:
         """Return a cell for each piece."""
@@ -96,9 +96,7 @@ class FlatFace(Surface):
 
     def limits(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the sides of the piece that the point is in, or is nearest to."""
-        sides = self._pieces_sides[0]
-        if len(self.pieces) > 1:
-            sides = min(self._pieces_sides, key=lambda s: float(np.max(s[0] @ point - s[1])))
+        sides = min(self._sides, key=lambda s: float(np.max(s[0] @ point - s[1])))
         return sides[0] @ self.axes.T, sides[1] - sides[0] @ point
 
 

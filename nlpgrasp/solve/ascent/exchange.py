@@ -95,6 +95,8 @@ class _Confirmed:
     def look(self) -> bool:
         """Confirm the state, or put it right; return whether it was confirmed."""
         state = self._state
+        if state.placed is self._placed and state.value == self._value:
+            return True  # it was looked at already
         found = disproved(self._bench, state.placed, state.value)
         if found is not None:
             state.cuts, state.value = with_new(self._bench, state.cuts, found.directions), found.value
