@@ -21,7 +21,7 @@ MUCH_WIDER = 100.0
 SMALL = 1e-9  # of unit force: upper bounds below are as good as zero
 ANY_GAP = 1.0  # relative, where the file does not say how narrow its certificate was to be
 ERROR_BAR = 0.1  # of nu: solves state less
-NOTHING = 1e-4  # of the quality of the grasp: an upper bound below this says that next to nothing is left
+NOTHING = 1e-3  # of the quality of the grasp: an upper bound below this says that next to nothing is left
 OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not along its tangent
 
 
