@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.climb import Climber
 from nlpgrasp.best.scope.pieces import Pieces
 from nlpgrasp.best.spots import Spot
@@ -15,6 +16,7 @@ SPREAD, LATEST, ADDED = 60, 80, 8  # directions: well-spread ones, the latest we
 ROUNDS = 25
 COUNT = 5000  # places of a contact
 LIKELY = 1000  # places, of those that seem best along the latest directions, that are tried along all
+MOST = 1e37  # of a support's power, whose sums are short floats still: along a twist that the task hardly works along
 MODEL = 1e-3  # relative: where the known directions and all directions agree on a placement's value
 
 
@@ -43,10 +45,9 @@ class Places:
 
     def powers(self, twists: FloatArray) -> FloatArray:
         """Return supports along twists (m, d) to the measure's power, (m, places)."""
-        supports = self.pieces.supports
         flat = self.maps.transpose(1, 0, 2).reshape(self.maps.shape[1], -1)
         z = (twists @ flat).reshape(len(twists), *self.maps.shape[::2])
-        return np.asarray(supports.measure.support(supports.contact, z) ** supports.measure.power, dtype=np.float32)
+        return _powers(self.pieces.supports, z).astype(np.float32)
 
     def near(self, spot: Spot) -> Spot:
         """Return the place that is nearest to a spot."""
@@ -124,7 +125,7 @@ class Exchange:
         pairs = zip(self._spread_powers, self._latest_powers, strict=True)
         tables = dict(zip(self.places, pairs, strict=True))
         result = list(spots)
-        own = np.stack([_powers(spot, twists) for spot in spots])
+        own = np.stack([_powers_at(spot, twists) for spot in spots])
         value, since, i = float(np.min(np.sum(own, axis=0))), 0, 0
         while since < len(result):
             spread, latest = tables[self.of_slot[i]]
@@ -142,8 +143,12 @@ class Exchange:
         return result, value ** (1.0 / spots[0].pieces.supports.measure.power)
 
 
-def _powers(spot: Spot, twists: FloatArray) -> FloatArray:
+def _powers_at(spot: Spot, twists: FloatArray) -> FloatArray:
     """Return the support of one contact along twists (m, d) to the measure's power."""
     supports = spot.pieces.supports
-    z = twists @ supports.maps_at(spot.point[None], spot.normal[None])[0]
-    return np.asarray(supports.measure.support(supports.contact, z) ** supports.measure.power)
+    return _powers(supports, twists @ supports.maps_at(spot.point[None], spot.normal[None])[0])
+
+
+def _powers(supports: Supports, z: FloatArray) -> FloatArray:
+    """Return supports for force components z (..., n_i) to the measure's power, no larger than short floats take."""
+    return np.minimum(supports.measure.support(supports.contact, z) ** supports.measure.power, MOST)

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.best.exchange import Places
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Search
 from nlpgrasp.best.spots import Spot
@@ -55,3 +57,14 @@ def test_the_best_climb_is_what_a_certificate_says():
     grasp = ng.Grasp([s.point for s in spots], [s.normal for s in spots], contacts)
     bounds = ng.mu(grasp, TASK, 0.002)
     assert bounds.lower * (1.0 - 1e-6) <= value <= 1.01 * bounds.upper
+
+
+def test_powers_beyond_short_floats_are_no_more_than_these_hold():
+    """The eighth power of supports along twists of which the task has little; an overflow warns."""
+    mesh = ng.Mesh(trimesh.creation.icosphere(subdivisions=2, radius=0.03))
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+    problem = ng.GraspProblem(mesh, [ng.FrictionContact(0.5)] * 3, task, force_budget="shared")
+    (pieces,) = scope_of(problem).pieces
+    found = Places(pieces, 200).powers(1e6 * np.eye(6))
+    assert np.max(found) == np.float32(1e37)
+    assert np.min(found) >= 0.0
