@@ -20,7 +20,7 @@ from nlpgrasp.solve.start.run import with_hand
 from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
-from nlpgrasp.studies.sliding import GAIN, Branch, at_most, look, slide
+from nlpgrasp.studies.sliding import GAIN, NEVER, Branch, at_most, look, slide
 
 SAME, NEAR = 0.02, 0.15  # of the body's size: contacts this close, in any order, are the same grasp, and neighbours
 SHARE = 1 / 3  # of a cold solve's starts are begun at each step without a search, all of them at both ends of the path
@@ -51,6 +51,8 @@ class Branches:
     Attributes
     ----------
     states : list of Branch
+    steps : int
+        Of the path, taken so far.
     bound : GlobalBound or None
         Over all placements for the task of the latest step, where the search covers it.
     """
@@ -60,7 +62,7 @@ class Branches:
         self.states: list[Branch] = []
         self.bound: GlobalBound | None = None
         self._begun_before: set[tuple[int, int]] = set()  # workbench and number of starts
-        self._steps, self._best = 0, 0.0  # taken, and the quality known at the last
+        self.steps, self._best = 0, 0.0  # the latter the quality known at the last step
         ahead = (_unseen(bench) for bench in benches)
         first = next(ahead)
         self._outlooks: Iterator[Outlook | None] = chain([first], ahead)
@@ -101,26 +103,26 @@ class Branches:
         """Slide a branch that resists nothing as long as that helps."""
         look(bench, branch, rng)
         for _ in range(RISING):
-            if slide(bench, branch, rng, self._steps) or branch.value <= 0.0:
+            if slide(bench, branch, rng, self.steps) or branch.value <= 0.0:
                 return
 
     def improve(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
         """Slide the current branch to where it is best for the next task, and then others that may be better."""
-        self._steps += 1
+        self.steps += 1
         for state in self.states:
             state.effort, state.value = Effort(), 0.0
         if current is not None:
             look(bench, current, rng)
-            slide(bench, current, rng, self._steps)
+            slide(bench, current, rng, self.steps)
         if not self._search(bench, 0.0 if current is None else current.value, rng):
-            if self._complete and self._steps == 1:
+            if self._complete and self.steps == 1:
                 self._begin(bench, range(self._starts))
             self._look(bench, current, rng)
-        for _ in range(OTHERS if self._steps > 1 else max(OTHERS, self._starts)):
+        for _ in range(OTHERS if self.steps > 1 else max(OTHERS, self._starts)):
             following = self._next(bench, current)
             if following is None:
                 break
-            slide(bench, following, rng, self._steps)
+            slide(bench, following, rng, self.steps)
         self._best = max((state.value for state in self.states), default=0.0)
 
     def _search(self, bench: Workbench, known: float, rng: np.random.Generator) -> bool:
@@ -132,18 +134,22 @@ class Branches:
         if seen is None:
             return False
         seen.expect(known)
-        long = self._steps == 1 or isinstance(bench.problem.body, Box | Prism)
+        long = self.steps == 1 or isinstance(bench.problem.body, Box | Prism)
         seen.look(LONG if long else NODES, Stop())
         self.bound = seen.bound()
         done = seen.searched and self._complete
         for placed in seen.placements(MET, known * (1.0 + GAIN if done else HOPEFUL)):
             found = bench.snapped(with_hand(bench, placed))
-            if bench.violation(found) <= FEASIBLE and _there(bench, found, self.states) is None:
+            if bench.violation(found) > FEASIBLE:
+                continue
+            state = _there(bench, found, self.states)
+            if state is None:
                 state = Branch(found, multipliers=np.zeros(len(bench.rows.named)))
-                look(bench, state, rng)
-                if state.value <= 0.0:
-                    self._raise(bench, state, rng)
                 self.states.append(state)
+            if state.value == 0.0:  # nobody looked at it for this task
+                look(bench, state, rng)
+                if state.value <= 0.0 and state.settled == NEVER:
+                    self._raise(bench, state, rng)
         return done
 
     def _look(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
@@ -176,7 +182,7 @@ class Branches:
         passed: list[Branch] = []
         for state in self.ranked():
             hopeful = state.value >= best * (HOPEFUL_NEW if state.settled < 0 else HOPEFUL)
-            going = state is not current and state.settled < self._steps
+            going = state is not current and state.settled < self.steps
             if hopeful and going and _there(bench, state.placed, passed, NEAR) is None:
                 return state
             passed.append(state)

@@ -15,16 +15,18 @@ from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.answer import solver_record
+from nlpgrasp.solve.ascent.weakest import MISSED
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.studies.branches import Branches, moved
 from nlpgrasp.studies.dynamic_grasp import DynamicStep
-from nlpgrasp.studies.sliding import Branch
+from nlpgrasp.studies.sliding import Branch, learn, slide
 
 RTOL = 0.005  # of certificates at most: the shares that decide are some percent
 TRIED = 3  # branches that are certified at a step before it begins anew
+SLID_ON = 3  # slides of one of them, at most, after its certificate disproved what descents found of it
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,16 @@ class Follower:
         return max((held for held in found if held.holds), key=lambda held: held.worth, default=None)
 
     def _on_body(self, bench: Workbench, state: Branch, rng: np.random.Generator) -> Held:
-        return self._certified(bench, state, put_on_body(bench, state, rng, Stop()))
+        """Return a branch on the body, slid on where its certificate disproves what descents found of it."""
+        best = held = self._certified(bench, state, put_on_body(bench, state, rng, Stop()))
+        for _ in range(SLID_ON):
+            flattered = held.found.allowed and held.bounds.upper < (1.0 - MISSED) * state.value
+            if not (flattered and learn(bench, state)):
+                break
+            slide(bench, state, rng, self._branches.steps)
+            held = self._certified(bench, state, put_on_body(bench, state, rng, Stop()))
+            best = max(best, held, key=lambda h: h.worth)
+        return best
 
     def _certified(self, bench: Workbench, state: Branch, found: OnBody) -> Held:
         rtol = min(bench.options.final_rtol, RTOL)

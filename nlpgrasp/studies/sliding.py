@@ -10,11 +10,11 @@ import numpy as np
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.ascend import Rules, ascend
-from nlpgrasp.solve.ascent.cuts import with_known
+from nlpgrasp.solve.ascent.cuts import with_known, with_new
 from nlpgrasp.solve.ascent.exchange import exchange_rules
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.ascent.steps.registry import model_of
-from nlpgrasp.solve.ascent.weakest import QUICK, weakest_at
+from nlpgrasp.solve.ascent.weakest import QUICK, disproved, weakest_at
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 LOOSE = replace(QUICK, gap=0.01)
@@ -46,6 +46,15 @@ def look(bench: Workbench, state: Branch, rng: np.random.Generator) -> None:
     task, none = bench.problem.task, np.zeros((0, bench.problem.dimension))
     weakest = weakest_at(bench, state.placed, rng, with_known(state.cuts, none, task), LOOSE)
     state.value, state.cuts = weakest.value, with_known(state.cuts, weakest.directions, task)
+
+
+def learn(bench: Workbench, state: Branch) -> bool:
+    """Add the directions in which a branch is weaker than descents found it; return whether there are any."""
+    found = disproved(bench, state.placed, state.value)
+    if found is None:
+        return False
+    state.cuts, state.value = with_new(bench, state.cuts, found.directions), found.value
+    return True
 
 
 def at_most(bench: Workbench, states: Sequence[Branch]) -> FloatArray:
