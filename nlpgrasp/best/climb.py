@@ -37,14 +37,18 @@ class Climb:
     def __init__(self, spots: Spots, value: float, cuts: FloatArray, step: float) -> None:
         self.spots, self.value, self.cuts, self.step, self.going = list(spots), value, cuts, step, True
 
+    def shorten(self, size: float) -> None:
+        """Try a shorter step, until that is next to nothing."""
+        self.step *= 0.35
+        self.going = self.step >= LEAST * size
+
     def judge(self, moved: Spots, value: float, weak: FloatArray, size: float) -> None:
         """Take a step's end where it is better; otherwise try a shorter one, until that is next to nothing."""
         self.cuts = np.concatenate([weak[:KEPT], self.cuts])[:CUTS]
         if value > (1.0 + GAIN) * self.value:
             self.spots, self.value, self.step = list(moved), value, min(1.5 * self.step, LONGEST * size)
-            return
-        self.step *= 0.35
-        self.going = self.step >= LEAST * size
+        else:
+            self.shorten(size)
 
 
 class Climber:
@@ -92,11 +96,16 @@ class Climber:
         return [(climb.spots, climb.value) for climb in climbs]
 
     def _round(self, climbs: Sequence[Climb]) -> None:
-        """Try a step of each climb; those without one end."""
+        """Try a step of each climb; those without one end, and one that leaves what is allowed is tried shorter."""
         steps = uphill([c.spots for c in climbs], [c.cuts for c in climbs], [c.step for c in climbs], self.size)
-        tried = [(climb, moved) for climb, moved in zip(climbs, steps, strict=True) if moved is not None]
+        tried: list[tuple[Climb, list[Spot]]] = []
         for climb, moved in zip(climbs, steps, strict=True):
-            climb.going = moved is not None
+            if moved is None:
+                climb.going = False
+            elif all(spot.allowed for spot in moved):
+                tried.append((climb, moved))
+            else:
+                climb.shorten(self.size)
         if not tried:
             return
         found = self.weakest([moved for _, moved in tried], [climb.cuts for climb, _ in tried])

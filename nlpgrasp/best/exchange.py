@@ -8,8 +8,7 @@ import numpy as np
 
 from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.climb import Climber
-from nlpgrasp.best.scope.pieces import Pieces
-from nlpgrasp.best.spots import Spot
+from nlpgrasp.best.spots import Reach, Spot
 from nlpgrasp.common.validation import FloatArray
 
 SPREAD, LATEST, ADDED = 60, 80, 8  # directions: well-spread ones, the latest weak ones, of which a round adds some
@@ -25,12 +24,12 @@ class Places:
 
     Parameters
     ----------
-    pieces : Pieces
+    pieces : Reach
     count : int
         About how many on each face.
     """
 
-    def __init__(self, pieces: Pieces, count: int) -> None:
+    def __init__(self, pieces: Reach, count: int) -> None:
         self.pieces = pieces
         points, normals, owner = [], [], []
         self.surfaces = tuple(dict.fromkeys(pieces.surfaces))
@@ -63,14 +62,14 @@ class Exchange:
 
     Parameters
     ----------
-    pieces : sequence of Pieces
+    pieces : sequence of Reach
     climber : Climber
         Tells the weakest directions of a grasp.
     count : int
         Places of each contact, about.
     """
 
-    def __init__(self, pieces: Sequence[Pieces], climber: Climber, count: int) -> None:
+    def __init__(self, pieces: Sequence[Reach], climber: Climber, count: int) -> None:
         self.climber = climber
         self.places = [Places(p, count) for p in pieces]
         self.of_slot = [places for places in self.places for _ in places.pieces.slots]
@@ -81,7 +80,7 @@ class Exchange:
         self._latest_powers = [powers[:0] for powers in self._spread_powers]
 
     @classmethod
-    def of(cls, pieces: Sequence[Pieces], climber: Climber) -> Exchange | None:
+    def of(cls, pieces: Sequence[Reach], climber: Climber) -> Exchange | None:
         """Return one for contacts on rough faces, None where every face can be climbed on."""
         rough = all(surface.rough for p in pieces for surface in p.surfaces)
         return cls(pieces, climber, COUNT) if rough else None

@@ -4,14 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.bound.weakest import Design
+from nlpgrasp.best.cells.allowed import Allowed
 from nlpgrasp.best.cells.base import Surface
-from nlpgrasp.best.scope.pieces import Pieces
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
+
+
+class Reach(Protocol):
+    """Where contacts that are alike may be, and what they do there."""
+
+    @property
+    def slots(self) -> tuple[int, ...]:
+        """The contacts."""
+
+    @property
+    def surfaces(self) -> Sequence[Surface]:
+        """The faces they may use; one may be named more than once."""
+
+    @property
+    def allowed(self) -> Allowed:
+        """Where on these they may be."""
+
+    @property
+    def supports(self) -> Supports:
+        """What they do along twists."""
 
 
 @dataclass(frozen=True)
@@ -20,15 +42,15 @@ class Spot:
 
     Parameters
     ----------
-    pieces : Pieces
-        The cells it may be in.
+    pieces : Reach
+        Where it may be.
     surface : Surface
         The face it is on.
     point, normal : (space,) array
         Metres; unit, into the body.
     """
 
-    pieces: Pieces
+    pieces: Reach
     surface: Surface
     point: FloatArray
     normal: FloatArray

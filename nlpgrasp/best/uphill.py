@@ -56,8 +56,7 @@ def _stepped(spots: Spots, total: FloatArray, slopes: FloatArray, step: float) -
     x = _maximised(A, b)
     if x is None:
         return None
-    moved = [spot.moved(s) for spot, s in zip(spots, x[:-1].reshape(-1, q), strict=True)]
-    return moved if all(spot.allowed for spot in moved) else None
+    return [spot.moved(s) for spot, s in zip(spots, x[:-1].reshape(-1, q), strict=True)]
 
 
 def _differences(grasps: Sequence[Spots], cuts: Sequence[FloatArray], size: float) -> tuple[FloatArray, FloatArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -81,11 +82,15 @@ class MeshFace(Surface):
     def __init__(self, name: str, body: Mesh) -> None:
         super().__init__(name)
         self.body = body
-        corners = np.asarray(body.mesh.triangles, dtype=float)
+
+    @cached_property
+    def clusters(self) -> Clusters:
+        """The triangles, halved until they are small."""
+        corners = np.asarray(self.body.mesh.triangles, dtype=float)
         sides = corners[:, 1:] - corners[:, :1]
         inward = np.cross(sides[:, 1], sides[:, 0])
         inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), SMALLEST)
-        self.clusters = Clusters(corners, inward, body.size)
+        return Clusters(corners, inward, self.body.size)
 
     def cells(self) -> Sequence[Cell]:
         """Return the whole surface as one cell."""

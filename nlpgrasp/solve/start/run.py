@@ -26,6 +26,7 @@ from nlpgrasp.solve.workers.one_thread import one_thread
 
 KNOWN = "from the search of all placements"  # message of a start
 SLOWEST = 0.01  # relative gain over some rounds, below which the exchange from a grasp that was climbed to ends
+SLOWEST_BEFORE = 0.03  # the same where contacts climb over the mesh itself afterwards
 GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 
 
@@ -101,8 +102,9 @@ class _Attempts:
         """Refine what the first program found, put it onto the body and certify it."""
         bench, state = self.bench, first.state
         if bench.options.exchange:
-            if first.message == KNOWN and bench.follows_contacts:
-                rules = replace(exchange_rules(bench), slowest=SLOWEST)
+            slowest = _slowest(bench, first)
+            if slowest > 0.0:
+                rules = replace(exchange_rules(bench), slowest=slowest)
                 state = exchange(bench, state, self.rng, self.stop, rules)
             else:
                 improve = exchange_in_turn if self._under_l2_first else exchange
@@ -133,6 +135,15 @@ class _Attempts:
             history=tuple(state.history),
         )
         return StartGrasp(record, found, constraint_reports(bench, found, state.multipliers), state.effort, robust)
+
+
+def _slowest(bench: Workbench, first: FirstResult) -> float:
+    """Return the relative gain over some rounds below which the exchange from a state ends; 0 where there is none."""
+    if not bench.follows_contacts:
+        return 0.0
+    if bench.mesh_climb is not None and not bench.mesh_climb.coupled:
+        return SLOWEST_BEFORE
+    return SLOWEST if first.message == KNOWN else 0.0
 
 
 def with_hand(bench: Workbench, placed: Placed) -> Placed:

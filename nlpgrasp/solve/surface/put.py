@@ -8,6 +8,7 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solution.placed import SurfaceMatch
 from nlpgrasp.solve.ascent.state import AscentState
+from nlpgrasp.solve.surface.climbed import climbed
 from nlpgrasp.solve.surface.move_hand import hand_onto_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
@@ -21,7 +22,7 @@ def put_on_body(bench: Workbench, state: AscentState, rng: np.random.Generator, 
     if not isinstance(body, Mesh):
         return OnBody.of(bench, before, bench.grasp(before))
     if bench.follows_contacts:
-        grasp = slide_onto_mesh(bench, before, rng, stop)
+        grasp = climbed(bench, before, slide_onto_mesh(bench, before, rng, stop), rng, stop)
         placed = Placed(before.faces, grasp.points, before.hand)
     else:
         touching = hand_onto_mesh(bench, before, state.value, stop)

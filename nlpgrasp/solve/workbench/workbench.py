@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from nlpgrasp.best.bound.measure import MEASURES
+from nlpgrasp.best.scope.scope import KINDS
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
@@ -16,6 +18,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.hand_points import HandPoints
+from nlpgrasp.solve.workbench.mesh_climb import MeshClimb
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import (
     SLOTS,
@@ -108,6 +111,14 @@ class Workbench:
     def virtual_work(self) -> VirtualWork:
         """Derivatives of supports under the hand's torque limits."""
         return VirtualWork(self.exchange.compiled.program, self.problem)
+
+    @cached_property
+    def mesh_climb(self) -> MeshClimb | None:
+        """Climbs over the mesh itself; None where the body is none, or what contacts do does not add up."""
+        body, known = self.problem.body, all(model.kind in KINDS for model in self.problem.models)
+        if not (isinstance(body, Mesh) and known and type(self.problem.budget) in MEASURES):
+            return None
+        return MeshClimb(self.problem, body, self.surface.mesh_cloud)
 
     @property
     def follows_contacts(self) -> bool:
