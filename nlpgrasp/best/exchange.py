@@ -76,14 +76,18 @@ class Exchange:
         step = max(1, len(climber.twists) // SPREAD)
         self.spread = climber.twists[::step]
         self._spread_powers = [places.powers(self.spread) for places in self.places]
-        self.latest = self.spread[:0]
-        self._latest_powers = [powers[:0] for powers in self._spread_powers]
+        self.forget()
 
     @classmethod
     def of(cls, pieces: Sequence[Reach], climber: Climber) -> Exchange | None:
         """Return one for contacts on rough faces, None where every face can be climbed on."""
         rough = all(surface.rough for p in pieces for surface in p.surfaces)
         return cls(pieces, climber, COUNT) if rough else None
+
+    def forget(self) -> None:
+        """Begin with the well-spread directions alone, as at first: what follows depends on no grasp before."""
+        self.latest = self.spread[:0]
+        self._latest_powers = [powers[:0] for powers in self._spread_powers]
 
     def allowed(self, spots: Sequence[Spot]) -> list[Spot]:
         """Return the spots, those that constraints do not permit replaced by the nearest of their places."""

@@ -132,7 +132,7 @@ def _made(
 ) -> list[Pieces]:
     """Return the pieces of contacts that are alike; each that can be turned to a line has its own."""
     made: list[Pieces] = []
-    for slots in _alike(problem, own):
+    for slots in alike(problem, own):
         given = [([slot], Roots(turned[slot][1], turned[slot][0])) for slot in slots if slot < len(turned)]
         rest = [slot for slot in slots if slot >= len(turned)]
         if rest:
@@ -147,7 +147,7 @@ def _made(
     return made
 
 
-def _alike(problem: GraspProblem, own: Sequence[Places]) -> list[list[int]]:
+def alike(problem: GraspProblem, own: Sequence[Places]) -> list[list[int]]:
     """Return contacts of one model that may be in the same places, together."""
     groups: dict[object, list[int]] = {}
     for i, (contact, places_of) in enumerate(zip(problem.models, own, strict=True)):

@@ -18,7 +18,7 @@ from nlpgrasp.quality.screening import sampled_ratios, screening_score
 from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.solve.start.screen import screening_directions
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.surface_samples import MESH_ANGLE
+from nlpgrasp.solve.workbench.surface_samples import plain
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 FIRST_REACH, LAST_REACH = 0.12, 0.01  # of the body's size: how far a contact may slide in one move
@@ -133,8 +133,6 @@ def _nearest_plain(bench: Workbench, points: FloatArray) -> tuple[FloatArray, Fl
     """Return the nearest points of the mesh away from sharp edges, and the mesh's inward normals there."""
     body, cloud = bench.surface.mesh, bench.surface.mesh_cloud
     positions, outward, _ = body.closest(points)
-    smooth = body.evaluate(body.face_names[0], positions)[2]
-    edge = np.sum(smooth * outward, axis=1) < np.cos(MESH_ANGLE)
+    kept = plain(body, positions, outward)[:, None]
     nearest = cloud.tree.query(points)[1]
-    plain, normals = cloud.points[nearest], cloud.normals[nearest]
-    return np.where(edge[:, None], plain, positions), np.where(edge[:, None], normals, -outward)
+    return np.where(kept, positions, cloud.points[nearest]), np.where(kept, -outward, cloud.normals[nearest])

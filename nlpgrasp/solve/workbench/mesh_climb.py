@@ -7,7 +7,7 @@ normals differ. Here contacts move over the triangles, by the steps that the sea
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,12 @@ from nlpgrasp.best.cells.mesh import MeshFace
 from nlpgrasp.best.climb import Climber
 from nlpgrasp.best.exchange import COUNT, Exchange
 from nlpgrasp.best.scope.places import places
+from nlpgrasp.best.scope.scope import alike
 from nlpgrasp.best.spots import Spot
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.workbench.surface_samples import MESH_ANGLE, Cloud
+from nlpgrasp.solve.workbench.surface_samples import Cloud, plain
 
 AGAIN = 4  # times that exchanges begin again
 
@@ -50,26 +51,16 @@ class PlainFace(MeshFace):
         some = slice(None, None, max(1, len(self.cloud.points) // count))
         return self.cloud.points[some], self.cloud.normals[some]
 
-    def plain(self, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
-        """Return at which points (m, 3) the inward normals (m, 3) are near those of the smooth surface."""
-        smooth = self.body.evaluate(self.name, points)[2]
-        return np.asarray(np.sum(smooth * -normals, axis=1) >= np.cos(MESH_ANGLE))
-
 
 @dataclass(frozen=True)
 class AllowedAndPlain(Allowed):
     """Where one contact may be on a mesh: not on its sharp edges either."""
 
-    face: PlainFace | None = None
+    body: Mesh = field(kw_only=True)
 
     def each(self, points: FloatArray, normals: FloatArray, slack: float = 0.0) -> NDArray[np.bool_]:
         """Return which of the points (m, space) are allowed, but for a slack in metres."""
-        kept = super().each(points, normals, slack)
-        return kept if self.face is None else kept & self.face.plain(points, normals)
-
-
-def _plain(allowed: Allowed, face: PlainFace) -> AllowedAndPlain:
-    return AllowedAndPlain(allowed.inside, allowed.outside, allowed.away, face)
+        return super().each(points, normals, slack) & plain(self.body, points, -normals)
 
 
 @dataclass(frozen=True)
@@ -116,22 +107,16 @@ class MeshClimb:
         measure = Measure.of(problem.budget)
         self.face = PlainFace(body.face_names[0], body, cloud)
         own, dropped = places(problem)
-        groups: dict[object, list[int]] = {}
-        for i, (model, where) in enumerate(zip(problem.models, own, strict=True)):
-            groups.setdefault((model, where.key), []).append(i)
-        alike = [
-            Alike(
-                tuple(slots),
-                (self.face,),
-                _plain(own[slots[0]].allowed, self.face),
-                Supports(problem.models[slots[0]], measure, problem.origin),
-            )
-            for slots in groups.values()
-        ]
-        self.slots = [slot for group in alike for slot in group.slots]
-        self.of_slot = [group for group in alike for _ in group.slots]
+        groups = []
+        for slots in alike(problem, own):
+            where = own[slots[0]].allowed
+            allowed = AllowedAndPlain(where.inside, where.outside, where.away, body=body)
+            supports = Supports(problem.models[slots[0]], measure, problem.origin)
+            groups.append(Alike(tuple(slots), (self.face,), allowed, supports))
+        self.slots = [slot for group in groups for slot in group.slots]
+        self.of_slot = [group for group in groups for _ in group.slots]
         self.climber = Climber(problem.task, Twists(problem.task, body.size).lattice, body.size)
-        self.exchange = Exchange(alike, self.climber, COUNT)
+        self.exchange = Exchange(groups, self.climber, COUNT)
         self.coupled = bool(dropped) or not all(len(found.points) for found in self.exchange.places)
 
     def improved(
@@ -155,6 +140,7 @@ class MeshClimb:
         given = [
             Spot(group, self.face, points[i], normals[i]) for group, i in zip(self.of_slot, self.slots, strict=True)
         ]
+        self.exchange.forget()
         begun: list[Sequence[Spot]] = [given]
         if not self.coupled:
             begun.append(self._exchanged(given, rng))

@@ -40,6 +40,12 @@ class Cloud:
     tree: cKDTree
 
 
+def plain(body: Mesh, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
+    """Return at which points (m, 3) of a mesh its outward normals (m, 3) are near those of the smooth surface."""
+    smooth = body.evaluate(body.face_names[0], points)[2]
+    return np.asarray(np.sum(smooth * outward, axis=1) >= np.cos(MESH_ANGLE))
+
+
 class SurfaceSamples:
     """Samples of a problem's body, the same in every process.
 
@@ -94,8 +100,7 @@ class SurfaceSamples:
         """Points of the mesh itself, away from sharp edges, with its triangles' inward normals."""
         body = self.mesh
         points, normals = body.surface_samples(MESH_SAMPLES, np.random.default_rng(0))
-        smooth = body.evaluate(body.face_names[0], points)[2]
-        plain = np.sum(smooth * normals, axis=1) >= np.cos(MESH_ANGLE)
-        if plain.any():
-            points, normals = points[plain], normals[plain]
+        kept = plain(body, points, normals)
+        if kept.any():
+            points, normals = points[kept], normals[kept]
         return Cloud(np.full(len(points), body.face_names[0], dtype=object), points, -normals, cKDTree(points))
