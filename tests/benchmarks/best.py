@@ -1,6 +1,7 @@
 """The bound over all placements: gap against CPU time; how often default solves meet the best known; the peg's seeds.
 
-Parts: ``gaps``, ``meshes``, ``hits``, ``peg``; ``best:hits:0:20`` runs the first 20 problems of the hit rate.
+Parts: ``gaps``, ``meshes``, ``hits``, ``peg``, ``hands``; ``best:hits:0:20`` runs the first 20 problems
+of the hit rate.
 """
 
 import time
@@ -11,6 +12,7 @@ import nlpgrasp as ng
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Search
 from problems.peg_in_hole import problem as peg
+from tests.benchmarks import hand_budgets
 from tests.benchmarks.best_problems import gap_problems, hit_problem
 from tests.best.brute_force.cases import Case
 from tests.best.brute_force.search import BruteForce
@@ -26,6 +28,7 @@ OPTIONS = ng.SolveOptions(workers=1, shadow_prices=False)
 
 def run(part=None, first=0, last=HITS):
     parts = {"gaps": gaps, "meshes": meshes, "hits": lambda: hits(range(int(first), int(last))), "peg": pegs}
+    parts["hands"] = hand_budgets.run
     for name in parts if part is None else (part,):
         parts[name]()
 

@@ -13,6 +13,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.urdf.link_tree import LinkTree
+from nlpgrasp.hands.urdf.reaching import reach
 
 
 class LinkedHand(PosedHand):
@@ -65,6 +66,10 @@ class LinkedHand(PosedHand):
             The fingertips' centres, metres, body frame.
         """
         return self.tree.draw(count, around, rng)
+
+    def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
+        """Return palm poses and joints with the fingertips near some places; arguments are those of ``PosedHand``."""
+        return reach(self.tree, places, near, rng)
 
     def describe(self, values: Values) -> Json:
         """Return joint positions by name (those that follow others included) and the palm's pose."""

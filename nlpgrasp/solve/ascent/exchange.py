@@ -31,9 +31,21 @@ def exchange_in_turn(bench: Workbench, state: AscentState, rng: np.random.Genera
     """
     plain = bench.under_l2
     if plain is not None and not stop.requested():
-        there = exchange(plain, replace(state, history=[]), rng, stop)
-        state = replace(state, placed=there.placed, effort=there.effort, multipliers=there.multipliers)
+        state = exchange_under_l2(plain, state, rng, stop)
     return exchange(bench, state, rng, stop)
+
+
+def exchange_under_l2(plain: Workbench, state: AscentState, rng: np.random.Generator, stop: Stop) -> AscentState:
+    """Return where a state gets under the paper's budget, whose workbench is given: not its rounds, nor its cuts."""
+    there = exchange(plain, replace(state, history=[]), rng, stop)
+    return replace(
+        state,
+        placed=there.placed,
+        value=there.value,
+        effort=there.effort,
+        multipliers=there.multipliers,
+        history=[*state.history],
+    )
 
 
 def exchange(

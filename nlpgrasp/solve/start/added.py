@@ -10,7 +10,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.cones.wider import placed_in
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solve.start.given import Given
-from nlpgrasp.solve.start.screen import scores
+from nlpgrasp.solve.start.scores import scores
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 

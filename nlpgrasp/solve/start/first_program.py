@@ -16,6 +16,7 @@ from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 FIRST_BETA = 0.1  # solver units
+HOLDS = "a hand that holds the body"  # message of a start
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class FirstResult:
     state : AscentState
         The better of the candidate and of what the program made of it.
     beta : float
-        The program's objective, in units of mu.
+        The program's objective, in units of mu; NaN where none was solved.
     score : float
         The least support ratio; negative, the violation, where constraints are broken.
     message : str
@@ -60,12 +61,18 @@ def solve_first(bench: Workbench, candidates: Iterator[Placed], rng: np.random.G
 
 
 def _solve(bench: Workbench, begin: Placed, rng: np.random.Generator) -> FirstResult:
-    """Solve from one candidate; fall back on it where it is the better grasp."""
+    """Solve from one candidate; fall back on it where it is the better grasp.
+
+    A hand that holds the body already begins as it is.
+    """
+    scores = [_score(bench, begin, rng)]
+    if scores[0] > 0.0 and not bench.follows_contacts:
+        state = AscentState(begin, multipliers=np.zeros(len(bench.rows.named)))
+        return FirstResult(state, np.nan, scores[0], HOLDS)
     program = bench.first.program
     start = variables_of(bench, program, begin)
     start[program.block("beta").range] = FIRST_BETA
     choices, results = [begin], []
-    scores = [_score(bench, begin, rng)]
     for factor in bench.task_samples.factors:
         parameters = np.concatenate([first_parameters(bench, rng, factor), face_parameters(bench.problem, begin.faces)])
         results.append(bench.first.solve(start, parameters))

@@ -9,11 +9,12 @@ from itertools import chain
 
 import numpy as np
 
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
-from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn, exchange_rules
+from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn, exchange_rules, exchange_under_l2
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
@@ -79,38 +80,68 @@ class _Attempts:
         bench, known = self.bench, self._known
         if known is not None and bench.violation(known) <= FEASIBLE:
             state = AscentState(known, multipliers=np.zeros(len(bench.rows.named)))
-            yield self._finished(FirstResult(state, np.nan, np.nan, KNOWN))
+            yield self._finished(FirstResult(state, np.nan, np.nan, KNOWN), self.rng)
             known = None
-        drawn = chain([] if known is None else [known], candidates(bench, self.rng, self.stop))
+        begins = bench if self._plain is None else self._plain
+        drawn = chain([] if known is None else [known], candidates(begins, self.rng, self.stop))
         self.clock.mark("screen")
         while True:
-            first = solve_first(bench, drawn, self.rng)
+            rng = self.rng if bench.follows_contacts else self.rng.spawn(1)[0]  # whatever other attempts use up
+            first = solve_first(begins, drawn, rng)
             self.clock.mark("vertex")
             if first is None:
                 return
-            yield self._finished(first)
+            yield self._finished(first, rng)
+
+    @property
+    def wanted(self) -> int:
+        """How many grasps there have to be: one, but two of a hand whose ascents begin under the paper's budget."""
+        return 1 if self._plain is None else 2
+
+    @property
+    def _plain(self) -> Workbench | None:
+        """The workbench under the paper's budget, where a hand's candidates are compared on it; else None.
+
+        So a start begins as it would under that budget, and its answer is no worse under its own than what the other
+        budget leads to.
+        """
+        return None if self.bench.follows_contacts else self.bench.under_l2
 
     @property
     def _under_l2_first(self) -> bool:
-        """Whether this start goes up under the paper's budget first: with a hand's pose each does.
+        """Whether this start, of a hand that follows its contacts or none, goes up under the paper's budget first.
 
-        Without one every other does of those that draw for themselves.
+        Every other does of those that draw for themselves.
         """
-        return not self.bench.follows_contacts or (self.index % 2 == 1 and self._known is None)
+        return self.index % 2 == 1 and self._known is None
 
-    def _finished(self, first: FirstResult) -> StartGrasp:
-        """Refine what the first program found, put it onto the body and certify it."""
-        bench, state = self.bench, first.state
-        if bench.options.exchange:
-            slowest = _slowest(bench, first)
-            if slowest > 0.0:
-                rules = replace(exchange_rules(bench), slowest=slowest)
-                state = exchange(bench, state, self.rng, self.stop, rules)
-            else:
-                improve = exchange_in_turn if self._under_l2_first else exchange
-                state = improve(bench, state, self.rng, self.stop)
+    def _finished(self, first: FirstResult, rng: np.random.Generator) -> StartGrasp:
+        """Refine what the first program found, put it onto the body and certify it: the best of what that leads to."""
+        each = [self._told(first, *end, rng) for end in self._ascended(first, rng)]
+        return max(each, key=lambda grasp: (grasp.solved, grasp.rank.lower))
+
+    def _ascended(self, first: FirstResult, rng: np.random.Generator) -> list[tuple[Workbench, AscentState]]:
+        """Return where ascents end, each with the workbench of the budget it was under."""
+        bench, state, stop = self.bench, first.state, self.stop
+        if not bench.options.exchange:
+            return [(bench, state)]
+        slowest = _slowest(bench, first)
+        if slowest > 0.0:
+            rules = replace(exchange_rules(bench), slowest=slowest)
+            return [(bench, exchange(bench, state, rng, stop, rules))]
+        if self._plain is not None:
+            before = exchange_under_l2(self._plain, state, rng, stop)
+            after = exchange(bench, replace(before, history=[]), rng, stop)
+            # on a mesh the better one before may be the worse one after it was put there
+            return [(bench, after)] + ([(self._plain, before)] if isinstance(bench.problem.body, Mesh) else [])
+        improve = exchange_in_turn if self._under_l2_first else exchange
+        return [(bench, improve(bench, state, rng, stop))]
+
+    def _told(self, first: FirstResult, under: Workbench, state: AscentState, rng: np.random.Generator) -> StartGrasp:
+        """Put the end of an ascent onto the body, and certify it."""
+        bench = self.bench
         self.clock.mark("exchange")
-        found = put_on_body(bench, state, self.rng, self.stop)
+        found = put_on_body(under, state, rng, self.stop)
         self.clock.mark("mesh")
         robust = None
         if bench.options.maximise_robust:
@@ -153,12 +184,16 @@ def with_hand(bench: Workbench, placed: Placed) -> Placed:
 
 
 def _best_attempt(attempts: _Attempts) -> StartGrasp:
-    """Return the first attempt that resists the task and keeps the constraints; without any, the first."""
+    """Return the best of the first attempts that resist the task and keep the constraints; without any, the first."""
     each = iter(attempts)
-    first = found = next(each)
-    while not (found.solved or attempts.stop.requested()):
-        following = next(each, None)
-        if following is None:
-            return first
-        found = following
-    return found if found.solved else first
+    first = following = next(each)
+    solved: list[StartGrasp] = []
+    while True:
+        solved += [following] if following.solved else []
+        if len(solved) >= attempts.wanted or attempts.stop.requested():
+            break
+        found = next(each, None)
+        if found is None:
+            break
+        following = found
+    return max(solved, key=lambda grasp: grasp.rank.lower) if solved else first

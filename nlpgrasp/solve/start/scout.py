@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.solve.workbench.placed import Placed
@@ -12,6 +16,33 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 DRAWN = 4096  # placements
 SCREENED = 1024  # of those that keep the constraints, at most
 APART = 0.1  # of the body's size: placements nearer than that, contact by contact, are the same
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Placements at random.
+
+    Parameters
+    ----------
+    points, normals : (b, k, space) array
+        Metres; inward unit normals.
+    faces : (b, k) array of str
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    faces: NDArray[np.object_]
+
+
+def random_placements(bench: Workbench, count: int, rng: np.random.Generator) -> Drawn:
+    """Return random placements over the sample points of the faces that each contact may use."""
+    clouds = [bench.surface.cloud(i) for i in range(len(bench.problem.models))]
+    each = [(cloud, rng.integers(len(cloud.points), size=count)) for cloud in clouds]
+    return Drawn(
+        np.stack([cloud.points[where] for cloud, where in each], axis=1),
+        np.stack([cloud.normals[where] for cloud, where in each], axis=1),
+        np.stack([cloud.faces[where] for cloud, where in each], axis=1),
+    )
 
 
 def scout(bench: Workbench, count: int, rng: np.random.Generator) -> list[Placed]:
@@ -23,10 +54,8 @@ def scout(bench: Workbench, count: int, rng: np.random.Generator) -> list[Placed
     """
     if not bench.follows_contacts:
         return []
-    clouds = [bench.surface.cloud(i) for i in range(len(bench.problem.models))]
-    chosen = [rng.integers(len(cloud.points), size=DRAWN) for cloud in clouds]
-    points = np.stack([cloud.points[where] for cloud, where in zip(clouds, chosen, strict=True)], axis=1)
-    normals = np.stack([cloud.normals[where] for cloud, where in zip(clouds, chosen, strict=True)], axis=1)
+    drawn = random_placements(bench, DRAWN, rng)
+    points, normals, faces = drawn.points, drawn.normals, drawn.faces
     hand = bench.hand_points.start(points, normals)
     allowed = np.flatnonzero(bench.rows.violations(points, normals, hand) <= FEASIBLE)[:SCREENED]
     if not len(allowed):
@@ -41,6 +70,5 @@ def scout(bench: Workbench, count: int, rng: np.random.Generator) -> list[Placed
         near = (np.max(np.linalg.norm(points[i] - other.points, axis=1)) for other in found)
         if min(near, default=np.inf) < APART * bench.scaling.length:
             continue
-        faces = tuple(str(cloud.faces[where[i]]) for cloud, where in zip(clouds, chosen, strict=True))
-        found.append(Placed(faces, points[i], {name: value[i] for name, value in hand.items()}))
+        found.append(Placed(tuple(faces[i]), points[i], {name: value[i] for name, value in hand.items()}))
     return found

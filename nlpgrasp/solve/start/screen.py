@@ -7,23 +7,17 @@ from itertools import combinations_with_replacement, product
 
 import numpy as np
 
-from nlpgrasp.common.directions import directions
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.quality.screening import sampled_ratios, screening_score
-from nlpgrasp.solve.start.touch import TOUCHING, touching, touching_candidates
+from nlpgrasp.solve.start.posed import draw_posed_start, posed_candidates
+from nlpgrasp.solve.start.scores import scores
+from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 ENUMERATE_BELOW = 64
 BATCHES = 8  # of placements, for tasks that are not centred
-POSES_A_CANDIDATE, CHECKED = 8, 48  # random hand poses a candidate; the best of them whose clearances are computed
-BLOCKED = 0.2  # weight of the links' mean overlap, over the body's size
-TRIES = 3  # poses a start may begin from, one after another
-MANY, MANY_TRIES = 6, 32  # contacts from which poses are first moved to where all can touch, and poses then
 RESTORED = 24  # placements that are moved onto the constraints where these leave no room for chance
-FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 
 
 def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
@@ -44,12 +38,9 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
 def candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterator[Placed]:
     """Return an iterator over what a start begins from, the most promising first.
 
-    A hand with many contacts is first moved to where all of them touch.
+    A hand with a pose of its own is first moved to where all its fingertips touch.
     """
-    drawn = iter(draw_start(bench, rng))
-    if not bench.follows_contacts and len(bench.problem.models) >= MANY:
-        return touching_candidates(bench, drawn, stop)
-    return drawn
+    return iter(draw_start(bench, rng)) if bench.follows_contacts else posed_candidates(bench, rng, stop)
 
 
 def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, Placed]:
@@ -65,13 +56,6 @@ def _best_placement(bench: Workbench, rng: np.random.Generator) -> tuple[float, 
     found = float(rank[best]), drawn[best]
     restored = _restored(bench, drawn, violation) if bench.rows.narrow else None
     return found if restored is None or restored[0] <= found[0] else restored
-
-
-def scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return how well placements (b, k, space) resist the task in sampled directions, (b,)."""
-    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
-    ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
-    return screening_score(ratios) * bench.scaling.beta
 
 
 def _restored(bench: Workbench, drawn: Sequence[Placed], violation: FloatArray) -> tuple[float, Placed] | None:
@@ -92,41 +76,6 @@ def _restored(bench: Workbench, drawn: Sequence[Placed], violation: FloatArray) 
     rank = scores(bench, np.stack([f.points for f in found]), np.stack([bench.inward_normals(f) for f in found]))
     best = int(np.argmax(rank))
     return float(rank[best]), found[best]
-
-
-def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
-    """Return the best few of many random poses of a hand around the body.
-
-    Each fingertip's contact is the nearest sample point of the faces it may use. Poses are ranked by how well the
-    contacts resist the task, less how far the fingertips are from them; of the best, those whose links are
-    least in the body's and each other's way are taken.
-    """
-    problem, size, hand = bench.problem, bench.scaling.length, bench.hand_points.posed_hand
-    count = POSES_A_CANDIDATE * bench.options.candidates
-    everything = np.concatenate(list(bench.surface.faces.values()))
-    target = everything[rng.integers(len(everything), size=count)]
-    around = problem.body.centroid + rng.uniform(0.0, 0.8, (count, 1)) * (target - problem.body.centroid)
-    values, tips = hand.draw(count, around, rng)
-    points, normals = np.empty_like(tips), np.empty_like(tips)
-    faces = np.empty(tips.shape[:2], dtype=object)
-    far = np.zeros(count)
-    for i, radius in enumerate(hand.tip_radii):
-        cloud = bench.surface.cloud(i)
-        distance, nearest = cloud.tree.query(tips[:, i])
-        points[:, i], normals[:, i], faces[:, i] = cloud.points[nearest], cloud.normals[nearest], cloud.faces[nearest]
-        far += np.abs(distance - radius) / size
-    score = scores(bench, points, normals) - FAR * far / hand.count
-    order = np.argsort(-score)[:CHECKED]
-    chosen = {name: v[order] for name, v in values.items()}
-    blocked = bench.rows.blocked(points[order], normals[order], chosen)
-    tries = TRIES if hand.count < MANY else MANY_TRIES
-    best = order[np.argsort(BLOCKED * blocked - score[order], kind="stable")[:tries]]
-    return [Placed(tuple(faces[i]), points[i], {name: v[i] for name, v in values.items()}) for i in best]
-
-
-def screening_directions(bench: Workbench) -> FloatArray:
-    """Return well-spread directions in wrench space, round in the solver's units, (m, d)."""
-    return directions(bench.problem.dimension, 2) * bench.scaling.wrench
 
 
 def _assignments(bench: Workbench, count: int, rng: np.random.Generator) -> list[tuple[str, ...]]:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+import numpy as np
+
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.cuts import no_cuts
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
 from nlpgrasp.solve.ascent.quadratic import Linearised, step_bounds
 from nlpgrasp.solve.ascent.slack import RowSlack
+from nlpgrasp.solve.ascent.weakest import QUICK, weakest_at
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
@@ -40,6 +43,29 @@ def touching_candidates(bench: Workbench, candidates: Iterable[Placed], stop: St
     others.sort(key=lambda pair: pair[1])
     for found, _ in others[: ENOUGH - given]:
         yield found
+
+
+def best_touching(
+    bench: Workbench, candidates: Iterable[Placed], rng: np.random.Generator, stop: Stop
+) -> Iterator[Placed]:
+    """Return candidates moved to where all contacts touch, those first that resist the task best; then the others.
+
+    The others, nearest first, are as they were.
+    """
+    there: list[tuple[Placed, float]] = []
+    others: list[tuple[Placed, float]] = []
+    for candidate in candidates:
+        if there and stop.requested():
+            break
+        found, violation = touching(bench, candidate)
+        found = bench.snapped(found)
+        if violation <= TOUCHING and bench.violation(found) <= FEASIBLE:
+            there.append((found, weakest_at(bench, found, rng, descents=QUICK).value))
+        else:
+            others.append((candidate, violation))
+    there.sort(key=lambda pair: -pair[1])
+    others.sort(key=lambda pair: pair[1])
+    return iter([placed for placed, _ in there + others[:ENOUGH]])
 
 
 def touching(bench: Workbench, candidate: Placed) -> tuple[Placed, float]:

@@ -21,6 +21,7 @@ from nlpgrasp.solve.ascent.newton import NewtonRules, restore
 from nlpgrasp.solve.ascent.quadratic import Linearised, step_bounds
 from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
+from nlpgrasp.solve.surface.walk import Held, walk
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import hand_of, points_of, put_contacts, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -83,7 +84,11 @@ def hand_onto_mesh(bench: Workbench, smooth: Placed, wanted: float, stop: Stop) 
         there = value(trial)
         if there > reached:
             best, reached = trial, there
-    return best
+    if best.gap > TOUCHED:
+        return best
+    walked = walk(bench, Held(best.placed, best.grasp.normals), rng, stop)
+    trial = TouchingHand(walked.placed, bench.grasp_at(walked.placed.points, walked.normals), best.gap)
+    return trial if value(trial) > reached else best
 
 
 def touch_mesh(bench: Workbench, start: Placed, aim: FloatArray | None = None) -> TouchingHand:

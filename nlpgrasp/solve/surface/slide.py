@@ -13,10 +13,7 @@ import numpy as np
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.quality.screening import sampled_ratios, screening_score
-from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
-from nlpgrasp.solve.start.screen import screening_directions
+from nlpgrasp.solve.surface.scored import Scored
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.surface_samples import plain
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
@@ -25,7 +22,6 @@ FIRST_REACH, LAST_REACH = 0.12, 0.01  # of the body's size: how far a contact ma
 TRIALS = 48
 SWEEPS = 12
 GAIN = 1e-3  # relative: a sweep that gains less is undone
-KNOWN, MOST_CUTS = 100, 400  # directions that a search begins from, and that are kept
 
 
 def slide_onto_mesh(
@@ -78,8 +74,7 @@ class _Sliding:
     def __init__(self, bench: Workbench, start: Placed, rng: np.random.Generator, constrained: bool) -> None:
         self.bench, self.start, self.rng, self.constrained = bench, start, rng, constrained
         self.points, self.normals = _nearest_plain(bench, start.points)
-        self.screening = screening_directions(bench)
-        self.cuts = self.screening[:0]
+        self._scored = Scored(bench, rng)
         self.look()
 
     def contacts(self) -> tuple[FloatArray, FloatArray]:
@@ -87,15 +82,12 @@ class _Sliding:
         return self.points.copy(), self.normals.copy()
 
     def look(self) -> None:
-        """Add the weakest directions of the contacts where they are."""
-        bench, grasp = self.bench, self.bench.grasp_at(self.points, self.normals)
-        known, task = self.cuts[-KNOWN:], bench.problem.task
-        found = weakest_directions(grasp, task, bench.closure_budget, self.rng, known, QUICK).directions
-        self.cuts = np.concatenate([self.cuts, found])[-MOST_CUTS:]
+        """Learn where the contacts are weak as they are now."""
+        self._scored.look(self.points, self.normals)
 
     def value(self) -> float:
         """Return the score over all directions: the least ratio, with the tie-break for placements not closed."""
-        return float(self._scores(self.points[None], self.normals[None])[0])
+        return float(self._scored.of(self.points[None], self.normals[None])[0])
 
     def sweep(self, reach: float) -> bool:
         """Move each contact to the best of the mesh points within reach, metres; return whether any moved."""
@@ -114,19 +106,13 @@ class _Sliding:
             near = self.rng.choice(near, TRIALS, replace=False)
         points, normals = (np.repeat(v[None], near.size + 1, axis=0) for v in (self.points, self.normals))
         points[1:, i], normals[1:, i] = cloud.points[near], cloud.normals[near]
-        score = self._scores(points, normals)
+        score = self._scored.of(points, normals)
         if self.constrained:
             broken = self.bench.rows.violations(points, normals, self.start.repeated_hand(near.size + 1))
             score = np.where(broken <= max(FEASIBLE, broken[0]), score, -np.inf)
         best = int(np.argmax(score))
         self.points[i], self.normals[i] = points[best, i], normals[best, i]
         return best != 0
-
-    def _scores(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return how well placements (b, k, 3) resist the task in all directions, (b,)."""
-        problem, y = self.bench.problem, np.concatenate([self.screening, self.cuts])
-        stack = GraspStack(points, normals, problem.models, problem.origin)
-        return screening_score(sampled_ratios(stack, problem.task, y, self.bench.screening_budget))
 
 
 def _nearest_plain(bench: Workbench, points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,21 @@
+"""Scores to rank many placements by, in directions spread over wrench space."""
+
+from __future__ import annotations
+
+from nlpgrasp.common.directions import directions
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality.screening import sampled_ratios, screening_score
+from nlpgrasp.solve.workbench.workbench import Workbench
+
+
+def scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return how well placements (b, k, space) resist the task in sampled directions, (b,)."""
+    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
+    ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
+    return screening_score(ratios) * bench.scaling.beta
+
+
+def screening_directions(bench: Workbench) -> FloatArray:
+    """Return well-spread directions in wrench space, round in the solver's units, (m, d)."""
+    return directions(bench.problem.dimension, 2) * bench.scaling.wrench

@@ -1,0 +1,45 @@
+"""How well placements near a grasp resist the task: against well-spread directions, and those it has been weak in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality.screening import sampled_ratios, screening_score
+from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
+from nlpgrasp.solve.start.scores import screening_directions
+from nlpgrasp.solve.workbench.workbench import Workbench
+
+KNOWN, MOST_CUTS = 100, 400  # directions that a search begins from, and that are kept
+
+
+class Scored:
+    """Scores of placements by all directions in which those looked at were weak.
+
+    Parameters
+    ----------
+    bench : Workbench
+    rng : numpy.random.Generator
+    """
+
+    def __init__(self, bench: Workbench, rng: np.random.Generator) -> None:
+        self._bench, self._rng = bench, rng
+        self._screening = screening_directions(bench)
+        self._cuts = self._screening[:0]
+
+    def look(self, points: FloatArray, normals: FloatArray) -> None:
+        """Learn the directions in which a grasp with these contacts, (k, space) each, is weakest."""
+        bench, known = self._bench, self._cuts[-KNOWN:]
+        grasp, task = bench.grasp_at(points, normals), bench.problem.task
+        found = weakest_directions(grasp, task, bench.closure_budget, self._rng, known, QUICK).directions
+        self._cuts = np.concatenate([self._cuts, found])[-MOST_CUTS:]
+
+    def of(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return how well placements (b, k, space) resist the task, (b,).
+
+        The least ratio over all directions, with the tie-break for placements that are not closed.
+        """
+        problem, y = self._bench.problem, np.concatenate([self._screening, self._cuts])
+        stack = GraspStack(points, normals, problem.models, problem.origin)
+        return screening_score(sampled_ratios(stack, problem.task, y, self._bench.screening_budget))

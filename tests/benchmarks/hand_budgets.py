@@ -1,0 +1,75 @@
+"""A 16-joint hand, five seeds of one start: Ferrari and Canny's epsilon, and two force budgets side by side."""
+
+import time
+
+import numpy as np
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.quality.other_tools.pyramids import ferrari_canny
+from tests.conftest import SHARED_MESHES
+from tests.hands.urdf import four_finger_hand
+
+SEEDS = 5
+EDGES = 8
+POINTS = 20000  # of the surface, whose mean distance from the centroid is the length that torques are over
+PRIMITIVES = {  # body, a mesh of it, least epsilon aimed at
+    "sphere 30 mm": (ng.Sphere(0.03), trimesh.creation.icosphere(4, 0.03), 0.42),
+    "box 80 x 40 x 40 mm": (ng.Box([0.08, 0.04, 0.04]), trimesh.creation.box((0.08, 0.04, 0.04)), 0.30),
+    "ellipsoid 60, 30, 30 mm": (
+        ng.Ellipsoid([0.06, 0.03, 0.03]),
+        trimesh.creation.icosphere(4).apply_scale((0.06, 0.03, 0.03)),
+        0.38,
+    ),
+}
+ABOVE = 1.1  # of what the L2 answer is worth under the shared budget
+
+
+def bodies():
+    """Yield name, body, mean radius and aim, None for meshes."""
+    for name, (body, mesh, aim) in PRIMITIVES.items():
+        yield name, body, _mean_radius(mesh, body.centroid), aim
+    if SHARED_MESHES.is_dir():
+        for path in sorted(SHARED_MESHES.glob("*.stl")):
+            body = ng.Mesh.load(path, unit="m" if path.name.startswith("ycb") else "in")
+            yield path.stem, body, _mean_radius(body.mesh, body.centroid), None
+    else:
+        print(f"skipped meshes: no {SHARED_MESHES}")
+
+
+def _mean_radius(mesh, centre):
+    return float(np.mean(np.linalg.norm(mesh.sample(POINTS, seed=0) - centre, axis=1)))
+
+
+def run():
+    print("under the shared budget, medians of five seeds of one start; CPU seconds of a whole solve")
+    hand, ratios = four_finger_hand(), []
+    for name, body, radius, aim in bodies():
+        task = ng.TaskEllipsoid([1, 1, 1, *[radius] * 3])
+        found = {budget: _solved(body, task, hand, budget, radius) for budget in ("l2", "shared")}
+        own, other = (np.array(found[budget]) for budget in ("shared", "l2"))
+        ratios += (own[:, 0] / other[:, 0]).tolist()
+        aimed = "" if aim is None else f" (aim {aim})"
+        print(
+            f"{name}: epsilon {np.median(own[:, 1]):.3f}{aimed}; mu {np.median(own[:, 0]):.3f}, of the L2 answer"
+            f" {np.median(other[:, 0]):.3f}; {np.median(own[:, 2]):.1f} and {np.median(other[:, 2]):.1f} s",
+            flush=True,
+        )
+    print(f"shared over l2: median {np.median(ratios):.3f} (aim {ABOVE}), least {min(ratios):.3f} (aim 1)")
+
+
+def _solved(body, task, hand, budget, radius):
+    """Return mu under the shared budget, epsilon and CPU seconds of each seed."""
+    problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=hand, force_budget=budget)
+    found = []
+    for seed in range(SEEDS):
+        begun = time.process_time()
+        solution = ng.solve(problem, starts=1, seed=seed, options=ng.SolveOptions(workers=1))
+        spent = time.process_time() - begun
+        if solution.success:
+            grasp = solution.grasp
+            mu = ng.mu(grasp, task, 1e-3, force_budget="shared").upper
+            found.append((mu, ferrari_canny(grasp, EDGES, radius), spent))
+        else:
+            found.append((0.0, 0.0, spent))
+    return found

@@ -1,0 +1,74 @@
+"""Fingers that walk over a mesh: they touch it, overlap it nowhere, and the grasp resists more than before."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.solve.start.posed import posed_candidates
+from nlpgrasp.solve.surface.move_hand import touch_mesh
+from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.surface.walk import Held, walk
+from nlpgrasp.solve.workbench.workbench import Workbench
+from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand, solution_links
+
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+MESH = ng.Mesh(trimesh.creation.cylinder(radius=0.025, height=0.07, sections=24))
+
+
+@pytest.fixture(scope="module")
+def held():
+    """A hand around a can, put onto its mesh, and the same after a walk."""
+    problem = ng.GraspProblem(MESH, ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
+    bench = Workbench(problem, ng.SolveOptions(workers=1))
+    candidate = next(posed_candidates(bench, np.random.default_rng(0), Stop()))
+    begun = touch_mesh(bench, candidate)
+    start = Held(begun.placed, begun.grasp.normals)
+    return bench, start, walk(bench, start, np.random.default_rng(0), Stop())
+
+
+def mu_of(bench, held):
+    return ng.mu(bench.grasp_at(held.placed.points, held.normals), TASK, 1e-3)
+
+
+def test_a_walk_leads_to_a_better_grasp(held):
+    bench, start, end = held
+    assert mu_of(bench, end).lower > 1.1 * mu_of(bench, start).upper
+
+
+def test_fingertips_touch_the_mesh_and_overlap_it_nowhere(held):
+    """Distances by trimesh, from fingertips that are where MuJoCo says."""
+    bench, _, end = held
+    links = solution_links(FOUR, bench.hand_points.hand.describe(end.placed.hand))
+    centres = np.array([links[name][:3, 3] for name in FOUR_TIPS])
+    every = [
+        trimesh.triangles.closest_point(MESH.mesh.triangles, np.tile(c, (len(MESH.mesh.faces), 1))) for c in centres
+    ]
+    apart = [np.linalg.norm(near - c, axis=1) for near, c in zip(every, centres, strict=True)]
+    distance = np.array([d.min() for d in apart])
+    nearest = np.array([near[d.argmin()] for near, d in zip(every, apart, strict=True)])
+    np.testing.assert_allclose(distance, list(FOUR_TIPS.values()), atol=2e-5)
+    np.testing.assert_allclose(nearest, end.placed.points, atol=1e-6)
+    np.testing.assert_allclose(end.normals, (nearest - centres) / distance[:, None], atol=1e-6)
+
+
+def test_the_palm_stays_and_joints_keep_their_limits(held):
+    bench, start, end = held
+    for name in ("palm_position", "palm_quaternion"):
+        np.testing.assert_array_equal(end.placed.hand[name], start.placed.hand[name])
+    lower, upper = bench.hand_points.hand.tree.joint_limits
+    assert np.all(end.placed.hand["joints"] >= lower)
+    assert np.all(end.placed.hand["joints"] <= upper)
+
+
+def test_constraints_are_kept_on_the_mesh(held):
+    bench, start, end = held
+    broken = [OnBody.of(bench, h.placed, bench.grasp_at(h.placed.points, h.normals)).violation for h in (start, end)]
+    assert broken[1] <= max(1e-4, broken[0])
+
+
+def test_a_stop_leaves_the_hand_where_it_is(held):
+    bench, start, _ = held
+    stopped = walk(bench, start, np.random.default_rng(0), Stop(deadline=0.0))
+    np.testing.assert_array_equal(stopped.placed.points, start.placed.points)
