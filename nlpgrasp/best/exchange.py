@@ -115,6 +115,25 @@ class Exchange:
                 best, value = moved, found
         return best, value
 
+    def drawn(self, rng: np.random.Generator) -> list[Spot]:
+        """Return each contact at one of its places, at random."""
+        return [own.spot(int(rng.integers(len(own.points)))) for own in self.of_slot]
+
+    def again(
+        self, spots: Sequence[Spot], value: float, rng: np.random.Generator, times: int
+    ) -> tuple[Sequence[Spot], float]:
+        """Return the best that exchanges lead to which begin again, some contacts at random places, and its value."""
+        best = spots
+        for _ in range(times):
+            shaken = list(best)
+            for i in rng.choice(len(best), rng.integers(1, max(2, len(best))), replace=False).tolist():
+                own = self.of_slot[i]
+                shaken[i] = own.spot(int(rng.integers(len(own.points))))
+            found, there = self.improved(shaken, self.latest)
+            if there > value:
+                best, value = found, there
+        return best, value
+
     def _add(self, twists: FloatArray) -> None:
         self.latest = np.concatenate([twists, self.latest])[:LATEST]
         self._latest_powers = [

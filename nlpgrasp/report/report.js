@@ -15,6 +15,14 @@ for (const section of document.querySelectorAll("section[data-grasp]")) {
   Plotly.newPlot(scene, data.traces, layout, { responsive: true, displaylogo: false }).then(() => {
     scene.dataset.ready = String(Math.round(performance.now()));
   });
+  const worth = section.querySelector("input[data-worth]");
+  if (worth) {
+    worth.addEventListener("change", () => {
+      const opaque = worth.checked ? 1 : data.traces[0].opacity;
+      Plotly.restyle(scene, { facecolor: [worth.checked ? data.worth : null], opacity: opaque }, [0]);
+      scene.dataset.worth = String(worth.checked);
+    });
+  }
   const slider = section.querySelector("input[type='range']");
   if (!slider) continue;
   const shafts = data.traces.length - 2;

@@ -81,6 +81,22 @@ def test_it_draws_without_an_error(browser, page):
 
 
 @needs_browser
+def test_the_body_shows_where_a_contact_is_worth_most(browser, page):
+    """By keyboard: the triangles get colours of their own, and lose them again."""
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, page)
+    section = browser.find_elements("css selector", "section[data-grasp]")[1]
+    switch = section.find_element("css selector", "input[data-worth]")
+    colours = "return (arguments[0].querySelector('.scene').data[0].facecolor || []).length"
+    assert browser.execute_script(colours, section) == 0
+    switch.send_keys(Keys.SPACE)
+    assert browser.execute_script(colours, section) > 500
+    switch.send_keys(Keys.SPACE)
+    assert browser.execute_script(colours, section) == 0
+
+
+@needs_browser
 def test_the_slider_moves_the_arrows_and_says_so(browser, page):
     from selenium.webdriver.common.keys import Keys
 

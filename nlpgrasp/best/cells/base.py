@@ -107,6 +107,17 @@ class Surface(ABC):
         return np.zeros((0, len(point) - 1)), np.zeros(0)
 
     def places(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return about so many points, and the inward normals there, of a rough face; of others none."""
-        del count
-        return np.zeros((0, 0)), np.zeros((0, 0))
+        """Return points all over the face, about so many at most, and the inward normals there, (m, space) each.
+
+        By default the corners of its cells, which are cut as long as there are not too many: the ends of edges, where
+        contacts are often worth most, are among them.
+        """
+        cells: list[Cell] = []
+        more = list(self.cells())
+        while len(cells) < len(more) <= count:
+            cells, more = more, [part for cell in more for part in cell.split()]
+        corners = np.concatenate([cell.rows().points for cell in cells or more])
+        corners = np.unique(np.round(corners, 12), axis=0)
+        still = np.zeros((1, corners.shape[1] - 1))
+        points, normals = zip(*(self.moved(corner, still) for corner in corners), strict=True)  # a disc's may be beyond
+        return np.concatenate(points), np.concatenate(normals)

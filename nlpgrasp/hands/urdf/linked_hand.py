@@ -68,7 +68,10 @@ class LinkedHand(PosedHand):
         return self.tree.draw(count, around, rng)
 
     def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return palm poses and joints with the fingertips near some places; arguments are those of ``PosedHand``."""
+        """Return palm poses and joints with the fingertips near places, and their centres, (b, k, 3), metres.
+
+        Arguments are those of ``PosedHand.reach``.
+        """
         return reach(self.tree, places, near, rng)
 
     def describe(self, values: Values) -> Json:

@@ -14,6 +14,7 @@ from nlpgrasp.report.frame import page
 from nlpgrasp.report.solution import sections
 from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches, force_words
 from nlpgrasp.report.solution.scene import scene
+from nlpgrasp.report.solution.worth import worth_colours
 from nlpgrasp.solution.solution import GraspSolution
 
 
@@ -51,14 +52,15 @@ def _solution(name: str, solution: GraspSolution, number: int) -> str:
     grasp = solution.grasp
     labels = [c.label for c in chosen]
     fingers = [force_words(grasp, c.forces) for c in chosen] if grasp is not None else []
-    data = {"traces": traces, "arrows": arrows, "labels": labels, "fingers": fingers}
+    worth = worth_colours(solution)
+    data = {"traces": traces, "arrows": arrows, "labels": labels, "fingers": fingers, "worth": worth}
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     parts = [
         f'<section data-grasp aria-labelledby="name{number}">',
         f'<h2 id="name{number}">{escape(name)}: {escape(solution.name)}</h2>',
         sections.status(solution),
         sections.interval(solution),
-        sections.stage(solution, labels, fingers, number),
+        sections.stage(solution, labels, fingers, number, worth=bool(worth)),
         sections.wrench_space(solution),
         sections.constraints(solution),
         sections.convergence(solution),

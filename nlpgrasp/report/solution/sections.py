@@ -11,6 +11,7 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.experiments.found.compare import Comparison
 from nlpgrasp.experiments.found.result import NOT_COMPARABLE
+from nlpgrasp.report.solution.worth import SCALE
 from nlpgrasp.report.solution.wrench_space import shadows
 from nlpgrasp.report.svg import Curve, chart
 from nlpgrasp.report.table import table
@@ -55,11 +56,14 @@ def interval(solution: GraspSolution) -> str:
     unit = f" (force budget {escape(solution.budget.kind)})"
     span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
     bar = f'<div class="bar" role="img" aria-label="{escape(words)}">{span}</div>'
-    return f"<h3>Certified quality</h3><p>{escape(words + effort)}{unit}.</p>{bar}"
+    best = "" if solution.bound is None else f"<p>{escape(_sentence(solution.bound.line(solution.mu.lower)))}</p>"
+    return f"<h3>Certified quality</h3><p>{escape(words + effort)}{unit}.</p>{bar}{best}"
 
 
-def stage(solution: GraspSolution, labels: Sequence[str], fingers: Sequence[Sequence[str]], number: int) -> str:
-    """Return the three-dimensional picture with its slider, and its legend in words."""
+def stage(
+    solution: GraspSolution, labels: Sequence[str], fingers: Sequence[Sequence[str]], number: int, worth: bool = False
+) -> str:
+    """Return the three-dimensional picture with its slider, its colours' switch if any, and its legend in words."""
     grasp = solution.grasp
     count = 0 if grasp is None else len(grasp)
     links = 0 if solution.drawing is None else len(solution.drawing.links)
@@ -71,6 +75,12 @@ def stage(solution: GraspSolution, labels: Sequence[str], fingers: Sequence[Sequ
             f'type="range" min="0" max="{len(labels) - 1}" step="1" value="0" '
             f'aria-valuetext="{escape(labels[0])}"></div>'
             f'<output for="wrench{number}" aria-live="polite">{escape("; ".join([labels[0], *fingers[0]]))}</output>'
+        )
+    if worth:
+        parts.append(
+            '<div class="control"><label><input type="checkbox" data-worth> Where a contact is worth most</label>'
+            f'<span class="scale" style="background:linear-gradient(90deg,{",".join(SCALE)})"></span>'
+            "<span>nothing to most, of what it adds to mu at most; grey where none may be</span></div>"
         )
     parts.append(
         f'<div class="scene" role="img" aria-label="{escape(seen)}; turn it with the mouse or a finger."></div>'
@@ -163,6 +173,10 @@ def inputs(name: str, solution: GraspSolution) -> str:
         f"<h3>Do it again</h3><pre>{escape(again)}</pre>"
         f"<details><summary>All inputs, options and versions</summary><pre>{text}</pre></details>"
     )
+
+
+def _sentence(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}."
 
 
 def _numbers(values: Iterable[float]) -> str:

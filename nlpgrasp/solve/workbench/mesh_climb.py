@@ -151,15 +151,7 @@ class MeshClimb:
     def _exchanged(self, given: Sequence[Spot], rng: np.random.Generator) -> Sequence[Spot]:
         """Return the best grasp that exchanges lead to."""
         best, value = self.exchange.improved(given, self.exchange.spread)
-        for _ in range(AGAIN):
-            shaken = list(best)
-            for i in rng.choice(len(best), rng.integers(1, max(2, len(best))), replace=False).tolist():
-                own = self.exchange.of_slot[i]
-                shaken[i] = own.spot(int(rng.integers(len(own.points))))
-            found, there = self.exchange.improved(shaken, self.exchange.latest)
-            if there > value:
-                best, value = found, there
-        return best
+        return self.exchange.again(best, value, rng, AGAIN)[0]
 
     def _in_order(self, vectors: Sequence[FloatArray]) -> FloatArray:
         """Return what belongs to the slots in the order of the contacts, (k, 3)."""

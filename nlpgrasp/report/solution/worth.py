@@ -1,0 +1,89 @@
+"""Where a contact is worth most: colours of the body's triangles, from what a solution file says of its problem."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import trimesh
+
+from nlpgrasp.best.worth import ContactWorth
+from nlpgrasp.bodies import Body, Mesh, body_from_dict
+from nlpgrasp.common.shown.drawing import Triangles
+from nlpgrasp.common.types import Json
+from nlpgrasp.constraints import constraint_from_dict
+from nlpgrasp.contacts import ContactModel, contact_from_dict
+from nlpgrasp.errors import InputError
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import task_from_dict
+
+SCALE = ("#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838")  # cividis: even to colour-blind eyes
+EXCLUDED = "#dddddd"  # where no contact may be
+
+
+def worth_colours(solution: GraspSolution) -> list[str]:
+    """Return a colour for each triangle of the body's drawing, by what a contact there adds to mu at most.
+
+    Of a mesh, which stays in a file of its own, the triangles drawn are looked at. Empty where the drawing is missing,
+    or the bound over all placements does not cover the problem.
+    """
+    if solution.drawing is None or solution.grasp is None or solution.bound is None:
+        return []
+    shape = solution.drawing.body
+    try:
+        problem = _problem(solution, shape)
+        worth = ContactWorth.of(problem)
+    except InputError:
+        return []
+    corners = shape.vertices[shape.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    space = problem.body.space
+    inward = (-across / size)[:, :space]
+    rim = np.linalg.norm(inward, axis=1) > 0.5  # a planar body is drawn as a plate: contacts are on its rim
+    shares = np.full(len(corners), np.nan)
+    length = np.linalg.norm(inward[rim], axis=1, keepdims=True)
+    shares[rim] = worth.at(corners[rim].mean(axis=1)[:, :space], inward[rim] / length)
+    most = float(np.nanmax(shares, initial=0.0))
+    return [_colour(share) for share in shares / most] if most > 0.0 else []
+
+
+def _problem(solution: GraspSolution, shape: Triangles) -> GraspProblem:
+    """Return the problem without its hand and what couples contacts, as far as the file holds it.
+
+    Raises
+    ------
+    InputError
+        Where it does not hold what it takes.
+    """
+    data = solution.problem
+    grasp = solution.grasp
+    if data["body"].get("type") == Mesh.kind:
+        body: Body = Mesh(trimesh.Trimesh(shape.vertices, shape.faces))
+    else:
+        body = body_from_dict(data["body"])
+    return GraspProblem(
+        body,
+        [_model(contact) for contact in data["contacts"]],
+        task_from_dict(data["task"]),
+        constraints=[constraint_from_dict(constraint) for constraint in data["constraints"]],
+        force_budget=solution.budget,
+        torque_origin=None if grasp is None else grasp.torque_origin,
+    )
+
+
+def _model(data: Json) -> ContactModel:
+    faces = data.get("faces")
+    model = contact_from_dict(data)
+    return model if faces is None else replace(model, faces=tuple(faces))
+
+
+def _colour(share: float) -> str:
+    """Return the colour of a share of the most, between the scale's."""
+    if np.isnan(share):
+        return EXCLUDED
+    anchors = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in SCALE])
+    at = min(max(share, 0.0), 1.0) * (len(SCALE) - 1)
+    red, green, blue = np.rint([np.interp(at, range(len(SCALE)), channel) for channel in anchors.T]).astype(int)
+    return f"#{red:02x}{green:02x}{blue:02x}"

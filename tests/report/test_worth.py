@@ -1,0 +1,76 @@
+"""Colours of the body by what a contact adds to mu at most, from a solution file alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.best.worth import ContactWorth
+from nlpgrasp.report import write_report
+from nlpgrasp.report.solution.worth import EXCLUDED, SCALE, _colour, worth_colours
+
+ONE = ng.SolveOptions(workers=1, shadow_prices=False)
+BOX = ng.GraspProblem(
+    ng.Box([0.08, 0.04, 0.04]),
+    [ng.FrictionContact(0.6)] * 3,
+    ng.lift([0, 0, 0], 0.3) + ng.disturbance(1.0, 0.01),
+    constraints=[ng.Forbid("+x")],
+)
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory):
+    path = ng.solve(BOX, starts=1, options=ONE).save(tmp_path_factory.mktemp("worth") / "box.json")
+    return ng.GraspSolution.load(path)
+
+
+def middles(solution):
+    shape = solution.drawing.body
+    return shape.vertices[shape.faces].mean(axis=1)
+
+
+def test_a_face_that_no_contact_may_be_on_is_grey(loaded):
+    colours, x = np.array(worth_colours(loaded)), middles(loaded)[:, 0]
+    assert len(colours) == len(x)
+    assert set(colours[x > 0.0399]) == {EXCLUDED}
+    assert EXCLUDED not in colours[x < -0.0399]
+
+
+def test_the_brightest_triangles_are_worth_most(loaded):
+    """By the problem itself, at points of the sides that the file knows nothing of."""
+    colours, at = np.array(worth_colours(loaded)), middles(loaded)
+    side = (at[:, 1] > 0.0199) & (np.abs(at[:, 0]) < 0.038)
+    worth = ContactWorth.of(BOX).at(at[side], np.tile([0.0, -1.0, 0.0], (np.sum(side), 1)))
+    brightness = [sum(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in colours[side]]
+    assert np.corrcoef(worth, brightness)[0, 1] > 0.99
+
+
+def test_a_mesh_is_coloured_by_what_is_drawn_of_it(tmp_path):
+    """A ball: every place is worth the same to a task without a direction, but for the mesh's own corners."""
+    ball = ng.Mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.03))
+    problem = ng.GraspProblem(ball, [ng.FrictionContact(0.6)] * 4, ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]))
+    path = ng.solve(problem, starts=1, options=ONE).save(tmp_path / "ball.json")
+    colours = worth_colours(ng.GraspSolution.load(path))
+    red = np.array([int(c[1:3], 16) for c in colours])
+    assert len(colours) > 500
+    assert np.min(red) > int(_colour(0.8)[1:3], 16)
+
+
+def test_no_colours_where_no_bound_covers_the_problem(loaded):
+    assert worth_colours(replace(loaded, bound=None)) == []
+    assert worth_colours(replace(loaded, drawing=None)) == []
+
+
+@pytest.mark.parametrize(("share", "colour"), [(0.0, SCALE[0]), (1.0, SCALE[-1]), (0.2, SCALE[1]), (np.nan, EXCLUDED)])
+def test_shares_have_the_scales_colours(share, colour):
+    assert _colour(share) == colour
+
+
+def test_the_page_says_how_far_the_best_can_be(loaded, tmp_path):
+    text = write_report({"box": loaded}, tmp_path / "box.html").read_text()
+    assert "No placement is more than" in text
+    assert "Where a contact is worth most" in text
+    without = write_report({"box": replace(loaded, bound=None)}, tmp_path / "none.html").read_text()
+    assert "data-worth>" not in without
