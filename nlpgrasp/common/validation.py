@@ -13,6 +13,7 @@ from nlpgrasp.errors import InputError
 FloatArray = NDArray[np.float64]
 LARGEST = 1e100  # a larger number overflows when it is squared a few times
 SMALLEST = 1e-100  # and the reciprocal of a smaller one does
+SHARE = "a share above 0, at most 1"
 
 
 def number(field: str, value: object, *, above: float | None = None, at_least: float | None = None) -> float:
@@ -46,9 +47,12 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
 
 def share(field: str, value: object) -> float:
     """Return a share above 0, at most 1, or raise ``InputError``."""
-    found = number(field, value, above=0.0)
+    try:
+        found = number(field, value, above=0.0)
+    except InputError as error:
+        raise InputError(field, error.given, SHARE) from None
     if found > 1.0:
-        raise InputError(field, value, "a share above 0, at most 1")
+        raise InputError(field, value, SHARE)
     return found
 
 

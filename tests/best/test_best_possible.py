@@ -119,8 +119,8 @@ def test_a_box_as_a_mesh():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"gap": 0.0}, "gap: got 0.0, expected a number greater than 0"),
-        ({"gap": -1.0}, "gap: got -1.0, expected a number greater than 0"),
+        ({"gap": 0.0}, "gap: got 0.0, expected a share above 0, at most 1"),
+        ({"gap": -1.0}, "gap: got -1.0, expected a share above 0, at most 1"),
         ({"gap": 1.5}, "gap: got 1.5, expected a share above 0, at most 1"),
         ({"time_limit": 0.0}, "time_limit: got 0.0, expected a number greater than 0"),
     ],
