@@ -135,6 +135,12 @@ class Search:
         if not self._begun:
             self._fresh, self._begun = self.tree.begin(self.target), True
 
+    def tighten(self, nodes: int) -> None:
+        """Cut cells until the tree has so many nodes, and look for no grasps."""
+        self.begin()
+        while self.tree.nodes < nodes and self.tree.top > self.target and not self.tree.full:
+            self._fresh = self.tree.grow(self.target)
+
     def certificate(self) -> tuple[float, Json]:
         """Return the bound that follows from what is recorded of the search, and the record (docs/how_close.md)."""
         return pool_certificate(self.tree) if isinstance(self.tree, PoolTree) else certificate(self.tree)

@@ -8,8 +8,11 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.best.search import Met
-from nlpgrasp.solve.outlook.outlook import Outlook
+from nlpgrasp.best.scope.scope import scope_of
+from nlpgrasp.best.search import Met, Search
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.solve.outlook.outlook import Outlook, outlook
+from tests.hands.urdf import four_finger_hand
 
 SQUARE = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 QUICK = {"workers": 1, "shadow_prices": False}
@@ -155,3 +158,16 @@ def test_the_same_seed_gives_the_same_answer_with_the_look_remembered():
     first, again = (ng.solve(square(3), starts=2, seed=5, options=options) for _ in range(2))
     assert np.array_equal(first.grasp.points, again.grasp.points)
     assert first.best_possible == again.best_possible
+
+
+def test_beside_a_hand_placements_are_bounded_and_no_grasps_looked_for():
+    """The bound is that of a search with as many nodes, but for what its grasps let it close."""
+    problem = ng.GraspProblem(
+        ng.Sphere(0.03), ng.FrictionContact(0.7), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]), hand=four_finger_hand()
+    )
+    seen = outlook(problem, ng.SolveOptions(**QUICK), Stop())
+    assert seen.placements(8) == []
+    assert not seen.complete
+    search = Search(scope_of(problem), 0.01)
+    search.run(lambda: search.tree.nodes >= 100)
+    assert seen.upper == pytest.approx(search.upper, rel=0.02)

@@ -12,6 +12,7 @@ import numpy as np
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Met, Search
 from nlpgrasp.bodies import Box, Mesh, Prism, Superquadric
+from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
@@ -20,8 +21,10 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.programs import follows_contacts
 
 NODES, OF_FLAT = 400, 1000  # of the tree, by default: one to four seconds; on bodies of flat faces nodes take less time
+BESIDE_A_HAND = 100  # where starts begin elsewhere
 GAP = 0.01  # that the tree aims at where none is asked for
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same
@@ -57,9 +60,9 @@ class Outlook:
         last = tree.nodes + nodes
         self._search.run(lambda: tree.nodes >= last or stop.requested())
 
-    def glance(self) -> None:
-        """Bound all placements once, and look for no grasps."""
-        self._search.begin()
+    def glance(self, nodes: int = 0) -> None:
+        """Bound all placements once, and closer until the tree has some nodes, and look for no grasps."""
+        self._search.tighten(nodes)
 
     def expect(self, mu: float) -> None:
         """Compare bounds with a grasp found elsewhere, of this certified quality, where it is better."""
@@ -128,9 +131,10 @@ _remembered: OrderedDict[str, Outlook] = OrderedDict()
 def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook | None:
     """Return a short look over all placements of a problem, None where the bound does not cover it or is not wanted.
 
-    Of a mesh, on which a search takes minutes, that is the bound alone, unless a gap is asked for. It depends on the
-    problem alone. The latest few are remembered, as an experiment solves a problem with many seeds;
-    where a gap is asked for the look is a new one, for the search goes on from it.
+    Of a mesh, on which a search takes minutes, and beside a hand with a pose, whose starts begin elsewhere, that is the
+    bound alone, unless a gap is asked for. It depends on the problem alone. The latest few are remembered, as an
+    experiment solves a problem with many seeds; where a gap is asked for the look is a new one, for the search goes on
+    from it.
     """
     if not _wanted(problem, options):
         return None
@@ -141,10 +145,13 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook
     found = unseen(problem, options)
     if found is None:
         return None
-    if isinstance(problem.body, Mesh) and options.gap is None:
+    flat = isinstance(problem.body, Box | Prism)
+    if options.gap is None and isinstance(problem.body, Mesh):
         found.glance()
+    elif options.gap is None and not follows_contacts(problem):
+        found.glance(BESIDE_A_HAND if flat or isinstance(problem.budget, L2Budget) else 0)
     else:
-        found.look(OF_FLAT if isinstance(problem.body, Box | Prism) else NODES, _share_of(stop))
+        found.look(OF_FLAT if flat else NODES, _share_of(stop))
     if options.gap is None and stop.deadline is None and not stop.requested():
         _remembered[key] = found
         while len(_remembered) > KEPT:
