@@ -18,6 +18,7 @@ from nlpgrasp.best.spots import Spot
 from nlpgrasp.best.tree.certificate import certificate
 from nlpgrasp.best.tree.nodes import Node
 from nlpgrasp.best.trees import tree_of
+from nlpgrasp.best.wander import wander
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp import Grasp
@@ -28,8 +29,7 @@ SHARE, UNSURE = 0.8, 0.5  # of the gap that the tree closes; the rest is the cer
 CLIMBS, MORE, SAME = 4, 0.8, 3  # at first; more, by the root of the nodes; from designs in the same root cells
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
 BETTER = 1e-3
-MANY, AFTER, WIDE = 5, 300, 0.1  # contacts, and nodes, from which grasps are exchanged where the gap is wider than that
-DRAWN, SHAKEN, PLACES = 4, 2, 400  # such grasps, how often each begins again, and places of a contact
+AFTER, WIDE = 300, 0.1  # nodes after which grasps are drawn at random, where the gap is wider than that
 AGAIN = 3  # climbs from one design, while certificates disprove what they end with
 
 
@@ -75,10 +75,9 @@ class Search:
         self.mu = Bounds(0.0, 0.0)
         self.value = 0.0  # what the best grasp's mu seems to be, within its certificate
         self.met: list[Met] = []
-        self._begun = False
+        self._begun = self._wandered = False
         self._fresh: list[Node] = []  # nodes that no climb began from yet
         self._elsewhere = 0.0
-        self._wandered = False
         self._rng = np.random.default_rng(0)
         self._climbs: Counter[tuple[int, ...]] = Counter()
 
@@ -120,7 +119,8 @@ class Search:
         while True:
             self._look(self._fresh)
             if not self._wandered and self.tree.nodes >= AFTER:
-                self._wander()
+                self._wandered, wide = True, self.upper > (1.0 + WIDE) * self._known
+                self._climb(wander(self.scope, self.climber, self._rng) if wide and self.exchange is None else [])
             if watch is not None:
                 watch(self)
             if self.tree.top <= self.value * (1.0 + SHARE * self.gap):
@@ -166,8 +166,7 @@ class Search:
             if self._climbs[roots] >= SAME or self._climbs.total() >= allowance:
                 continue
             spots = self._spots(node, drawn=self._climbs[roots] > 0)
-            if self.exchange is not None:
-                spots = self.exchange.allowed(spots)
+            spots = spots if self.exchange is None else self.exchange.allowed(spots)
             if not all(spot.allowed for spot in spots):
                 continue
             self._climbs[roots] += 1
@@ -184,25 +183,6 @@ class Search:
                 return
             found = self.climber.climb([spots for spots, _ in begun], [twists for _, twists in begun], self.value)
             begun = [one for one, ended in zip(begun, found, strict=True) if not self.offer(*ended)]
-
-    def _wander(self) -> None:
-        """Exchange contacts of grasps drawn at random, one at a time, where the best met is far below the bound.
-
-        With many contacts designs spread each over so much of the surface that their heaviest rows say little.
-        """
-        self._wandered = True
-        few = len(self.scope.slots) < MANY
-        if few or self.exchange is not None or self.upper <= (1.0 + WIDE) * self._known:
-            return
-        surfaces = max(len({s.name for s in pieces.surfaces}) for pieces in self.scope.pieces)
-        exchange = Exchange(self.scope.pieces, self.climber, max(1, PLACES // surfaces))
-        if not all(len(places.points) for places in exchange.places):
-            return
-        begun = []
-        for _ in range(DRAWN):
-            found = exchange.improved(exchange.drawn(self._rng), exchange.spread)
-            begun.append((exchange.again(*found, self._rng, SHAKEN)[0], exchange.latest))
-        self._climb(begun)
 
     def _values(self, nodes: Sequence[Node]) -> FloatArray:
         """Return what mu seems to be with each contact at its heaviest row, (b,)."""

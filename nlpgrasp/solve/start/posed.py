@@ -23,8 +23,9 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 POSES_A_CANDIDATE = 8  # random poses for each of the candidates that the options ask for
 DRAWN, SCREENED, GOALS = 4096, 512, 64  # random placements; those looked at closer; those that hands reach for
 ORDERS, NEAR, EACH = 24, 8, 12  # ways to share a goal's places among fingers; postures for each; kept for a goal
-LOOKED_AT, CHECKED = 256, 48  # poses whose mu is bounded, and of those the ones whose clearances are computed
+LOOKED_AT, CHECKED = 256, 48
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
+BROKEN = 1.0  # weight of what breaks constraints, such as a palm that faces elsewhere: a hand seldom turns around
 BLOCKED = 0.2  # weight of the links' mean overlap, over the body's size
 TRIES = 12  # poses that are moved to where all fingertips touch
 MANY, MANY_TRIES = 6, 32  # contacts from which hands hardly ever touch with all, and poses then
@@ -69,14 +70,15 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
     """Return the best few of many poses of a hand around the body: random ones, and some that reach for goals.
 
     Each fingertip's contact is the nearest sample point of the faces it may use. Poses are ranked by how well the
-    contacts resist the task, less how far the fingertips are from them; of the best, those whose links are
-    least in the body's and each other's way come first.
+    contacts resist the task, less how far the fingertips are from them and what constraints they break; of the best,
+    those whose links are least in the body's and each other's way come first.
     """
     count = bench.problem.hand.count if bench.problem.hand is not None else 0
     every = [_at_random(bench, rng)] + ([_reaching(bench, rng)] if count < MANY else [])
     values = {name: np.concatenate([v[name] for v, _ in every]) for name in every[0][0]}
     poses = _beside(bench, values, np.concatenate([tips for _, tips in every]))
-    far = FAR * poses.far / bench.scaling.length
+    broken = bench.rows.broken(poses.points, poses.normals, poses.values)
+    far = FAR * poses.far / bench.scaling.length + BROKEN * broken
     some = np.argsort(far - scores(bench, poses.points, poses.normals), kind="stable")[:LOOKED_AT]
     score = _bounds(bench, poses.points[some], poses.normals[some]) * bench.scaling.beta - far[some]
     best = np.argsort(-score, kind="stable")[:CHECKED]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cached_property
 
 import casadi as ca
@@ -61,10 +62,20 @@ class RowValues:
         excess = np.maximum(lower - values, values - upper) / scale
         return np.asarray(np.max(np.where(np.isfinite(values), np.maximum(excess, 0.0), np.inf), axis=1))
 
-    def blocked(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return the sum of each placement's violated inequalities, relative to the rows' scales, (b,)."""
+    def broken(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
+        """Return the sum of each placement's violated inequalities of the user's constraints, as ``blocked``, (b,)."""
+        own = {row for rows in self.sources[: len(self.problem.constraints)] for row in rows}
+        return self.blocked(points, normals, hand, own) if own else np.zeros(len(points))
+
+    def blocked(
+        self, points: FloatArray, normals: FloatArray, hand: Values, of: Collection[int] | None = None
+    ) -> FloatArray:
+        """Return the sum of each placement's violated inequalities, relative to the rows' scales, (b,).
+
+        Of all rows, or of some by number.
+        """
         values = self.values(points, normals, hand)
-        rows = [i for i, r in enumerate(self.named) if r.lower < r.upper]
+        rows = [i for i, r in enumerate(self.named) if r.lower < r.upper and (of is None or i in of)]
         lower, upper, scale = (
             np.array([getattr(self.named[i], key) for i in rows]) for key in ("lower", "upper", "scale")
         )

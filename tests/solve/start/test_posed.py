@@ -66,6 +66,16 @@ def test_contacts_stay_on_the_faces_that_each_may_use():
         assert all(face in names for face, names in zip(placed.faces, faces, strict=True))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_palms_that_constraints_turn_away_come_last(seed):
+    """One pose in twenty-five faces within 0.4 of straight down: nearly all that are tried do, and touch."""
+    down = ng.Approach([0.0, 0.0, -1.0], 0.4)
+    problem = ng.GraspProblem(BOX, CONTACT, TASK, hand=four_finger_hand(), constraints=[down, ng.Table(-0.02)])
+    bench = Workbench(problem, OPTIONS)
+    found = list(posed_candidates(bench, np.random.default_rng(seed), Stop()))
+    assert np.mean([bench.violation(placed) <= FEASIBLE for placed in found]) >= 0.5
+
+
 def test_a_hand_that_holds_the_body_needs_no_first_program(bench):
     found = run_start(bench, 0, 0, Stop())
     assert found.record.message == HOLDS
