@@ -52,6 +52,10 @@ class Places:
         """Return the place that is nearest to a spot."""
         return self.spot(int(np.argmin(np.linalg.norm(self.points - spot.point, axis=1))))
 
+    def drawn(self, rng: np.random.Generator) -> Spot:
+        """Return one of them at random."""
+        return self.spot(int(rng.integers(len(self.points))))
+
     def spot(self, place: int) -> Spot:
         """Return one of them as a spot."""
         return Spot(self.pieces, self.surfaces[int(self.owner[place])], self.points[place], self.normals[place])
@@ -117,7 +121,7 @@ class Exchange:
 
     def drawn(self, rng: np.random.Generator) -> list[Spot]:
         """Return each contact at one of its places, at random."""
-        return [own.spot(int(rng.integers(len(own.points)))) for own in self.of_slot]
+        return [own.drawn(rng) for own in self.of_slot]
 
     def again(
         self, spots: Sequence[Spot], value: float, rng: np.random.Generator, times: int
@@ -127,8 +131,7 @@ class Exchange:
         for _ in range(times):
             shaken = list(best)
             for i in rng.choice(len(best), rng.integers(1, max(2, len(best))), replace=False).tolist():
-                own = self.of_slot[i]
-                shaken[i] = own.spot(int(rng.integers(len(own.points))))
+                shaken[i] = self.of_slot[i].drawn(rng)
             found, there = self.improved(shaken, self.latest)
             if there > value:
                 best, value = found, there

@@ -124,8 +124,8 @@ class _Walking:
         """Return the hand with the centre of tip i at a place, touching the mesh there; None where it cannot."""
         bench, held = self.bench, self.held
         hand = self._reaching(i, goal)
-        centre = None if hand is None else self._tip(hand, i)[0]
-        if hand is None or centre is None or np.linalg.norm(centre - goal) > TOUCHED:
+        centre = self._tip(hand, i)[0]
+        if np.linalg.norm(centre - goal) > TOUCHED:
             return None
         contact, _, distance = (v[0] for v in bench.surface.mesh.closest(centre[None]))
         if abs(distance - self._radii[i]) > TOUCHED:
@@ -135,8 +135,8 @@ class _Walking:
         found = Held(replace(held.placed, points=points, hand=hand), normals)
         return found if self._broken(found) <= self._allowed else None
 
-    def _reaching(self, i: int, goal: FloatArray) -> Values | None:
-        """Return the hand's values with tip i as near to a place as its own joints get it; None where they stay."""
+    def _reaching(self, i: int, goal: FloatArray) -> Values:
+        """Return the hand's values with tip i as near to a place as its own joints get it."""
         hand, own = self.held.placed.hand, self._own[i]
         for _ in range(STEPS):
             centre, slopes = self._tip(hand, i)
