@@ -13,7 +13,7 @@ from nlpgrasp.solve.start.result import StartGrasp, StartResult
 
 def start(index, lower, upper, status=Status.SOLVED, robust=None):
     worst = None if robust is None else Robustness(0.001, 0.1, Bounds(*robust), None, None)
-    return StartGrasp(StartRecord(index, status, mu=Bounds(lower, upper)), None, (), Effort(), worst)
+    return StartGrasp(StartRecord(index, status, mu=Bounds(lower, upper)), None, (), Effort(), worst, None)
 
 
 @pytest.mark.parametrize(

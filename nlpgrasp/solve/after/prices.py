@@ -16,15 +16,15 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.nlp import SUPPORT
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import collected, given_rows, placement_of
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solution.findings import ShadowPrice
 from nlpgrasp.solve.after.limits import Limit, limits_of
-from nlpgrasp.solve.ascent.ascend import Round, Rules, ascend
+from nlpgrasp.solve.ascent.ascend import Model, Round, Rules, ascend
 from nlpgrasp.solve.ascent.state import AscentState
-from nlpgrasp.solve.ascent.steps.nonlinear import NonlinearModel, SolvedStep
+from nlpgrasp.solve.ascent.steps.linear import LinearModel
+from nlpgrasp.solve.ascent.steps.nonlinear import NonlinearModel
 from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.workbench.placed import Placed
@@ -32,9 +32,11 @@ from nlpgrasp.solve.workbench.programs import SLOTS
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 POLISHING = Rules(rounds=25, radius=0.05, last_radius=0.0, worse=0.5, refused=0.3, allowed=1e-4, looks_back=True)
+LINEAR = replace(POLISHING, rounds=30, radius=0.02, last_radius=1e-4, most_radius=0.05, good=1.6, poor=0.5)
 ROUNDS_WITH_FORCES = 6
 CONVERGED = 3e-5  # relative: the model promises no more than this over what is there
 NOTHING = 1e-4  # relative gains below this are none
+FAR = 0.25  # relative: an optimum whose value is further from the grasp's mu is another grasp's
 
 
 @dataclass(frozen=True)
@@ -65,63 +67,87 @@ class Optimum:
 def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[ShadowPrice, ...]:
     """Return the prices of all limits of constraints, hand and contacts, the dearest first.
 
-    None where the last solves do not converge, for a grasp that was cut short, and under a hand's torque limits,
-    whose derivatives the program does not hold.
+    None where the last solves do not converge, for a grasp that was cut short or that differs too much on its mesh from
+    the optimum on the smooth surface near it, and under a hand's torque limits, whose derivatives the program does
+    not hold.
     """
     if bench.problem.budget.follows_hand:
         return ()
-    optimum = polish(bench, bench.snapped(best.found.placed), stop)
-    if optimum is None:
+    optimum = polish(bench, bench.snapped(best.found.placed), stop, best.ascended)
+    known = best.record.mu.lower
+    if optimum is None or abs(optimum.value - known) > FAR * known:
         return ()
-    found = [_price(bench, optimum, limit) for limit in limits_of(bench.problem)]
+    found = [price_of(bench, optimum, limit) for limit in limits_of(bench.problem)]
     prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
     prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
     return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
 
 
-def polish(bench: Workbench, placed: Placed, stop: Stop) -> Optimum | None:
-    """Return the local optimum near a grasp with its multipliers, or None where the exchange does not settle."""
+def polish(bench: Workbench, placed: Placed, stop: Stop, ascended: Placed | None = None) -> Optimum | None:
+    """Return the local optimum near a grasp with its multipliers, or None where the exchange does not settle.
+
+    With a posed hand a few quadratic programs settle, from the grasp itself or from where its exchange ended; IPOPT
+    is asked where they do not.
+
+    Parameters
+    ----------
+    bench : Workbench
+    placed : Placed
+        The grasp.
+    stop : Stop
+    ascended : Placed, optional
+        Where its exchange ended: fingers that went over a mesh since then may be off the smooth surface's constraints.
+    """
+    if bench.exchange.linearises:
+        for begin in (placed, ascended):
+            found = None if begin is None else settled_at(bench, begin, LinearModel(bench), LINEAR, stop)
+            if found is not None:
+                return found
+    rules = POLISHING if bench.exchange.slots == SLOTS else replace(POLISHING, rounds=ROUNDS_WITH_FORCES)
+    return settled_at(bench, placed, NonlinearModel(bench), rules, stop)
+
+
+def settled_at(bench: Workbench, placed: Placed, model: Model, rules: Rules, stop: Stop) -> Optimum | None:
+    """Return the optimum where an ascent with a model settles, None where it does not."""
     rng = np.random.default_rng(0)
     found = weakest_at(bench, placed, rng)
     state = AscentState(placed, found.value, found.directions)
-    rules = POLISHING if bench.exchange.slots == SLOTS else replace(POLISHING, rounds=ROUNDS_WITH_FORCES)
     if state.value <= 0.0:
         return None
-    for turn in ascend(bench, state, NonlinearModel(bench), rules, rng, stop):
-        if _settled(bench, turn):
+    for turn in ascend(bench, state, model, rules, rng, stop):
+        if _settled(turn):
             return _optimum(bench, turn)
         if state.value <= 0.0:
             break
     return None
 
 
-def _settled(bench: Workbench, turn: Round[SolvedStep]) -> bool:
-    """Return whether the program, the trial and where it began agree."""
-    result, there, close = turn.step.result, turn.trial.value, CONVERGED * turn.before
-    promised = result.objective / bench.scaling.beta
-    return result.success and promised - there <= close and there >= turn.before - close
+def _settled(turn: Round) -> bool:
+    """Return whether the model, the trial and where it began agree."""
+    step, there, close = turn.step, turn.trial.value, CONVERGED * turn.before
+    promised = turn.before + step.promised
+    return step.solved and promised - there <= close and there >= turn.before - close
 
 
-def _optimum(bench: Workbench, turn: Round[SolvedStep]) -> Optimum:
+def _optimum(bench: Workbench, turn: Round) -> Optimum:
     """Return the optimum in the user's units: multipliers over the program's scales."""
-    program, result, scale = bench.exchange.compiled.program, turn.step.result, bench.scaling.beta
-    support = -result.multipliers[program.rows_of(SUPPORT)][: len(turn.cuts)]
+    program, step, scale = bench.exchange.compiled.program, turn.step, bench.scaling.beta
     rows = np.array([row.scale for row in bench.rows.named])
     bounds = {}
     for name, block in program.hand_blocks:
-        bounds[name] = result.bound_multipliers[block.range] / (scale * block.scale)
-    weights = np.maximum(support, 0.0)
+        bounds[name] = step.bound_multipliers[block.range] / (scale * block.scale)
+    weights = np.maximum(step.support, 0.0)
     return Optimum(
-        turn.step.placed,
+        step.placed,
         turn.trial.value,
         turn.cuts,
         weights / max(float(weights.sum()), 1e-300),
-        turn.step.multipliers / (scale * rows),
+        step.multipliers / (scale * rows),
         bounds,
     )
 
 
-def _price(bench: Workbench, optimum: Optimum, limit: Limit) -> ShadowPrice | None:
+def price_of(bench: Workbench, optimum: Optimum, limit: Limit) -> ShadowPrice | None:
     """Return the price of one limit, by central differences of the rows and ratios it enters."""
     h = 1e-3 * limit.step
     more, less = limit.changed(h), limit.changed(-h)

@@ -9,8 +9,8 @@ a model: the nonlinear program itself, or its linearisation.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -88,22 +88,27 @@ class Step:
     multipliers : (rows,) array
         Of the rows of constraints and hand, solver units.
     effort : Effort
+    support : (m,) array
+        Multipliers of the cuts, at least zero up to rounding; empty from a model that does not tell.
+    bound_multipliers : (n,) array
+        Of the bounds of the program's variables: positive where the upper one is active, negative the lower.
+    solved : bool
+        Whether the model was solved to its tolerance.
     """
 
     placed: Placed
     promised: float
     multipliers: FloatArray
     effort: Effort
+    support: FloatArray = field(default_factory=lambda: np.zeros(0))
+    bound_multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))
+    solved: bool = True
 
 
-S = TypeVar("S", bound=Step)
-S_co = TypeVar("S_co", bound=Step, covariant=True)
-
-
-class Model(Protocol[S_co]):
+class Model(Protocol):
     """What proposes the steps of an ascent."""
 
-    def step(self, state: AscentState, cuts: FloatArray, radius: float) -> S_co | None:
+    def step(self, state: AscentState, cuts: FloatArray, radius: float) -> Step | None:
         """Return a step from where the ascent stands, or None where the model finds none.
 
         Parameters
@@ -117,7 +122,7 @@ class Model(Protocol[S_co]):
 
 
 @dataclass(frozen=True)
-class Round(Generic[S]):
+class Round:
     """A round of an ascent whose trial keeps the constraints.
 
     Parameters
@@ -131,15 +136,15 @@ class Round(Generic[S]):
         What the model knew.
     """
 
-    step: S
+    step: Step
     trial: Weakest
     before: float
     cuts: FloatArray
 
 
 def ascend(
-    bench: Workbench, state: AscentState, model: Model[S], rules: Rules, rng: np.random.Generator, stop: Stop
-) -> Iterator[Round[S]]:
+    bench: Workbench, state: AscentState, model: Model, rules: Rules, rng: np.random.Generator, stop: Stop
+) -> Iterator[Round]:
     """Improve a state in place, and yield each round: who asks for them decides when the ascent has settled.
 
     Ends by itself when the rounds are used up, the trust region has shrunk away, no direction is known, the model

@@ -66,10 +66,13 @@ class QuadraticStep:
     d : (n,) array
     multipliers : (m,) array
         Of the rows: positive where the upper limit is active, negative where the lower one is.
+    bound_multipliers : (n,) array
+        Of the step's bounds, with the same signs.
     """
 
     d: FloatArray
     multipliers: FloatArray
+    bound_multipliers: FloatArray
 
 
 def shortest_step(
@@ -110,7 +113,7 @@ def shortest_step(
     if "Solved" not in str(found.status):
         return None
     multipliers = np.zeros(len(g))
-    duals = np.split(np.array(found.z), np.cumsum([len(mask) for mask in used]))
+    duals = np.split(np.array(found.z), np.cumsum([*(len(mask) for mask in used), n, n]))
     for where, sign, dual in zip(used, (1.0, -1.0, 1.0), duals, strict=False):
         multipliers[where] += sign * dual
-    return QuadraticStep(np.array(found.x)[:n], multipliers)
+    return QuadraticStep(np.array(found.x)[:n], multipliers, duals[3] - duals[4])

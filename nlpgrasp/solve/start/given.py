@@ -136,4 +136,5 @@ def _certified(bench: Workbench, found: OnBody, state: AscentState, start: _Star
         message=start.message,
         history=tuple(state.history),
     )
-    return StartGrasp(record, found, constraint_reports(bench, found, state.multipliers), state.effort, None)
+    reports = constraint_reports(bench, found, state.multipliers)
+    return StartGrasp(record, found, reports, state.effort, None, state.placed)

@@ -9,6 +9,7 @@ from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.workbench.placed import Placed
 
 
 @dataclass(frozen=True)
@@ -45,12 +46,15 @@ class StartGrasp(StartResult):
     spent : Effort
     robust : Robustness or None
         Where the solve goes by it.
+    ascended : Placed
+        Where the exchange ended, before the contacts went onto a mesh itself.
     """
 
     found: OnBody
     constraints: tuple[ConstraintReport, ...]
     spent: Effort
     robust: Robustness | None
+    ascended: Placed
 
     @property
     def effort(self) -> Effort:

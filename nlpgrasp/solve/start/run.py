@@ -165,7 +165,8 @@ class _Attempts:
             message=first.message,
             history=tuple(state.history),
         )
-        return StartGrasp(record, found, constraint_reports(bench, found, state.multipliers), state.effort, robust)
+        reports = constraint_reports(bench, found, state.multipliers)
+        return StartGrasp(record, found, reports, state.effort, robust, state.placed)
 
 
 def _slowest(bench: Workbench, first: FirstResult) -> float:

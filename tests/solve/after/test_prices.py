@@ -1,11 +1,16 @@
 """Shadow prices against solving again with the limit moved by one per cent."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.after.limits import limits_of
-from nlpgrasp.solve.after.prices import polish, shadow_prices
+from nlpgrasp.solve.after.prices import LINEAR, POLISHING, polish, price_of, settled_at, shadow_prices
+from nlpgrasp.solve.ascent.steps.linear import LinearModel
+from nlpgrasp.solve.ascent.steps.nonlinear import NonlinearModel
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import four_finger_hand
@@ -70,6 +75,32 @@ def test_prices_of_a_hand():
     assert prices["friction of all contacts"].gain > 0.0
     assert all(p.gain > 0.0 for name, p in prices.items() if name.endswith("limit"))
     assert all(p.unit == "1 degree of range" for name, p in prices.items() if name.endswith("limit"))
+
+
+@pytest.mark.slow
+def test_quadratic_programs_find_the_prices_of_the_nonlinear_one():
+    problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
+    bench = Workbench(problem, OPTIONS)
+    best = run_start(bench, 0, 0, Stop())
+    placed = bench.snapped(best.found.placed)
+    linear = settled_at(bench, placed, LinearModel(bench), LINEAR, Stop())
+    solved = settled_at(bench, placed, NonlinearModel(bench), POLISHING, Stop())
+    assert linear.value == pytest.approx(solved.value, rel=2e-4)
+    for limit in limits_of(problem):
+        one, other = price_of(bench, linear, limit), price_of(bench, solved, limit)
+        assert one.gain == pytest.approx(other.gain, rel=0.02, abs=1e-4 * solved.value), limit.name
+    for name, bounds in solved.bounds.items():
+        np.testing.assert_allclose(linear.bounds[name], bounds, rtol=0.1, atol=2e-4 * solved.value)
+
+
+def test_no_prices_of_an_optimum_far_from_the_grasp():
+    """On a mesh the optimum on the smooth surface can be another grasp's."""
+    problem = PROBLEMS["reach and table"]()
+    bench = Workbench(problem, OPTIONS)
+    best = best_of(bench, 1)
+    assert shadow_prices(bench, best, Stop())
+    half = replace(best.record, mu=ng.Bounds(0.5 * best.record.mu.lower, 0.5 * best.record.mu.upper))
+    assert shadow_prices(bench, replace(best, record=half), Stop()) == ()
 
 
 def test_prices_are_in_the_solution_and_its_file(tmp_path):

@@ -9,9 +9,11 @@ this is the method of Madsen (1975, doi:10.1093/imamat/16.3.321).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.nlp import SUPPORT
 from nlpgrasp.solve.ascent.ascend import Step
 from nlpgrasp.solve.ascent.cuts import piece_parameters
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
@@ -48,7 +50,7 @@ class _Linearisation:
     """The program linearised where contacts and hand are."""
 
     def __init__(self, bench: Workbench, placed: Placed, cuts: FloatArray) -> None:
-        self.bench, self.faces = bench, placed.faces
+        self.bench, self.faces, self.count = bench, placed.faces, len(cuts)
         self.compiled = bench.exchange.compiled
         self.z = variables_of(bench, self.compiled.program, placed)
         self.beta = self.compiled.program.block("beta").start
@@ -81,7 +83,25 @@ class _Linearisation:
             return None
         promised = float(first.d[self.beta]) / self.bench.scaling.beta
         placed = placed_of(self.bench, program, self.faces, corrected.last)
-        return Step(placed, promised, first.multipliers[program.placement], Effort())
+        return Step(
+            placed,
+            promised,
+            first.multipliers[program.placement],
+            Effort(),
+            self._support(first.multipliers),
+            np.where(self._at_own(first.d, size), first.bound_multipliers, 0.0),
+        )
+
+    def _support(self, multipliers: FloatArray) -> FloatArray:
+        """Return the multipliers of the cuts, (m,)."""
+        if self.cuts is not None:
+            return -multipliers[self.compiled.program.limits[0].size :]
+        return -multipliers[self.compiled.program.rows_of(SUPPORT)][: self.count]
+
+    def _at_own(self, d: FloatArray, size: FloatArray) -> NDArray[np.bool_]:
+        """Return which variables go towards a bound of their own that is as near as the trust region's, (n,)."""
+        lower, upper = self.compiled.program.bounds
+        return np.asarray(np.where(d > 0.0, upper - self.z, self.z - lower) <= size)
 
     def _with_cuts(self, rows: Linearised) -> Linearised:
         """Return the rows together with the cuts that the program does not hold: at least zero."""

@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.nlp import NlpResult
+from nlpgrasp.nlp import SUPPORT
 from nlpgrasp.solve.ascent.ascend import Step
 from nlpgrasp.solve.ascent.cuts import slot_parameters
 from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
-
-
-@dataclass(frozen=True)
-class SolvedStep(Step):
-    """A step that a solve of the program led to.
-
-    Parameters
-    ----------
-    result : NlpResult
-    """
-
-    result: NlpResult
 
 
 class NonlinearModel:
@@ -38,7 +24,7 @@ class NonlinearModel:
     def __init__(self, bench: Workbench) -> None:
         self.bench = bench
 
-    def step(self, state: AscentState, cuts: FloatArray, radius: float) -> SolvedStep:
+    def step(self, state: AscentState, cuts: FloatArray, radius: float) -> Step:
         """Return where the program ends from here, whatever the solver says of it."""
         bench, compiled, faces = self.bench, self.bench.exchange.compiled, state.placed.faces
         program = compiled.program
@@ -50,10 +36,12 @@ class NonlinearModel:
             lower[block] = np.maximum(lower[block], z[block] - radius)
             upper[block] = np.minimum(upper[block], z[block] + radius)
         result = compiled.solve(z, slot_parameters(bench, faces, cuts), (lower, upper))
-        return SolvedStep(
+        return Step(
             placed_of(bench, program, faces, result.z),
             result.objective / bench.scaling.beta - state.value,
             result.multipliers[program.placement],
             Effort.of(result),
-            result,
+            -result.multipliers[program.rows_of(SUPPORT)][: len(cuts)],
+            result.bound_multipliers,
+            result.success,
         )

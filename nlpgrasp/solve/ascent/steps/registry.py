@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.solve.ascent.ascend import Model, Rules, Step
+from nlpgrasp.solve.ascent.ascend import Model, Rules
 from nlpgrasp.solve.ascent.steps.linear import LinearModel
 from nlpgrasp.solve.ascent.steps.nonlinear import NonlinearModel
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -29,7 +29,7 @@ class ExchangeModel:
     """
 
     name: str
-    make: Callable[[Workbench], Model[Step]]
+    make: Callable[[Workbench], Model]
     rules: Rules
     suits: Callable[[Workbench], bool]
 
