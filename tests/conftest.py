@@ -1,11 +1,25 @@
 """Fixtures shared by all tests."""
 
+import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 SHARED_MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+
+
+def pytest_configure(config):
+    """Keep what is worth keeping in a folder of this run alone, one for all of its processes."""
+    if not hasattr(config, "workerinput"):
+        os.environ["NLPGRASP_CACHE"] = tempfile.mkdtemp(prefix="nlpgrasp-tests-")
+
+
+def pytest_unconfigure(config):
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(os.environ["NLPGRASP_CACHE"], ignore_errors=True)
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import ClassVar, NoReturn
 
 import casadi as ca
-import igl
 import numpy as np
 import trimesh
 
@@ -15,6 +14,7 @@ from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, automatic_resolution, distance_spline
 from nlpgrasp.common.mesh_file import mesh_digest, read_mesh, usable_mesh
 from nlpgrasp.common.registry import incomplete
+from nlpgrasp.common.search_tree import SearchTree
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 
@@ -126,10 +126,7 @@ class Mesh(Body):
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3) to the mesh itself, negative inside, metres."""
-        vertices = np.ascontiguousarray(self.mesh.vertices, dtype=float)
-        kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
-        queries = np.ascontiguousarray(points, dtype=float)
-        return np.asarray(igl.signed_distance(queries, vertices, np.ascontiguousarray(self.mesh.faces), kind)[0])
+        return self._tree.signed_distance(points)
 
     def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the nearest points of the mesh, the outward normals there and the distances.
@@ -149,19 +146,12 @@ class Mesh(Body):
             Metres, at least zero.
         """
         # trimesh's own closest_point is off by up to 0.3 mm on scans with thin triangles
-        vertices = np.ascontiguousarray(self.mesh.vertices, dtype=float)
-        faces = np.ascontiguousarray(self.mesh.faces)
-        queries = np.ascontiguousarray(points, dtype=float)
-        squared, triangles, positions = self._tree.squared_distance(vertices, faces, queries)
-        normals = np.asarray(self.mesh.face_normals)[triangles]
-        return np.asarray(positions), normals, np.sqrt(np.asarray(squared))
+        squared, triangles, positions = self._tree.nearest(points)
+        return positions, np.asarray(self.mesh.face_normals)[triangles], np.sqrt(squared)
 
     @cached_property
-    def _tree(self) -> igl.AABB:
-        tree = igl.AABB()
-        vertices = np.ascontiguousarray(self.mesh.vertices, dtype=float)
-        tree.init(vertices, np.ascontiguousarray(self.mesh.faces))
-        return tree
+    def _tree(self) -> SearchTree:
+        return SearchTree(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
 
     def surface_samples(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return random points of the mesh, uniform by area, and its outward normals there, (count, 3) each."""

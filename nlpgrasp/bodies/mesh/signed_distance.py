@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
-import igl
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter
 
+from nlpgrasp.common.search_tree import IntArray, SearchTree
+from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 
 LONGEST_SIDE, SHORTEST_SIDE = 48, 16  # grid cells at least
@@ -72,7 +73,7 @@ def automatic_resolution(extents: FloatArray) -> int:
 
 
 def distance_spline(
-    vertices: FloatArray, faces: FloatArray, resolution: int, smoothing: float, margin: float = 0.0
+    vertices: FloatArray, faces: IntArray, resolution: int, smoothing: float, margin: float = 0.0
 ) -> DistanceSpline:
     """Return a spline through the smoothed signed distance, negative inside.
 
@@ -92,6 +93,17 @@ def distance_spline(
     margin : float
         How far the grid reaches beyond the mesh, metres; at least five cells.
     """
+    settings = np.array([resolution, smoothing, margin])
+    made_from = [np.ascontiguousarray(part).tobytes() for part in (vertices, faces, settings)]
+    found = kept("distance", made_from, lambda: _fitted(vertices, faces, resolution, smoothing, margin))
+    knots = tuple(found[f"knots {axis}"].tolist() for axis in range(3))
+    return DistanceSpline(knots, found["coefficients"], found["box"])
+
+
+def _fitted(
+    vertices: FloatArray, faces: IntArray, resolution: int, smoothing: float, margin: float
+) -> dict[str, FloatArray]:
+    """Return knots, coefficients and box of the spline."""
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     cell = float(np.max(upper - lower)) / resolution
     around = max(MARGIN_CELLS, int(np.ceil(margin / cell)))
@@ -100,16 +112,13 @@ def distance_spline(
         count = int(np.ceil((high - low) / cell)) + 1 + 2 * around
         axes.append((low + high) / 2.0 + cell * (np.arange(count) - (count - 1) / 2.0))
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
-    points = np.ascontiguousarray(grid.reshape(-1, 3))
-    values = igl.signed_distance(points, np.ascontiguousarray(vertices), np.ascontiguousarray(faces), kind)[0]
-    field = np.asarray(values).reshape(grid.shape[:3])
+    field = SearchTree(vertices, faces).signed_distance(grid.reshape(-1, 3)).reshape(grid.shape[:3])
     if smoothing > 0.0:
         field = gaussian_filter(field, smoothing)
-    knots: list[list[float]] = []
+    knots: dict[str, FloatArray] = {}
     for axis, ticks in enumerate(axes):
         spline = make_interp_spline(ticks, field, k=3, axis=axis)
         field = np.moveaxis(np.asarray(spline.c, dtype=float), 0, axis)
-        knots.append([float(t) for t in spline.t])
+        knots[f"knots {axis}"] = np.asarray(spline.t, dtype=float)
     box = np.array([[a[0] + cell for a in axes], [a[-1] - cell for a in axes]])
-    return DistanceSpline(tuple(knots), field, box)
+    return {**knots, "coefficients": np.ascontiguousarray(field), "box": box}

@@ -15,6 +15,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.spheres.shapes import Shape
 
@@ -62,7 +63,14 @@ def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
     """Return at most ``most`` spheres around the shapes of one link (one a shape where all are spheres)."""
     if all(s.centre is not None for s in shapes):
         return SphereFit(np.array([s.centre for s in shapes]), np.array([s.radius for s in shapes]), 0.0)
-    return min((_chosen(shapes, most), _regular(shapes, most)), key=lambda fit: fit.error)
+    found = kept("spheres", [str(most).encode(), *(shape.content for shape in shapes)], lambda: _fitted(shapes, most))
+    return SphereFit(found["centres"], found["radii"], float(found["error"]))
+
+
+def _fitted(shapes: Sequence[Shape], most: int) -> dict[str, FloatArray]:
+    """Return centres and radii of the better of two ways, and the error."""
+    fit = min((_chosen(shapes, most), _regular(shapes, most)), key=lambda fit: fit.error)
+    return {"centres": fit.centres, "radii": fit.radii, "error": np.asarray(fit.error)}
 
 
 def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:

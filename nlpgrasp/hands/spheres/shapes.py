@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
-import igl
 import numpy as np
 import trimesh
 
+from nlpgrasp.common.search_tree import SearchTree
 from nlpgrasp.common.validation import FloatArray
 
 
@@ -61,6 +62,12 @@ class Shape:
         return cls("box", trimesh.creation.box(size, transform=pose))
 
     @property
+    def content(self) -> bytes:
+        """All that the shape is."""
+        own = [self.mesh.vertices, self.mesh.faces, np.zeros(0) if self.centre is None else self.centre, [self.radius]]
+        return self.kind.encode() + b"".join(np.asarray(part, dtype=float).tobytes() for part in own)
+
+    @property
     def fingerprint(self) -> bytes:
         """The same for shapes that are alike."""
         return np.asarray(self.mesh.vertices, dtype=float).round(9).tobytes()
@@ -69,11 +76,8 @@ class Shape:
         """Return how deep points (m, 3) are inside, metres, negative outside."""
         if self.centre is not None:
             return np.asarray(self.radius - np.linalg.norm(points - self.centre, axis=1))
-        return -signed_distance(self.mesh, points)
+        return -self._tree.signed_distance(points)
 
-
-def signed_distance(mesh: trimesh.Trimesh, points: FloatArray) -> FloatArray:
-    """Return the signed distance of points (m, 3) to a mesh, negative inside."""
-    vertices, faces = np.ascontiguousarray(mesh.vertices, dtype=float), np.ascontiguousarray(mesh.faces)
-    kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
-    return np.asarray(igl.signed_distance(np.ascontiguousarray(points, dtype=float), vertices, faces, kind)[0])
+    @cached_property
+    def _tree(self) -> SearchTree:
+        return SearchTree(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))

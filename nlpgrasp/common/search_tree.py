@@ -1,0 +1,59 @@
+"""Nearest points and signed distances of a triangle mesh, from search trees that are built once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import igl
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+
+IntArray = NDArray[np.integer]
+
+
+class SearchTree:
+    """The search trees of a mesh, each built where it is first asked for.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres.
+    faces : (f, 3) int array
+    """
+
+    def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
+        self._vertices = np.ascontiguousarray(vertices, dtype=float)
+        self._faces = np.ascontiguousarray(faces, dtype=np.int64)
+
+    @cached_property
+    def _boxes(self) -> igl.AABB:
+        tree = igl.AABB()
+        tree.init(self._vertices, self._faces)
+        return tree
+
+    @cached_property
+    def _winding(self) -> igl.FastWindingNumberBVH:
+        tree = igl.FastWindingNumberBVH()
+        tree.init(self._vertices, self._faces)
+        return tree
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return the mesh alone: trees are built anew in another process."""
+        return {"_vertices": self._vertices, "_faces": self._faces}
+
+    def nearest(self, points: FloatArray) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
+        """Return squared distances (m,), triangles (m,) and nearest points (m, 3) of points (m, 3), metres."""
+        queries = np.ascontiguousarray(points, dtype=float)
+        squared, triangles, positions = self._boxes.squared_distance(self._vertices, self._faces, queries)
+        return np.asarray(squared), np.asarray(triangles), np.asarray(positions)
+
+    def signed_distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance of points (m, 3), negative inside, metres, (m,).
+
+        It is the distance times ``1 - 2 |w|`` with the fast winding number w (Barill et al. 2018,
+        doi:10.1145/3197517.3201337): 0 outside and 1 inside up to some thousandths, and between them beside defects.
+        """
+        winding = self._winding.winding_number(np.ascontiguousarray(points, dtype=float))
+        return np.asarray(np.sqrt(self.nearest(points)[0]) * (1.0 - 2.0 * np.abs(winding)))
