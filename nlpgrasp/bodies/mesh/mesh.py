@@ -12,9 +12,9 @@ import trimesh
 
 from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, automatic_resolution, distance_spline
-from nlpgrasp.common.mesh_file import mesh_digest, read_mesh, usable_mesh
+from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, usable_mesh
+from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.registry import incomplete
-from nlpgrasp.common.search_tree import SearchTree
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 

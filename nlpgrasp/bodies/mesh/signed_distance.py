@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter
 
-from nlpgrasp.common.search_tree import IntArray, SearchTree
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import trimesh
 
-from nlpgrasp.common.search_tree import SearchTree
+from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.validation import FloatArray
 
 

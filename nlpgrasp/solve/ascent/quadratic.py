@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import clarabel
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from nlpgrasp.common.conic import quiet_settings
@@ -13,6 +14,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.slack import NoSlack, Slack
 
 NO_SLACK = NoSlack()
+SHORT = 0.05  # of the step's bounds: rows that a step so long can break are looked at from the beginning
+BROKEN = 1e-9  # by how much a row that was left out is broken at least
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,8 @@ def shortest_step(
 ) -> QuadraticStep | None:
     """Return the d of least ``cost d + damping |d|^2 / 2`` and price of slack; None where the rows contradict.
 
-    Rows that no step within the bounds can break are left out.
+    Most rows are far from their limits: the program begins with equations and with rows that a short step can break,
+    and takes in others where its answer breaks them.
 
     Parameters
     ----------
@@ -91,10 +95,27 @@ def shortest_step(
     slack : Slack
         How far rows may be broken: by default not at all.
     """
+    g, J = rows.values, rows.jacobian
+    reach = SHORT * np.asarray(abs(J) @ np.maximum(-rows.least, rows.most)).ravel()
+    seen = (rows.lower == rows.upper) | (g - reach < rows.lower) | (g + reach > rows.upper)
+    while True:
+        found = _solved(rows, seen, np.zeros(J.shape[1]) if cost is None else cost, damping, slack)
+        if found is None:
+            return None
+        there = g + J @ found.d
+        broken = ~seen & ((there < rows.lower - BROKEN) | (there > rows.upper + BROKEN))
+        if not np.any(broken):
+            return found
+        seen |= broken
+
+
+def _solved(
+    rows: Linearised, seen: NDArray[np.bool_], cost: FloatArray, damping: float, slack: Slack
+) -> QuadraticStep | None:
+    """Return the step of the program with some of the rows; None where these contradict."""
     g, J, n = rows.values, rows.jacobian, rows.jacobian.shape[1]
-    reach = np.asarray(abs(J) @ np.maximum(-rows.least, rows.most)).ravel()
-    equal = (rows.lower == rows.upper) & slack.keeps_equations
-    below, above = ~equal & (g - reach < rows.lower), ~equal & (g + reach > rows.upper)
+    equal = seen & (rows.lower == rows.upper) & slack.keeps_equations
+    below, above = seen & ~equal & np.isfinite(rows.lower), seen & ~equal & np.isfinite(rows.upper)
     used = [np.flatnonzero(mask) for mask in (equal, below, above)]
     columns = slack.columns(np.concatenate(used))
     m, identity = columns.shape[1], sparse.identity(n, format="csr")
@@ -107,8 +128,8 @@ def shortest_step(
     right = np.concatenate(b)
     cones = [clarabel.ZeroConeT(len(used[0])), clarabel.NonnegativeConeT(len(right) - len(used[0]))]
     P = sparse.diags(np.concatenate([np.full(n, damping), quadratic]), format="csc")
-    q = np.concatenate([np.zeros(n) if cost is None else cost, linear])
     A = sparse.bmat(blocks, format="csc")
+    q = np.concatenate([cost, linear])
     found = clarabel.DefaultSolver(P, q, A, right, cones, quiet_settings(slack.tolerance)).solve()
     if "Solved" not in str(found.status):
         return None

@@ -1,0 +1,1 @@
+"""Triangle meshes: reading them, and their search trees."""
