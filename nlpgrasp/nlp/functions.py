@@ -36,7 +36,7 @@ class ProgramFunctions:
     def is_scalar(self) -> bool:
         """Whether the whole program is one ``SX`` graph, whose derivatives CasADi does best by itself."""
         faces = all(part.function.is_a("SXFunction") for part in self.program.face_parts)
-        return faces and not self.program.distance_parts
+        return faces and not self.program.distance_parts and self.program.slots is None
 
     @cached_property
     def nlp(self) -> dict[str, ca.SX] | dict[str, ca.MX]:
@@ -72,6 +72,8 @@ class ProgramFunctions:
         ]
         jac = smooth(self._x, self._p, self._distances.first()[1])
         jac = jac + ca.vertcat(ca.MX(self._smooth + near, z.shape[0]), *faces)
+        if self.program.slots is not None:
+            jac = ca.vertcat(self.program.slots.jacobian(self._x, self._p), jac)
         return ca.Function("jac_g", [self._x, self._p], [self._rows, jac], *names)
 
     @cached_property
@@ -90,7 +92,9 @@ class ProgramFunctions:
         inputs = [z, theta, lam_f, lam_g, slopes, bends]
         smooth = ca.Function("rows_hess", inputs, [ca.triu(second)], self._tidied)
         count = self._linear.shape[0]
-        lam, sigma = ca.MX.sym("lam_g", self._smooth + near + count), ca.MX.sym("lam_f")
+        slots = 0 if program.slots is None else program.slots.count
+        every, sigma = ca.MX.sym("lam_g", slots + self._smooth + near + count), ca.MX.sym("lam_f")
+        lam = every[slots:]
         weighted, curvature = self._distances.second(lam[self._smooth : self._smooth + near])
         hess = smooth(self._x, self._p, sigma, lam[: self._smooth], weighted, curvature)
         done = self._smooth + near
@@ -99,7 +103,9 @@ class ProgramFunctions:
             local = _bend(part)(self._x[part.position.range], lam[done : done + rows])
             hess = hess + _embed_square(local, part, z.shape[0])
             done += rows
-        return ca.Function("hess_lag", [self._x, self._p, sigma, lam], [ca.triu(hess)], *names)
+        if program.slots is not None:
+            hess = hess + program.slots.hessian(self._x, self._p, every[:slots])
+        return ca.Function("hess_lag", [self._x, self._p, sigma, every], [ca.triu(hess)], *names)
 
     @cached_property
     def _distances(self) -> DistanceRows:
@@ -112,7 +118,8 @@ class ProgramFunctions:
         smooth = ca.Function("rows", [self.program.z, self.program.theta], [self.program.g, self._linear])
         rows, linear = smooth(self._x, self._p)
         faces = [part.function(self._x[part.position.range]) for part in self.program.face_parts]
-        return ca.vertcat(rows, self._distances.first()[0], linear + ca.vertcat(*faces))
+        first = ca.MX(0, 1) if self.program.slots is None else self.program.slots.rows(self._x, self._p)
+        return ca.vertcat(first, rows, self._distances.first()[0], linear + ca.vertcat(*faces))
 
     @cached_property
     def _repeats(self) -> Repeats:

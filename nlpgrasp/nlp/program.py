@@ -17,6 +17,7 @@ from nlpgrasp.common.rows import Clearance, Label, Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp.blocks import Block, DistancePart, FacePart, FaceRows, Range, RowBlock, block_name
 from nlpgrasp.nlp.repeats import Copy
+from nlpgrasp.nlp.slots import Slots
 
 HAND = "hand"  # kind of the hand's variables
 
@@ -31,6 +32,7 @@ class Program:
     distance_parts: list[DistancePart] = field(default_factory=list)
     face_parts: list[FacePart] = field(default_factory=list)
     copies: list[Copy] = field(default_factory=list)  # of rows that repeat, where derivatives are made from one
+    slots: Slots | None = None  # rows of one function, before all others
     contained: int = 0  # rows of containment come first, this many
     placement: slice = field(default_factory=lambda: slice(0, 0))  # rows of constraints and hand; faces follow them
     objective: ca.SX = field(default_factory=ca.SX)
@@ -70,6 +72,12 @@ class Program:
         expression: ca.SX = row.expression
         self._g.append(ca.vec(expression) / row.scale)
         self._add_rows(row, expression.numel(), (row.lower / row.scale, row.upper / row.scale), row.scale)
+
+    def constrain_slots(self, kind: str, part: str, slots: Slots) -> None:
+        """Add a row for each slot, at least zero; call this first. They are not among ``g``."""
+        for j in range(slots.count):
+            self._add_rows(Label(kind, part=f"{part} {j}"), 1, (0.0, np.inf))
+        self.slots = slots
 
     def constrain_distance(self, item: Clearance) -> None:
         """Add a row through a distance, divided by its scale; call these after ``constrain``."""
@@ -131,7 +139,7 @@ class Program:
 
     @property
     def g(self) -> ca.SX:
-        """All rows that are SX expressions, one column; rows through distances and face rows follow them."""
+        """All rows that are SX expressions, one column: after slots, before rows through distances and face rows."""
         return ca.vertcat(*self._g) if self._g else ca.SX(0, 1)
 
     @property

@@ -12,6 +12,7 @@ from nlpgrasp.contacts import Work
 from nlpgrasp.nlp.forces import add_forces, add_membership, note_copy, symbolic_wrench
 from nlpgrasp.nlp.placement import Scaling, add_placement, add_placement_rows
 from nlpgrasp.nlp.program import Program
+from nlpgrasp.nlp.slots import Slots
 from nlpgrasp.problem.problem import GraspProblem
 
 SUPPORT = "support"  # kind of the rows of containment
@@ -54,19 +55,13 @@ def support_program(
     directions = ca.reshape(program.parameter("directions", d * count), d, count)
     reach = program.parameter("reach", count)
     closed = support_function(problem, scaling) if eliminate else None
-    weights = None
     if eliminate and closed is None and pieces:
         closed = piece_function(problem, scaling)
-        k = len(problem.models)
-        weights = None if closed is None else ca.reshape(program.parameter("pieces", k * count), k, count)
-    for j in range(count):
         if closed is not None:
-            function, degree = closed
-            value = function(directions[:, j], *contacts.positions, *contacts.normals)
-            if weights is not None:
-                value = ca.dot(weights[:, j], value)
-            program.constrain(Row(SUPPORT, value - (beta * reach[j]) ** degree, 0.0, part=f"direction {j}"))
-            continue
+            program.parameter("pieces", len(problem.models) * count)
+    if closed is not None and count:
+        program.constrain_slots(SUPPORT, "direction", _slots(program, problem, *closed, count))
+    for j in range(0 if closed is not None else count):
         forces = add_forces(program, problem, scaling, j)
         produced = symbolic_wrench(problem.models, contacts, forces, scaling.length) / scaling.force
         work = ca.dot(directions[:, j], produced)
@@ -76,6 +71,24 @@ def support_program(
     add_placement_rows(program, problem, scaling, contacts, faces)
     program.objective = beta
     return program
+
+
+def _slots(program: Program, problem: GraspProblem, function: ca.Function, degree: int, count: int) -> Slots:
+    """Return the rows ``phi(y_j)^degree - (beta phi_A(y_j))^degree``, or of a weighted mean of phi's pieces."""
+    space, d, k = problem.body.space, problem.dimension, len(problem.models)
+    blocks = [program.block(kind, i) for kind in ("position", "normal") for i in range(k)] + [program.block("beta")]
+    x = ca.SX.sym("x", 2 * k * space + 1)
+    *places, beta = ca.vertsplit(x, [*range(0, 2 * k * space + 1, space), 2 * k * space + 1])
+    theta = [ca.SX.sym("y", d), ca.SX.sym("reach")]
+    value = function(theta[0], *places)
+    if value.numel() > 1:
+        theta.append(ca.SX.sym("weights", k))
+        value = ca.dot(theta[2], value)
+    row = ca.Function("slot", [x, ca.vertcat(*theta)], [value - (beta * theta[1]) ** degree])
+    own = [program.block(kind) for kind in ("directions", "reach", "pieces")[: len(theta)]]
+    parameters = [np.arange(block.start, block.stop).reshape(count, -1).T for block in own]
+    variables = np.concatenate([np.arange(block.start, block.stop) for block in blocks])
+    return Slots(row, variables, np.concatenate(parameters))
 
 
 def has_closed_form(problem: GraspProblem) -> bool:

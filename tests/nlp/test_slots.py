@@ -1,0 +1,62 @@
+"""Rows of one function in many slots, against CasADi's derivatives of the same rows written out."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.nlp import support_program
+from nlpgrasp.nlp.functions import ProgramFunctions
+from nlpgrasp.nlp.slots import Slots
+from tests.hands.urdf import four_finger_hand
+
+SLOTS = 7
+BODY = ng.Ellipsoid([0.06, 0.03, 0.03])
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+PROBLEMS = {
+    "l2": lambda: ng.GraspProblem(BODY, [ng.FrictionContact(0.6), ng.SoftContact(0.5, 0.01)], TASK),
+    "plane": lambda: ng.GraspProblem(
+        ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]]), [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1, 1, 1])
+    ),
+    "pieces and a hand": lambda: ng.GraspProblem(
+        BODY, ng.FrictionContact(0.6), TASK, hand=four_finger_hand(), force_budget="shared"
+    ),
+}
+
+
+def written_out(slots, z, theta):
+    """Return the rows as one SX graph."""
+    x = z[slots.variables.tolist()]
+    return ca.vertcat(*[slots.function(x, theta[column.tolist()]) for column in slots.parameters.T])
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_rows_and_derivatives(name, rng):
+    problem = PROBLEMS[name]()
+    faces = [problem.allowed_faces(i)[0] for i in range(len(problem.models))]
+    program = support_program(problem, faces, SLOTS, pieces=problem.hand is not None)
+    slots, functions = program.slots, ProgramFunctions(program)
+    assert isinstance(slots, Slots)
+    assert slots.count == SLOTS == len(program.rows_of("support"))
+    z, theta = program.z, program.theta
+    lower, upper = (np.clip(b, -1.0, 1.0) for b in program.bounds)
+    at = rng.uniform(lower, upper), rng.standard_normal(theta.shape[0])
+    rows = written_out(slots, z, theta)
+    g, jacobian = functions.jacobian(*at)
+    plain = ca.Function("plain", [z, theta], [rows, ca.jacobian(rows, z)])
+    np.testing.assert_allclose(np.ravel(g.full())[:SLOTS], np.ravel(plain(*at)[0].full()), rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(jacobian.full()[:SLOTS], plain(*at)[1].full(), rtol=1e-10, atol=1e-10)
+    multipliers = np.zeros(program.limits[0].size)
+    multipliers[:SLOTS] = rng.standard_normal(SLOTS)
+    second = ca.hessian(ca.dot(ca.DM(multipliers[:SLOTS]), rows), z)[0]
+    expected = np.triu(ca.Function("second", [z, theta], [second])(*at).full())
+    np.testing.assert_allclose(functions.hessian(*at, 0.0, multipliers).full(), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_all_slots_are_one_expression():
+    """What is differentiated is one row: as many instructions for 5 slots as for 500."""
+    problem = PROBLEMS["l2"]()
+    faces = [problem.allowed_faces(i)[0] for i in range(2)]
+    size = {count: support_program(problem, faces, count).slots.function.n_instructions() for count in (5, 500)}
+    assert size[5] == size[500]
+    assert support_program(problem, faces, 500).g.shape == support_program(problem, faces, 5).g.shape
