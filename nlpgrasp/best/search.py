@@ -61,14 +61,16 @@ class Search:
     scope : Scope
     gap : float
         Relative, at which to stop.
+    rough : float, optional
+        Width of grasps' certificates; where left out the best grasp's becomes as narrow as the gap asks for.
     """
 
-    def __init__(self, scope: Scope, gap: float) -> None:
-        self.scope, self.gap = scope, gap
-        body = scope.problem.body
+    def __init__(self, scope: Scope, gap: float, rough: float | None = None) -> None:
+        self.scope, self.gap, self._narrows = scope, gap, rough is None
+        self._rough = ROUGH if rough is None else rough
         self.tree = tree_of(scope)
         self.twists = self.tree.twists
-        self.climber = Climber(scope.task, self.twists.lattice, body.size)
+        self.climber = Climber(scope.task, self.twists.lattice, scope.problem.body.size)
         self.exchange = Exchange.of(scope.pieces, self.climber)
         self.grasp: Grasp | None = None
         self.faces: tuple[str, ...] = ()
@@ -93,7 +95,7 @@ class Search:
     @property
     def target(self) -> float:
         """The bound at which a node needs no further look."""
-        sure = self.value <= self._known * (1.0 + FINE * self.gap)
+        sure = not self._narrows or self.value <= self._known * (1.0 + FINE * self.gap)
         return self.value * (1.0 + (SHARE if sure else UNSURE) * self.gap)
 
     @property
@@ -147,7 +149,7 @@ class Search:
 
     def refine(self) -> None:
         """Certify the best grasp as narrowly as the gap asks for."""
-        if self.grasp is not None and self.mu.gap > FINE * self.gap:
+        if self._narrows and self.grasp is not None and self.mu.gap > FINE * self.gap:
             self.mu = self._certified(self.grasp, FINE * self.gap)
             self.value = self._known
 
@@ -157,10 +159,8 @@ class Search:
     def _look(self, nodes: Sequence[Node]) -> None:
         """Climb from the heaviest rows, then from others, of those new nodes where these seem to be the best grasps."""
         open_nodes = [node for node in nodes if node.rows.size]
-        if not open_nodes:
-            return
         begun: list[tuple[list[Spot], FloatArray]] = []
-        for i in np.argsort(-self._values(open_nodes), kind="stable")[:LOOKED].tolist():
+        for i in np.argsort(-self._values(open_nodes), kind="stable")[:LOOKED].tolist() if open_nodes else []:
             node, allowance = open_nodes[i], CLIMBS + MORE * np.sqrt(self.tree.looked)
             roots = self._roots(node)
             if self._climbs[roots] >= SAME or self._climbs.total() >= allowance:
@@ -230,9 +230,9 @@ class Search:
         disproved = False
         if value > self.value * (1.0 + BETTER):
             grasp = Grasp(points, normals, self.scope.problem.models, self.scope.origin)
-            found = self._certified(grasp, ROUGH)
+            found = self._certified(grasp, self._rough)
             disproved = found.upper < value * (1.0 - ROUGH)
-            if disproved and found.worst_direction is not None:
+            if disproved:
                 self._learn(found.worst_direction)
             value = min(value, found.upper)
             if found.lower > self.mu.lower:
@@ -242,9 +242,9 @@ class Search:
             self.met.append(Met(value, points, normals, faces))
         return not disproved
 
-    def _learn(self, direction: FloatArray) -> None:
+    def _learn(self, direction: FloatArray | None) -> None:
         """Try a direction from now on, unless the task does no work along it."""
-        learnt = normalised(self.scope.task, direction[None])
+        learnt = np.zeros(0) if direction is None else normalised(self.scope.task, direction[None])
         if np.any(learnt):
             self.climber.learn(learnt)
             self.twists.remember(learnt)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -29,6 +29,7 @@ from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.tasks import Task
 from nlpgrasp.version import __version__
@@ -54,6 +55,8 @@ class Search:
         ``time.monotonic()`` value of the time limit.
     bound : GlobalBound or None
         On mu over all placements.
+    clock : Clock
+        Of the solve.
     """
 
     problem: GraspProblem
@@ -63,6 +66,7 @@ class Search:
     cut_short: Status | None = None
     deadline: float | None = None
     bound: GlobalBound | None = None
+    clock: Clock = field(default_factory=Clock)
 
     @property
     def effort(self) -> Effort:
@@ -124,10 +128,18 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     problem, found, grasp = search.problem, best.found, best.found.grasp
     limit = search.certificate_deadline()
     budget = budget_at(problem, found.placed)
-    bounds = mu(grasp, problem.task, search.options.final_rtol, force_budget=budget, seed=search.seed, deadline=limit)
+    rtol, bounds = search.options.final_rtol, best.record.mu
+    if bounds.gap > rtol:
+        bounds = mu(grasp, problem.task, rtol, force_budget=budget, seed=search.seed, deadline=limit)
     lower, upper = max(bounds.lower, best.record.mu.lower), min(bounds.upper, best.record.mu.upper)
+    search.clock.mark("certificate")
     forces, moments = _forces(problem.task, grasp, budget, lower)
-    scale = grasp.mean_arm
+    search.clock.mark("forces")
+    scale, timely = grasp.mean_arm, limit is None
+    small = delta(grasp, scale, OTHER_RTOL, force_budget=budget) if timely else None
+    search.clock.mark("delta")
+    volume = _volume(grasp, scale, budget) if timely else None
+    search.clock.mark("nu")
     bound = search.bound_above(lower)
     return GraspSolution(
         status=search.cut_short or _status(search.options, bound, lower),
@@ -137,8 +149,8 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         faces=found.placed.faces,
         mu=Bounds(lower, upper, bounds.worst_direction),
         kind=problem.task.measure,
-        delta=delta(grasp, scale, OTHER_RTOL, force_budget=budget) if limit is None else None,
-        nu=_volume(grasp, scale, budget) if limit is None else None,
+        delta=small,
+        nu=volume,
         forces=forces,
         moments=moments,
         constraints=best.constraints,
@@ -195,12 +207,19 @@ def _forces(
     return forces, tuple(c[:, space:] for c in each) if turning else ()
 
 
-def solver_record(options: SolveOptions, seed: int, effort: Effort, seconds: float) -> SolverData:
-    """Return how the solve went, for the file: seed, effort, wall time, options, versions."""
+def solver_record(
+    options: SolveOptions, seed: int, effort: Effort, seconds: float, stages: Mapping[str, float] | None = None
+) -> SolverData:
+    """Return how the solve went, for the file: seed, effort, wall time and its stages, options, versions."""
     return {
         "seed": seed,
         "iterations": effort.iterations,
-        "seconds": {"total": seconds, "ipopt": effort.solver_seconds, "functions": effort.function_seconds},
+        "seconds": {
+            "total": seconds,
+            **(stages or {}),
+            "ipopt": effort.solver_seconds,
+            "functions": effort.function_seconds,
+        },
         "options": options.to_dict(),
         "versions": {
             "nlpgrasp": __version__,

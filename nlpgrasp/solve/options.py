@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 
 from nlpgrasp.common.validation import integer, number, share
 from nlpgrasp.errors import InputError
@@ -106,11 +107,11 @@ class SolveOptions:
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
 
-    def narrow(self) -> SolveOptions:
-        """Return the options with certificates as narrow as the gap that is asked for needs."""
-        if self.gap is None:
-            return self
-        return replace(self, rtol=min(self.rtol, NARROW * self.gap), final_rtol=min(self.final_rtol, NARROW * self.gap))
+    def narrow(self, starts: int) -> SolveOptions:
+        """Return the options with certificates as narrow as the gap that is asked for needs, or a start alone."""
+        gap = inf if self.gap is None else NARROW * self.gap
+        final = min(self.final_rtol, gap)
+        return replace(self, rtol=min(self.rtol, gap) if starts > 1 else min(self.rtol, final), final_rtol=final)
 
     def to_dict(self) -> dict[str, bool | int | float | str | None]:
         """Return the options as JSON data, by the names of their fields."""

@@ -24,6 +24,7 @@ from nlpgrasp.solve.ascent.steps.registry import check_name
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.close_gap import close_gap
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
@@ -83,7 +84,7 @@ def solve(
         raise InputError("options", options, "a SolveOptions")
     check_name(options.exchange)
     check_json(problem.to_dict())
-    solution = _run(Runner(problem, options.narrow(), starts), seed, progress)
+    solution = _run(Runner(problem, options.narrow(starts), starts), seed, progress)
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution
@@ -97,13 +98,15 @@ def solve_again(bench: Workbench, starts: int, seed: int) -> GraspSolution:
 def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
     """Run the starts, look back at them and put the answer together."""
     options = runner.options
-    begun = time.monotonic()
+    begun, clock = time.monotonic(), Clock()
     deadline = None if options.time_limit is None else begun + options.time_limit
     results: list[StartResult] = []
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         stop = Stop(deadline, Path(folder) / "stop")
         with Interrupt(stop) as interrupt, one_thread():
             runner.check_model()
+            runner.outlook(stop)
+            clock.mark("outlook")
             for result in runner.starts(seed, stop):
                 results.append(result)
                 if progress is not None:
@@ -111,15 +114,21 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
                     progress(result.record, Bounds(0.0, float("inf")) if best is None else best.record.mu)
             results.sort(key=lambda r: r.record.index)
             begun_all = len(results) == runner.count and all(r.record.message != NOT_BEGUN for r in results)
+            clock.mark("starts")
             if options.gap is not None:
                 close_gap(runner, results, options.gap, stop)
+                clock.mark("closing the gap")
             cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
-            search = Search(runner.problem, options, seed, results, cut_short, deadline, runner.bound(stop))
+            search = Search(runner.problem, options, seed, results, cut_short, deadline, runner.bound(stop), clock)
+            clock.mark("bound")
             after = Aftermath()
             if not stop.requested() and any(isinstance(r, StartGrasp) for r in results):
                 after = runner.look_back(best_of(results), results, seed, stop)
+            clock.mark_with(after.seconds, "programs")
             solution = answer(search, after)
-    return replace(solution, solver=solver_record(options, seed, search.effort, time.monotonic() - begun))
+    clock.mark("answer")
+    seconds = time.monotonic() - begun
+    return replace(solution, solver=solver_record(options, seed, search.effort, seconds, clock.seconds))
 
 
 def check_json(data: Json) -> None:

@@ -165,7 +165,7 @@ def test_beside_a_hand_placements_are_bounded_and_no_grasps_looked_for():
     problem = ng.GraspProblem(
         ng.Sphere(0.03), ng.FrictionContact(0.7), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]), hand=four_finger_hand()
     )
-    seen = outlook(problem, ng.SolveOptions(**QUICK), Stop())
+    seen = outlook(problem, ng.SolveOptions(**QUICK), Stop(), 8)
     assert seen.placements(8) == []
     assert not seen.complete
     search = Search(scope_of(problem), 0.01)

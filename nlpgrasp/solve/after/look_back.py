@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 from nlpgrasp.common.shown.drawing import Drawing
@@ -17,6 +17,7 @@ from nlpgrasp.solve.after.robust import robustness
 from nlpgrasp.solve.after.why_not import why_not
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.link_depth import LinkDepth, link_depth
+from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
@@ -38,6 +39,8 @@ class Aftermath:
         With a hand that has links.
     robust : Robustness or None
     drawing : Drawing or None
+    seconds : dict
+        Wall time of each of these.
     """
 
     prices: tuple[ShadowPrice, ...] = ()
@@ -46,6 +49,7 @@ class Aftermath:
     link_depth: LinkDepth | None = None
     robust: Robustness | None = None
     drawing: Drawing | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
 
 
 def look_back(
@@ -55,21 +59,29 @@ def look_back(
 
     A numerical failure here leaves a part out: it never costs the grasp.
     """
+    clock = Clock()
     with one_thread():
         if best is None:
-            return Aftermath(why_not=_attempted(lambda: why_not(bench, results, seed, stop)))
+            found_out = _attempted(lambda: why_not(bench, results, seed, stop))
+            clock.mark("why not")
+            return Aftermath(why_not=found_out, seconds=clock.seconds)
         hand, found, options = bench.problem.hand, best.found, bench.options
         opened, depth, prices = None, None, None
         if not bench.follows_contacts:
             opened = _attempted(lambda: pregrasp(bench, found, options.pregrasp_clearance))
+            clock.mark("pregrasp")
         if isinstance(hand, URDFHand):
             linked = hand
             depth = _attempted(lambda: link_depth(bench.problem.body, linked, found.placed.hand))
+            clock.mark("link depth")
         if options.shadow_prices:
             prices = _attempted(lambda: shadow_prices(bench, best, stop))
+            clock.mark("prices")
         robust = best.robust or _attempted(lambda: robustness(bench, found.placed, found.grasp))
+        clock.mark("robustness")
         drawing = _attempted(lambda: drawing_of(bench.problem.body, hand, found.placed.hand))
-        return Aftermath(prices or (), opened, link_depth=depth, robust=robust, drawing=drawing)
+        clock.mark("drawing")
+        return Aftermath(prices or (), opened, None, depth, robust, drawing, clock.seconds)
 
 
 def _attempted(work: Callable[[], T]) -> T | None:

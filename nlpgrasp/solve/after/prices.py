@@ -86,8 +86,8 @@ def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[Shado
 def polish(bench: Workbench, placed: Placed, stop: Stop, ascended: Placed | None = None) -> Optimum | None:
     """Return the local optimum near a grasp with its multipliers, or None where the exchange does not settle.
 
-    With a posed hand a few quadratic programs settle, from the grasp itself or from where its exchange ended; IPOPT
-    is asked where they do not.
+    A few quadratic programs mostly settle, from the grasp itself or from where its exchange ended; IPOPT is asked where
+    they do not, and where the program has forces of its own.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def polish(bench: Workbench, placed: Placed, stop: Stop, ascended: Placed | None
     ascended : Placed, optional
         Where its exchange ended: fingers that went over a mesh since then may be off the smooth surface's constraints.
     """
-    if bench.exchange.linearises:
+    if bench.exchange.can_linearise:
         for begin in (placed, ascended):
             found = None if begin is None else settled_at(bench, begin, LinearModel(bench), LINEAR, stop)
             if found is not None:

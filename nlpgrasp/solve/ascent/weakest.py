@@ -22,7 +22,7 @@ SLACK = 1.25  # keep local minima up to this factor above the least
 KEEP = 64
 SEPARATION = 0.97
 HULL_GAP, HULL_CELLS = 2e-3, 600
-MISSED = 0.01  # relative: what descents may lack of the least ratio
+MISSED, LOOK = 0.01, 0.03  # relative: what descents may lack of the least ratio; width of the certificate that tells
 BEGUN, FOLLOWED = 10, 40  # steps along gradients, and directions that inverse iteration goes on from: the weakest
 
 
@@ -125,7 +125,7 @@ def disproved(bench: Workbench, placed: Placed, value: float) -> Weakest | None:
     problem, _ = conditioned(WrenchSet.of(bench.grasp(placed), bench.budget(placed)), task)
     if problem is None:
         return None
-    found, values = _from_hull(problem, MISSED)
+    found, values = _from_hull(problem, LOOK)
     return _weakest(problem, task, found, values) if np.min(values) < value * (1.0 - MISSED) else None
 
 

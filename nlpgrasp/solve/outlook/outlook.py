@@ -23,8 +23,13 @@ from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import follows_contacts
 
-NODES, OF_FLAT = 400, 1000  # of the tree, by default: one to four seconds; on bodies of flat faces nodes take less time
+NODES, OF_FLAT = (
+    400,
+    1000,
+)  # of the tree, for eight starts: one to four seconds; where faces are flat nodes take less time
+ONE, EACH = 0.3, 0.1  # share of these nodes for one start, and for each other one
 BESIDE_A_HAND = 100  # where starts begin elsewhere
+ROUGH = 0.03  # width of certificates where no gap is asked for: starts certify what they make of those grasps
 GAP = 0.01  # that the tree aims at where none is asked for
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same
@@ -41,6 +46,8 @@ class Outlook:
     problem : GraspProblem
     gap : float
         Relative, at which to stop.
+    rough : float, optional
+        Width of the certificates of grasps that starts begin from; as narrow as the gap asks for when left out.
 
     Raises
     ------
@@ -48,8 +55,8 @@ class Outlook:
         On a problem that the bound does not cover.
     """
 
-    def __init__(self, problem: GraspProblem, gap: float) -> None:
-        self._search = Search(scope_of(problem), gap)
+    def __init__(self, problem: GraspProblem, gap: float, rough: float | None = None) -> None:
+        self._search = Search(scope_of(problem), gap, rough)
         self._size = problem.body.size
         self._placements: dict[int, Placed] = {}
         self._certified: tuple[int, float, Json] | None = None
@@ -128,7 +135,7 @@ def _distances(points: FloatArray) -> FloatArray:
 _remembered: OrderedDict[str, Outlook] = OrderedDict()
 
 
-def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook | None:
+def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop, starts: int) -> Outlook | None:
     """Return a short look over all placements of a problem, None where the bound does not cover it or is not wanted.
 
     Of a mesh, on which a search takes minutes, and beside a hand with a pose, whose starts begin elsewhere, that is the
@@ -138,7 +145,8 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook
     """
     if not _wanted(problem, options):
         return None
-    key = _key(problem)
+    share = min(1.0, ONE + EACH * (starts - 1))
+    key = _key(problem, share)
     if options.gap is None and key in _remembered:
         _remembered.move_to_end(key)
         return _remembered[key]
@@ -151,7 +159,7 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop) -> Outlook
     elif options.gap is None and not follows_contacts(problem):
         found.glance(BESIDE_A_HAND if flat or isinstance(problem.budget, L2Budget) else 0)
     else:
-        found.look(OF_FLAT if flat else NODES, _share_of(stop))
+        found.look(int((OF_FLAT if flat else NODES) * (share if options.gap is None else 1.0)), _share_of(stop))
     if options.gap is None and stop.deadline is None and not stop.requested():
         _remembered[key] = found
         while len(_remembered) > KEPT:
@@ -172,7 +180,7 @@ def unseen(problem: GraspProblem, options: SolveOptions) -> Outlook | None:
     if not _wanted(problem, options):
         return None
     try:
-        return Outlook(problem, GAP if options.gap is None else SHARE * options.gap)
+        return Outlook(problem, GAP, ROUGH) if options.gap is None else Outlook(problem, SHARE * options.gap)
     except InputError:
         return None
 
@@ -182,7 +190,7 @@ def _wanted(problem: GraspProblem, options: SolveOptions) -> bool:
     return options.global_bound and not isinstance(problem.body, Superquadric)
 
 
-def _key(problem: GraspProblem) -> str:
-    """Return what tells a problem from others."""
+def _key(problem: GraspProblem, share: float) -> str:
+    """Return what tells a problem, and how long it is looked at, from others."""
     faces = [list(problem.allowed_faces(i)) for i in range(len(problem.models))]
-    return json.dumps([problem.to_dict(), problem.origin.tolist(), faces], sort_keys=True)
+    return json.dumps([problem.to_dict(), problem.origin.tolist(), faces, share], sort_keys=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
@@ -21,6 +20,7 @@ from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
+from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -37,7 +37,7 @@ def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Placed
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
     Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
     """
-    clock = _Clock()
+    clock = Clock()
     with one_thread():
         try:
             found = _best_attempt(_Attempts(bench, index, np.random.default_rng([seed, index]), stop, clock, known))
@@ -45,19 +45,6 @@ def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Placed
             text = f"{type(error).__name__}: {error}"
             return StartResult(StartRecord(index, Status.FAILED, seconds=clock.seconds, message=text))
     return replace(found, record=replace(found.record, seconds=clock.seconds))
-
-
-class _Clock:
-    """Wall time by stage, summed over the candidates of a start."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def mark(self, stage: str) -> None:
-        now = time.perf_counter()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
-        self._last = now
 
 
 class _Attempts:
@@ -69,7 +56,7 @@ class _Attempts:
         index: int,
         rng: np.random.Generator,
         stop: Stop,
-        clock: _Clock,
+        clock: Clock,
         known: Placed | None,
     ) -> None:
         self.bench, self.index, self.rng, self.stop, self.clock = bench, index, rng, stop, clock

@@ -91,6 +91,11 @@ class ExchangeProgram:
         return not follows_contacts(problem) and known
 
     @property
+    def can_linearise(self) -> bool:
+        """Whether steps of its linearisation know the support: it has a closed form, or smooth pieces with a hand."""
+        return self.linearises or has_closed_form(self._problem)
+
+    @property
     def slots(self) -> int:
         """Number of cutting planes that the program holds."""
         if self.linearises:

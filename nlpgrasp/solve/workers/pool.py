@@ -77,7 +77,7 @@ class Runner:
     def outlook(self, stop: Stop) -> Outlook | None:
         """Return a look over all placements, taken where it is first asked for; None where none is possible."""
         if self._outlook is None:
-            self._outlook = outlook(self.problem, self.options, stop)
+            self._outlook = outlook(self.problem, self.options, stop, self.count)
         return self._outlook
 
     def bound(self, stop: Stop) -> GlobalBound | None:
