@@ -342,7 +342,8 @@ def test_an_exchange_model_from_elsewhere(tmp_path, workers):
 
 
 def test_exchange_models_that_do_not_serve(monkeypatch):
-    problem = ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, BALL)
+    with_forces = [ng.SoftContact(0.5, 0.01, model="elliptic")] * 3  # the program has copies of them
+    problem = ng.GraspProblem(BOX, with_forces, BALL)
     with pytest.raises(ng.InputError, match="one of 'linear', 'nonlinear'"):
         ng.solve(problem, options=ng.SolveOptions(exchange="by hand"))
     # nor is any start begun: none is left to screen a placement

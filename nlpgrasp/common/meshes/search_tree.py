@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import weakref
 from functools import cached_property
 
 import igl
@@ -11,6 +13,15 @@ from numpy.typing import NDArray
 from nlpgrasp.common.validation import FloatArray
 
 IntArray = NDArray[np.integer]
+
+_every: weakref.WeakSet[SearchTree] = weakref.WeakSet()
+
+
+@atexit.register
+def _let_go() -> None:
+    """Forget all trees before the interpreter ends: libigl complains of those that are left."""
+    for tree in list(_every):
+        tree.let_go()
 
 
 class SearchTree:
@@ -26,6 +37,7 @@ class SearchTree:
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
         self._vertices = np.ascontiguousarray(vertices, dtype=float)
         self._faces = np.ascontiguousarray(faces, dtype=np.int64)
+        _every.add(self)
 
     @cached_property
     def _boxes(self) -> igl.AABB:
@@ -42,6 +54,11 @@ class SearchTree:
     def __getstate__(self) -> dict[str, object]:
         """Return the mesh alone: trees are built anew in another process."""
         return {"_vertices": self._vertices, "_faces": self._faces}
+
+    def let_go(self) -> None:
+        """Forget the trees; they are built anew where they are asked for."""
+        self.__dict__.pop("_boxes", None)
+        self.__dict__.pop("_winding", None)
 
     def nearest(self, points: FloatArray) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
         """Return squared distances (m,), triangles (m,) and nearest points (m, 3) of points (m, 3), metres."""

@@ -98,11 +98,13 @@ def polish(bench: Workbench, placed: Placed, stop: Stop, ascended: Placed | None
     ascended : Placed, optional
         Where its exchange ended: fingers that went over a mesh since then may be off the smooth surface's constraints.
     """
-    if bench.exchange.can_linearise:
+    if bench.exchange.linearises:
         for begin in (placed, ascended):
             found = None if begin is None else settled_at(bench, begin, LinearModel(bench), LINEAR, stop)
             if found is not None:
                 return found
+        if not bench.exchange.closed:
+            return None
     rules = POLISHING if bench.exchange.slots == SLOTS else replace(POLISHING, rounds=ROUNDS_WITH_FORCES)
     return settled_at(bench, placed, NonlinearModel(bench), rules, stop)
 

@@ -85,22 +85,20 @@ class ExchangeProgram:
 
     @cached_property
     def linearises(self) -> bool:
-        """Whether the exchange goes by the program's linearisation: with a posed hand and without forces in it."""
-        problem = self._problem
-        known = has_closed_form(problem) or has_pieces(problem) or problem.budget.follows_hand
-        return not follows_contacts(problem) and known
+        """Whether the exchange goes by the program's linearisation: where there are no forces in it."""
+        return self.closed or has_pieces(self._problem) or self._problem.budget.follows_hand
 
-    @property
-    def can_linearise(self) -> bool:
-        """Whether steps of its linearisation know the support: it has a closed form, or smooth pieces with a hand."""
-        return self.linearises or has_closed_form(self._problem)
+    @cached_property
+    def closed(self) -> bool:
+        """Whether the support has a smooth closed form."""
+        return has_closed_form(self._problem)
 
     @property
     def slots(self) -> int:
         """Number of cutting planes that the program holds."""
         if self.linearises:
             return SLOTS
-        return min(self._most, SLOTS if has_closed_form(self._problem) else SLOTS_WITH_FORCES)
+        return min(self._most, SLOTS if self.closed else SLOTS_WITH_FORCES)
 
     @cached_property
     def compiled(self) -> CompiledProgram:
@@ -111,7 +109,7 @@ class ExchangeProgram:
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
         """Return the contacts' own supports along directions, (m, k), where the program is made of them."""
-        if has_closed_form(self._problem) or not (self.linearises and has_pieces(self._problem)):
+        if self.closed or not has_pieces(self._problem):
             return None
         return extremes(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
 
