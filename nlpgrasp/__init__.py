@@ -1,250 +1,48 @@
-"""Task-oriented optimal grasps by nonlinear programming, with certified bounds on their quality."""
+"""Task-oriented optimal grasps by nonlinear programming, with certified bounds on their quality.
 
-from nlpgrasp.best import BestPossible, best_possible
-from nlpgrasp.bodies import (
-    Box,
-    Cylinder,
-    Ellipsoid,
-    Implicit,
-    Mesh,
-    PlanarImplicit,
-    Polygon,
-    Prism,
-    Sphere,
-    Superquadric,
-    Torus,
-)
-from nlpgrasp.budgets import HandTorques, JointTorqueLimits, SharedJointTorqueLimits, hand_torque_limits
-from nlpgrasp.common.spatial import move_torque_origin, rotate_body_frame
-from nlpgrasp.constraints import (
-    Approach,
-    BoxRegion,
-    Constraint,
-    Forbid,
-    HalfSpace,
-    Obstacle,
-    Spread,
-    Symmetric,
-    Table,
-    Workspace,
-)
-from nlpgrasp.contacts import (
-    BilateralContact,
-    FrictionContact,
-    LineContact,
-    PlaneContact,
-    PointContact,
-    SoftContact,
-)
-from nlpgrasp.errors import InputError, NlpgraspError, NoGraspError
-from nlpgrasp.experiments import (
-    Comparison,
-    Experiment,
-    ExperimentResult,
-    VariationResult,
-    combinations,
-    compare,
-    run_experiment,
-)
-from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
-from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import (
-    Bounds,
-    FingerForces,
-    Stability,
-    StackBounds,
-    Volume,
-    allowed_twists,
-    delta,
-    equivalence_constants,
-    ferrari_canny,
-    finger_forces,
-    is_stable,
-    isotropy,
-    min_weight,
-    mu,
-    mu_1,
-    mu_tilde,
-    nu,
-    pyramid_volume,
-    screen,
-    smallest_singular_value,
-)
-from nlpgrasp.report.fit import draw_fit
-from nlpgrasp.simulation import Simulation, simulate
-from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
-from nlpgrasp.solution.records import Status
-from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve import SolveOptions, solve
-from nlpgrasp.studies import (
-    BlockedDirection,
-    ContactCurve,
-    DynamicGrasp,
-    DynamicStep,
-    FineManipulation,
-    FingerMove,
-    FingerPath,
-    FirstChoice,
-    Manipulability,
-    PalmPath,
-    Sensitivity,
-    TypeChoice,
-    choose_contact_types,
-    fine_manipulation,
-    first_choice,
-    follow_task,
-    how_many_contacts,
-    manipulability,
-    palm_path,
-    sensitivity,
-)
-from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSet, TaskSum
-from nlpgrasp.tasks.collision import CollisionEvent, collision_task
-from nlpgrasp.tasks.learnt.fit import EllipsoidFit, fit_ellipsoid
-from nlpgrasp.tasks.learnt.recording import WrenchRecording
-from nlpgrasp.tasks.library import TaskEntry, TaskLibrary
-from nlpgrasp.tasks.motion import MassProperties, motion_task, motion_wrenches
-from nlpgrasp.tasks.rigid_motion import RigidMotion, angular_velocity
-from nlpgrasp.tasks.tools import cut, disturbance, gravity, insert, lift, pour, press, turn, write
-from nlpgrasp.verify.check import Verification
-from nlpgrasp.verify.verify import verify
-from nlpgrasp.version import __version__
+The public names are those that ``__init__.pyi`` imports. Each is imported where it is first asked for, so that
+``import nlpgrasp`` takes hundredths of a second and a script loads what it uses.
+"""
 
-__all__ = [
-    "Approach",
-    "BestPossible",
-    "BilateralContact",
-    "BlockedDirection",
-    "Bounds",
-    "Box",
-    "BoxRegion",
-    "CollisionEvent",
-    "Comparison",
-    "Constraint",
-    "ContactCurve",
-    "Cylinder",
-    "CylinderTip",
-    "DynamicGrasp",
-    "DynamicStep",
-    "Ellipsoid",
-    "EllipsoidFit",
-    "EllipsoidTip",
-    "Experiment",
-    "ExperimentResult",
-    "FineManipulation",
-    "FingerForces",
-    "FingerMove",
-    "FingerPath",
-    "Fingertips",
-    "FirstChoice",
-    "FlatTip",
-    "Forbid",
-    "FrictionContact",
-    "Grasp",
-    "GraspProblem",
-    "GraspSolution",
-    "GraspStack",
-    "HalfSpace",
-    "HandTorques",
-    "Implicit",
-    "InputError",
-    "JointTorqueLimits",
-    "LineContact",
-    "Manipulability",
-    "MassProperties",
-    "Mesh",
-    "NlpgraspError",
-    "NoGraspError",
-    "Obstacle",
-    "PalmPath",
-    "ParallelJaw",
-    "PlanarImplicit",
-    "PlaneContact",
-    "PointContact",
-    "Polygon",
-    "Prism",
-    "RigidMotion",
-    "Robustness",
-    "Sensitivity",
-    "ShadowPrice",
-    "SharedJointTorqueLimits",
-    "Simulation",
-    "SoftContact",
-    "SolveOptions",
-    "Sphere",
-    "SphereTip",
-    "Spread",
-    "Stability",
-    "StackBounds",
-    "Status",
-    "Superquadric",
-    "Symmetric",
-    "Table",
-    "Task",
-    "TaskEllipsoid",
-    "TaskEntry",
-    "TaskLibrary",
-    "TaskPolytope",
-    "TaskSet",
-    "TaskSum",
-    "Torus",
-    "TypeChoice",
-    "URDFHand",
-    "VariationResult",
-    "Verification",
-    "Volume",
-    "WhyNot",
-    "Workspace",
-    "WrenchRecording",
-    "__version__",
-    "allowed_twists",
-    "angular_velocity",
-    "best_possible",
-    "choose_contact_types",
-    "collision_task",
-    "combinations",
-    "compare",
-    "cut",
-    "delta",
-    "disturbance",
-    "draw_fit",
-    "equivalence_constants",
-    "ferrari_canny",
-    "fine_manipulation",
-    "finger_forces",
-    "first_choice",
-    "fit_ellipsoid",
-    "follow_task",
-    "gravity",
-    "hand_torque_limits",
-    "how_many_contacts",
-    "insert",
-    "is_stable",
-    "isotropy",
-    "lift",
-    "manipulability",
-    "min_weight",
-    "motion_task",
-    "motion_wrenches",
-    "move_torque_origin",
-    "mu",
-    "mu_1",
-    "mu_tilde",
-    "nu",
-    "palm_path",
-    "pour",
-    "press",
-    "pyramid_volume",
-    "rotate_body_frame",
-    "run_experiment",
-    "screen",
-    "sensitivity",
-    "simulate",
-    "smallest_singular_value",
-    "solve",
-    "turn",
-    "verify",
-    "write",
-]
+import ast
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+
+def _modules() -> dict[str, str]:
+    """Return the module of each public name, as the stub beside this file states it."""
+    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imports = (node for node in stub.body if isinstance(node, ast.ImportFrom) and node.module)
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+
+_OF = _modules()
+__all__ = sorted(_OF)
+
+
+class _Package(ModuleType):
+    """The package: public names appear in it when they are first asked for."""
+
+    def __getattr__(self, name: str) -> object:
+        if name not in _OF:
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        found = getattr(import_module(_OF[name]), name)
+        self.__dict__[name] = found
+        return found
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Take all but a sub-package that has a public name: ``nlpgrasp.solve`` stays the function."""
+        if not (name in _OF and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        """Be pickled by name, as modules are: functions that are sent to other processes refer to it."""
+        return import_module, (self.__name__,)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *__all__})
+
+
+sys.modules[__name__].__class__ = _Package

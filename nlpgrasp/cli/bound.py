@@ -6,17 +6,17 @@ import sys
 import time
 from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nlpgrasp.best import BestPossible, best_possible
+import nlpgrasp as ng
 from nlpgrasp.cli.options import AsJson, Script, writable
 from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.cli.script import load_problem
-from nlpgrasp.common.extras.pyplot import pyplot
-from nlpgrasp.quality import Bounds
-from nlpgrasp.report.bound import Moment, write_bound_picture
+
+if TYPE_CHECKING:
+    from nlpgrasp.report.bound import Moment
 
 EVERY = 1.0  # seconds between two lines of progress
 
@@ -38,14 +38,18 @@ def bound_command(
     place = None if out is None else writable(out, script)  # before the script runs: it may change the folder
     shown = None if picture is None else writable(picture, script)
     if shown is not None:
+        from nlpgrasp.common.extras.pyplot import pyplot
+
         pyplot("a picture")  # before the work
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
     progress = _Progress(sys.stderr.isatty())
-    found = best_possible(problem, gap, time_limit, progress)
+    found = ng.best_possible(problem, gap, time_limit, progress)
     if place is not None:
         found.save(place)
     if shown is not None:
+        from nlpgrasp.report.bound import write_bound_picture
+
         write_bound_picture(problem, found, progress.moments, shown)
     if as_json:
         emit(_data(found, out))
@@ -67,10 +71,11 @@ class _Progress:
     """
 
     def __init__(self, told: bool) -> None:
-        self._told, self.moments = told, list[Moment]()
+        self._told = told
+        self.moments: list[Moment] = []
         self._begun = self._last = time.monotonic()
 
-    def __call__(self, upper: float, mu: Bounds, nodes: int) -> None:
+    def __call__(self, upper: float, mu: ng.Bounds, nodes: int) -> None:
         """Remember, and write a line where the last one is old."""
         now = time.monotonic()
         self.moments.append((now - self._begun, upper, mu.lower))
@@ -81,7 +86,7 @@ class _Progress:
             sys.stderr.flush()
 
 
-def _show(name: str, found: BestPossible, out: Path | None) -> None:
+def _show(name: str, found: ng.BestPossible, out: Path | None) -> None:
     typer.echo(f"{name}: mu at most {found.upper:.6g} over all placements")
     if found.grasp is None:
         typer.echo("  no grasp met that resists the task")
@@ -98,7 +103,7 @@ def _show(name: str, found: BestPossible, out: Path | None) -> None:
         typer.echo(f"  written to {out}")
 
 
-def _data(found: BestPossible, out: Path | None) -> dict[str, object]:
+def _data(found: ng.BestPossible, out: Path | None) -> dict[str, object]:
     """Return what is found as JSON data, without the certificate."""
     data = found.to_dict()
     kept = {key: data[key] for key in ("upper", "gap", "closed", "nodes", "seconds", "dropped", "grasp")}

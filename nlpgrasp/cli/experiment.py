@@ -13,15 +13,11 @@ from typing import Annotated
 
 import typer
 
-from nlpgrasp.cli.live import LiveExperiment
+import nlpgrasp as ng
 from nlpgrasp.cli.options import AsJson
 from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.cli.script import load_experiment
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.experiments import ExperimentResult, run_experiment
-from nlpgrasp.experiments.found.table import write_csv, write_parquet
-from nlpgrasp.report.experiment.page import write_page
-from nlpgrasp.report.experiment.plots import write_plots
 
 TABLE, PARQUET, PAGE = "table.csv", "table.parquet", "report.html"
 
@@ -39,12 +35,14 @@ def experiment_command(
     as_json: AsJson = False,
 ) -> None:
     """Solve all variations of an experiment script; each finished solve is a file. Ctrl-C keeps what is done."""
+    from nlpgrasp.cli.live import LiveExperiment
+
     place = out.absolute()  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         experiment = load_experiment(script)
     with InterruptOnce():
         with LiveExperiment(experiment, as_json) as live:
-            result = run_experiment(
+            result = ng.run_experiment(
                 experiment, place, resume=resume, workers=workers, scheduler=scheduler, progress=live.solve_done
             )
         missing = write_outputs(result)
@@ -73,8 +71,12 @@ class InterruptOnce:
         raise KeyboardInterrupt
 
 
-def write_outputs(result: ExperimentResult) -> list[str]:
+def write_outputs(result: ng.ExperimentResult) -> list[str]:
     """Write table, pictures and page into the result's folder; return a line for each that could not be."""
+    from nlpgrasp.experiments.found.table import write_csv, write_parquet
+    from nlpgrasp.report.experiment.page import write_page
+    from nlpgrasp.report.experiment.plots import write_plots
+
     missing = []
     pictures: list[Path] = []
 
@@ -93,7 +95,7 @@ def write_outputs(result: ExperimentResult) -> list[str]:
     return missing
 
 
-def _done(result: ExperimentResult, missing: list[str]) -> dict[str, object]:
+def _done(result: ng.ExperimentResult, missing: list[str]) -> dict[str, object]:
     """Return the last JSON line of an experiment."""
     variations = [
         {

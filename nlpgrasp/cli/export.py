@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from enum import Enum, EnumType
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import nlpgrasp as ng
 from nlpgrasp.cli.options import File, writable
 from nlpgrasp.common.files import write_bytes
 from nlpgrasp.errors import InputError
-from nlpgrasp.interop import ExportFormat, ExportOptions
-from nlpgrasp.interop.registry import format_named
-from nlpgrasp.solution.solution import GraspSolution
+
+if TYPE_CHECKING:
+    from nlpgrasp.interop import ExportFormat
 
 Out = Annotated[Path | None, typer.Option("--out", metavar="PATH", help="By default F with the format's ending.")]
 
@@ -29,10 +30,13 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
 
     def export(file: File, to: Enum, out: Out = None, hand: Path | None = None) -> None:
         """Write a solution for other tools."""
+        from nlpgrasp.interop import ExportOptions
+        from nlpgrasp.interop.registry import format_named
+
         chosen = format_named(to.value)
         if hand is not None and not chosen.takes_hand:
             raise InputError("--hand", str(hand), f"{with_hand} with it: other formats hold no hand's model")
-        solution = GraspSolution.load(file)
+        solution = ng.GraspSolution.load(file)
         target = file.with_suffix(chosen.ending) if out is None else out
         writable(target, file)
         write_bytes(target, chosen.export(solution, ExportOptions(hand)))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Sequence
 from contextlib import nullcontext, redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+import nlpgrasp as ng
 from nlpgrasp.cli.bound import bound_command
 from nlpgrasp.cli.experiment import experiment_command
 from nlpgrasp.cli.export import export_command
@@ -26,9 +28,6 @@ from nlpgrasp.cli.simulate import simulate_command
 from nlpgrasp.cli.task import task_app
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import NlpgraspError
-from nlpgrasp.interop.registry import formats
-from nlpgrasp.solve import SolveOptions, solve
-from nlpgrasp.verify.verify import verify
 from nlpgrasp.version import __version__
 
 INTERRUPTED = 130  # what typer makes of Ctrl-C
@@ -57,13 +56,13 @@ def solve_command(
     """Solve a problem script and write the grasp found to a file. Ctrl-C keeps the best so far."""
     integer("--starts", starts, at_least=1)
     integer("--seed", seed, at_least=0)
-    options = SolveOptions(workers=workers, gap=gap, time_limit=time_limit)
+    options = ng.SolveOptions(workers=workers, gap=gap, time_limit=time_limit)
     target = Path(f"{script.stem}.json") if out is None else out
     place = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
     with Reporter(problem.name, starts, as_json) as reporter:
-        solution = solve(problem, starts, seed, options, progress=reporter.start_done)
+        solution = ng.solve(problem, starts, seed, options, progress=reporter.start_done)
     written = None
     if solution.success or not place.exists():
         solution.save(place)
@@ -80,7 +79,7 @@ def solve_command(
 
 def verify_command(file: File, rtol: Rtol = 0.01, folder: Folders = None, as_json: AsJson = False) -> None:
     """Check a solution file or a bound file by independent code: quality, surface, constraints, hand, certificate."""
-    verification = verify(file, rtol, folder or ())
+    verification = ng.verify(file, rtol, folder or ())
     if as_json:
         checks = [asdict(check) for check in verification.checks]
         mu_pair = None if verification.mu is None else pair(verification.mu)
@@ -92,8 +91,12 @@ def verify_command(file: File, rtol: Rtol = 0.01, folder: Folders = None, as_jso
         raise typer.Exit(1)
 
 
-def command_line() -> typer.Typer:
-    """Return the command line; ``export`` knows the formats that are registered by now."""
+def export_help() -> None:
+    """Write a solution for other tools."""
+
+
+def command_line(words: Sequence[str]) -> typer.Typer:
+    """Return the command line for some words; where ``export`` is among them it knows the formats registered by now."""
     app = typer.Typer(
         help="Find the best grasp of a body for a task, and certify how good it is.",
         no_args_is_help=True,
@@ -108,7 +111,12 @@ def command_line() -> typer.Typer:
     app.command("quality")(quality_command)
     app.command("experiment")(experiment_command)
     app.command("report")(report_command)
-    app.command("export")(export_command(formats()))
+    if "export" in words:
+        from nlpgrasp.interop.registry import formats
+
+        app.command("export")(export_command(formats()))
+    else:
+        app.command("export")(export_help)
     app.command("simulate")(simulate_command)
     app.add_typer(task_app(), name="task")
     return app
@@ -118,7 +126,7 @@ def main() -> None:
     """Run the command line; bad input is one line on standard error and exit code 2."""
     sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # the shell may have closed them
     try:
-        code = command_line()(standalone_mode=False)
+        code = command_line(sys.argv[1:])(standalone_mode=False)
     except NlpgraspError as error:
         _end(str(error), 2)
     except USAGE_ERROR as error:

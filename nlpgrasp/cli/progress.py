@@ -7,14 +7,16 @@ import math
 import sys
 from collections.abc import Mapping
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.records import StartRecord
-from nlpgrasp.solution.solution import GraspSolution
+import nlpgrasp as ng
+
+if TYPE_CHECKING:
+    from nlpgrasp.solution.records import StartRecord
 
 
 class Reporter:
@@ -54,7 +56,7 @@ class Reporter:
         if self._bar is not None:
             self._bar.stop()
 
-    def start_done(self, record: StartRecord, best: Bounds) -> None:
+    def start_done(self, record: StartRecord, best: ng.Bounds) -> None:
         """Report one start and the best certified bounds so far."""
         if self._bar is not None:
             shown = f"best mu in {best}" if math.isfinite(best.upper) else "no grasp yet"
@@ -78,12 +80,12 @@ def emit(data: Mapping[str, object]) -> None:
     sys.stdout.flush()
 
 
-def pair(bounds: Bounds) -> list[float] | None:
+def pair(bounds: ng.Bounds) -> list[float] | None:
     """Return ``[lower, upper]``, or None where nothing is known."""
     return [bounds.lower, bounds.upper] if math.isfinite(bounds.upper) else None
 
 
-def done(solution: GraspSolution, path: str | None) -> dict[str, object]:
+def done(solution: ng.GraspSolution, path: str | None) -> dict[str, object]:
     """Return the last JSON line of a solve."""
     return {
         "event": "done",

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import nlpgrasp as ng
 from nlpgrasp.cli.options import AsJson, Rtol
 from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.cli.script import load_problem
 from nlpgrasp.errors import InputError
-from nlpgrasp.interop import ReadGrasp, ReadOptions
-from nlpgrasp.interop.registry import reader_of
-from nlpgrasp.quality import delta, mu, nu
+
+if TYPE_CHECKING:
+    from nlpgrasp.interop import ReadGrasp
 
 GraspFile = Annotated[
     Path, typer.Argument(metavar="F", help="Solution file, CSV table of contacts, or isaac_grasp file (.yaml).")
@@ -40,6 +41,9 @@ def quality_command(
     as_json: AsJson = False,
 ) -> None:
     """Compute the certified quality measures of a grasp: of a solution, or of any tool's grasp."""
+    from nlpgrasp.interop import ReadOptions
+    from nlpgrasp.interop.registry import reader_of
+
     reader = reader_of(file)
     for option, value in {"friction": friction, "task": task_of, "problem": script}.items():
         if value is not None and option not in reader.options:
@@ -53,9 +57,9 @@ def _measure(given: ReadGrasp, rtol: float, torque_scale: float | None, as_json:
     """Compute and print the measures of one grasp."""
     grasp, task, budget = given.grasp, given.task, given.budget
     scale = grasp.mean_arm if torque_scale is None else torque_scale
-    found = None if task is None else mu(grasp, task, rtol, force_budget=budget)
-    ball = delta(grasp, scale, rtol, force_budget=budget)
-    volume = nu(grasp, scale, rtol, force_budget=budget)
+    found = None if task is None else ng.mu(grasp, task, rtol, force_budget=budget)
+    ball = ng.delta(grasp, scale, rtol, force_budget=budget)
+    volume = ng.nu(grasp, scale, rtol, force_budget=budget)
     stable = ball.lower > 0.0
     kind = "mu" if task is None else task.measure
     if as_json:

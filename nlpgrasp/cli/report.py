@@ -8,9 +8,8 @@ from typing import Annotated
 
 import typer
 
+import nlpgrasp as ng
 from nlpgrasp.cli.options import writable
-from nlpgrasp.report import write_pictures, write_report
-from nlpgrasp.solution.solution import GraspSolution
 
 Files = Annotated[list[Path], typer.Argument(metavar="F.json...", help="Solution files; several are compared.")]
 
@@ -23,9 +22,11 @@ def report_command(
     ] = False,
 ) -> None:
     """Show solutions on one page that opens from disk, or as pictures."""
+    from nlpgrasp.report import write_pictures, write_report
+
     often = Counter(file.name for file in files)
     names = [file.name if often[file.name] == 1 else str(file) for file in files]
-    solutions = {name: GraspSolution.load(file) for name, file in zip(names, files, strict=True)}
+    solutions = {name: ng.GraspSolution.load(file) for name, file in zip(names, files, strict=True)}
     target = files[0].with_suffix(".html") if out is None else out
     writable(target, *files)
     if not png:

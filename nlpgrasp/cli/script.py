@@ -10,15 +10,14 @@ from collections import Counter
 from pathlib import Path
 from typing import TypeVar
 
+import nlpgrasp as ng
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments import Experiment
-from nlpgrasp.problem.problem import GraspProblem
 
 RUN_NAME = "nlpgrasp_script"  # not "__main__": what a script does when run by itself is not wanted here
 T = TypeVar("T")
 
 
-def load_problem(path: str | Path) -> GraspProblem:
+def load_problem(path: str | Path) -> ng.GraspProblem:
     """Run a script and return what its ``problem()`` returns.
 
     Raises
@@ -26,10 +25,10 @@ def load_problem(path: str | Path) -> GraspProblem:
     InputError
         When the file is missing or not Python, fails, has no ``problem()``, or that returns something else.
     """
-    return _returned(path, "problem", GraspProblem, "a GraspProblem")
+    return _returned(path, "problem", ng.GraspProblem, "a GraspProblem")
 
 
-def load_experiment(path: str | Path) -> Experiment:
+def load_experiment(path: str | Path) -> ng.Experiment:
     """Run a script and return what its ``experiment()`` returns.
 
     Raises
@@ -38,7 +37,7 @@ def load_experiment(path: str | Path) -> Experiment:
         As ``load_problem``; also when two variations are written with one name, of which Python keeps the last.
     """
     _refuse_twins(path)
-    return _returned(path, "experiment", Experiment, "an ng.Experiment")
+    return _returned(path, "experiment", ng.Experiment, "an ng.Experiment")
 
 
 def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:

@@ -7,13 +7,9 @@ from typing import Annotated
 
 import typer
 
+import nlpgrasp as ng
 from nlpgrasp.cli.options import AsJson, File, writable
 from nlpgrasp.cli.progress import emit
-from nlpgrasp.common.extras.mujoco import import_mujoco
-from nlpgrasp.common.extras.pyplot import pyplot
-from nlpgrasp.simulation import Simulation, simulate
-from nlpgrasp.simulation.strip import write_strip
-from nlpgrasp.solution.solution import GraspSolution
 
 
 def simulate_command(
@@ -29,12 +25,16 @@ def simulate_command(
     as_json: AsJson = False,
 ) -> None:
     """Press on the object in MuJoCo: hold the task's wrenches, then the hardest until it is lost."""
-    solution = GraspSolution.load(file)
+    from nlpgrasp.common.extras.mujoco import import_mujoco
+    from nlpgrasp.common.extras.pyplot import pyplot
+    from nlpgrasp.simulation.strip import write_strip
+
+    solution = ng.GraspSolution.load(file)
     target = file.with_name(f"{file.stem}-simulation.png") if out is None else out
     writable(target, file)
     import_mujoco("a simulation")
     pyplot("a strip of pictures")  # before the work
-    found = simulate(solution, share, mass, wrenches, lambda words: typer.echo(words, err=True))
+    found = ng.simulate(solution, share, mass, wrenches, lambda words: typer.echo(words, err=True))
     if as_json:
         emit(_data(found))
     else:
@@ -47,7 +47,7 @@ def simulate_command(
         raise typer.Exit(1)
 
 
-def _verdict(found: Simulation) -> str:
+def _verdict(found: ng.Simulation) -> str:
     """Return the verdict in a sentence."""
     if found.confirmed:
         return "confirmed: the grasp as solved holds what is certified, and loses what is more"
@@ -58,7 +58,7 @@ def _verdict(found: Simulation) -> str:
     return "NOT confirmed: held more than the certificate says is possible"
 
 
-def _data(found: Simulation) -> dict[str, object]:
+def _data(found: ng.Simulation) -> dict[str, object]:
     trials = [
         {"condition": t.condition, "wrench": t.label, "slip": t.slip, "turn": t.turn, "held": t.held}
         for t in found.trials

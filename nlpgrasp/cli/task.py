@@ -6,15 +6,12 @@ import warnings
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
+import nlpgrasp as ng
 from nlpgrasp.cli.options import AsJson
 from nlpgrasp.cli.progress import emit
-from nlpgrasp.common.shown.words import axis_labels
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.learnt.recording import WrenchRecording
-from nlpgrasp.tasks.library import TaskEntry, TaskLibrary
 
 Recording = Annotated[Path, typer.Argument(metavar="RECORDING.csv", help="Of a wrist force-torque sensor.")]
 Library = Annotated[Path | None, typer.Argument(metavar="LIBRARY", help="Its folder; the ready library when left out.")]
@@ -42,10 +39,10 @@ def fit_command(
     as_json: AsJson = False,
 ) -> None:
     """Fit the task ellipsoid of a recording, into a library: a new entry, or an update of the one of this name."""
-    library = TaskLibrary(into)
+    library = ng.TaskLibrary(into)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        read = WrenchRecording.read(recording, units=units, exerts=exerts, skip_invalid=skip_invalid)
+        read = ng.WrenchRecording.read(recording, units=units, exerts=exerts, skip_invalid=skip_invalid)
         known = library.path.is_dir() and name in library
         if known:
             new_only = {"--probability": probability, "--description": description, "--tag": tag, "--frame": frame}
@@ -70,7 +67,7 @@ def list_command(
     as_json: AsJson = False,
 ) -> None:
     """List the tasks of a library: names, dimensions, recorded wrenches, units."""
-    opened = TaskLibrary(library)
+    opened = ng.TaskLibrary(library)
     found = opened.search(search)
     if as_json:
         for name in found:
@@ -87,15 +84,19 @@ def show_command(
     as_json: AsJson = False,
 ) -> None:
     """Show a task of a library: its ellipsoid, its frame, and where it comes from."""
-    entry = TaskLibrary(library).entry(name)
+    entry = ng.TaskLibrary(library).entry(name)
     if as_json:
         emit(entry.summary())
     else:
         typer.echo(_words(entry))
 
 
-def _words(entry: TaskEntry) -> str:
+def _words(entry: ng.TaskEntry) -> str:
     """Return an entry and the extents of its ellipsoid as text."""
+    import numpy as np
+
+    from nlpgrasp.common.shown.words import axis_labels
+
     axes, center = entry.task.axes, entry.task.center
     reach = np.linalg.norm(axes, axis=0)
     labels = axis_labels(entry.dimension)

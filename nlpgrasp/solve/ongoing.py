@@ -42,8 +42,8 @@ class Ongoing:
     """
 
     def __init__(self, problem: GraspProblem, starts: int, seed: int, options: SolveOptions) -> None:
-        self.problem, self._options, self._seed = problem, options, seed
-        self._runner = Runner(problem, options, starts)
+        self.problem, self._options, self._seed = problem, options.narrow(starts), seed
+        self._runner = Runner(problem, self._options, starts)
         self._starts, self._begun = starts, time.monotonic()
         limit = options.time_limit
         self._stop = Stop(None if limit is None else self._begun + limit)

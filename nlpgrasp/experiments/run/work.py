@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import uuid
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from nlpgrasp.common.shown.text import one_line
@@ -136,7 +136,7 @@ def work(job: Job) -> Outcome:
 
 
 def _made(maker: Callable[[], Case]) -> Case:
-    """Return the case that is made, refusing one whose result could not be written."""
+    """Return the case that is made, with options as a solve takes them, refusing one whose result cannot be written."""
     case = maker()
     check_json(case.problem.to_dict())
-    return case
+    return replace(case, options=case.options.narrow(case.starts))
