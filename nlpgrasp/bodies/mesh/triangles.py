@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.mesh.mesh import Mesh
+from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -31,10 +32,17 @@ def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
 def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
     """Return vertices (n, 3) and at most ``most`` triangles (m, 3), or all of a surface that cannot be simplified."""
     if len(faces) > most:
-        simple = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(faces.astype(np.int32)), most)
-        if len(simple[1]):
-            return np.asarray(simple[0]), np.asarray(simple[1], dtype=np.int64)
+        made_from = [np.ascontiguousarray(part).tobytes() for part in (vertices, faces)]
+        simple = kept("triangles", [*made_from, str(most).encode()], lambda: _slim(vertices, faces, most))
+        if len(simple["faces"]):
+            return simple["vertices"], simple["faces"].astype(np.int64)
     return vertices, faces.astype(np.int64)
+
+
+def _slim(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, FloatArray]:
+    """Return fewer vertices and triangles, by quadric error metrics."""
+    found = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(faces.astype(np.int32)), most)
+    return {"vertices": np.asarray(found[0]), "faces": np.asarray(found[1])}
 
 
 def _marched(body: Body) -> tuple[FloatArray, IntArray]:

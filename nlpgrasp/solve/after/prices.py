@@ -153,11 +153,13 @@ def price_of(bench: Workbench, optimum: Optimum, limit: Limit) -> ShadowPrice | 
     """Return the price of one limit, by central differences of the rows and ratios it enters."""
     h = 1e-3 * limit.step
     more, less = limit.changed(h), limit.changed(-h)
-    rooms = [_room(bench, optimum, problem) for problem in (more, less)]
-    if any(len(room) != len(optimum.prices) for room in rooms):
-        return None  # rows come or go with the limit: it is at a threshold, where it has no price
-    active = np.abs(optimum.prices) > 0.0
-    gain = float(np.sum(optimum.prices[active] * (rooms[0] - rooms[1])[active])) / (2.0 * h)
+    gain, own = 0.0, bench.problem
+    if more.hand is not own.hand or more.constraints != own.constraints:
+        rooms = [_room(bench, optimum, problem) for problem in (more, less)]
+        if any(len(room) != len(optimum.prices) for room in rooms):
+            return None  # rows come or go with the limit: it is at a threshold, where it has no price
+        active = np.abs(optimum.prices) > 0.0
+        gain = float(np.sum(optimum.prices[active] * (rooms[0] - rooms[1])[active])) / (2.0 * h)
     if limit.touches_contacts:
         ratios = (_ratios(bench, optimum, more) - _ratios(bench, optimum, less)) / (2.0 * h)
         gain += float(optimum.weights @ ratios)

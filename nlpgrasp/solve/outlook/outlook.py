@@ -157,7 +157,7 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop, starts: in
     if options.gap is None and isinstance(problem.body, Mesh):
         found.glance()
     elif options.gap is None and not follows_contacts(problem):
-        found.glance(BESIDE_A_HAND if flat or isinstance(problem.budget, L2Budget) else 0)
+        found.glance(int(share * BESIDE_A_HAND) if flat or isinstance(problem.budget, L2Budget) else 0)
     else:
         found.look(int((OF_FLAT if flat else NODES) * (share if options.gap is None else 1.0)), _share_of(stop))
     if options.gap is None and stop.deadline is None and not stop.requested():

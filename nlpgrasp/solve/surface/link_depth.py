@@ -10,6 +10,7 @@ from nlpgrasp.bodies import Body, Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.spheres.link_spheres import surface_points
+from nlpgrasp.hands.spheres.shapes import Shape
 
 SAMPLES = 4000  # of the body's surface
 
@@ -58,10 +59,17 @@ def link_depth(body: Body, hand: URDFHand, values: dict[str, FloatArray]) -> Lin
         samples += len(points)
         there = -float(np.min(body.signed_distance(points @ pose[:3, :3].T + pose[:3, 3])))
         local = (own - pose[:3, 3]) @ pose[:3, :3]
-        depth = max(there, *(float(np.max(shape.depth(local))) for shape in shapes))
+        depth = max(there, *(_deepest(shape, local) for shape in shapes))
         if depth > worst:
             worst, link_of = depth, link
     return LinkDepth(worst, link_of, samples)
+
+
+def _deepest(shape: Shape, points: FloatArray) -> float:
+    """Return how deep the deepest of points (m, 3) is inside a shape, metres; 0 where none is inside its box."""
+    low, high = shape.mesh.bounds
+    inside = points[np.all((points > low) & (points < high), axis=1)]
+    return float(np.max(shape.depth(inside), initial=0.0)) if len(inside) else 0.0
 
 
 def _surface(body: Body, rng: np.random.Generator) -> FloatArray:
