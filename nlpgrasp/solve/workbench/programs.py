@@ -77,7 +77,7 @@ class ExchangeProgram:
     problem : GraspProblem
     options : SolveOptions
     most : int
-        Cutting planes at most, where IPOPT solves it: its time goes by their number.
+        Cutting planes at most: the time that a solve takes goes by their number.
     """
 
     def __init__(self, problem: GraspProblem, options: SolveOptions, most: int = SLOTS) -> None:
@@ -96,9 +96,7 @@ class ExchangeProgram:
     @property
     def slots(self) -> int:
         """Number of cutting planes that the program holds."""
-        if self.linearises:
-            return SLOTS
-        return min(self._most, SLOTS if self.closed else SLOTS_WITH_FORCES)
+        return min(self._most, SLOTS if self.linearises else SLOTS_WITH_FORCES)
 
     @cached_property
     def compiled(self) -> CompiledProgram:
