@@ -51,12 +51,15 @@ def solve_command(
     workers: Annotated[int | None, typer.Option("--workers", help="Processes; one a core by default.")] = None,
     gap: Annotated[float | None, typer.Option("--gap", help="Search until this close to the best possible.")] = None,
     time_limit: Annotated[float | None, typer.Option("--time-limit", help="Seconds of wall time.")] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Leave out prices, robustness, delta, nu and drawing.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Solve a problem script and write the grasp found to a file. Ctrl-C keeps the best so far."""
     integer("--starts", starts, at_least=1)
     integer("--seed", seed, at_least=0)
-    options = ng.SolveOptions(workers=workers, gap=gap, time_limit=time_limit)
+    options = ng.SolveOptions(workers=workers, gap=gap, time_limit=time_limit, extras=not quick)
     target = Path(f"{script.stem}.json") if out is None else out
     place = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():

@@ -135,7 +135,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     search.clock.mark("certificate")
     forces, moments = _forces(problem.task, grasp, budget, lower)
     search.clock.mark("forces")
-    scale, timely = grasp.mean_arm, limit is None
+    scale, timely = grasp.mean_arm, limit is None and search.options.extras
     small = delta(grasp, scale, OTHER_RTOL, force_budget=budget) if timely else None
     search.clock.mark("delta")
     volume = _volume(grasp, scale, budget) if timely else None

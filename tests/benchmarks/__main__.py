@@ -6,6 +6,7 @@ from nlpgrasp.solve.workers.one_thread import one_thread
 from tests.benchmarks import (
     best,
     by_hand,
+    calls,
     ellipsoid,
     experiments,
     following,
@@ -20,6 +21,7 @@ from tests.benchmarks import (
 )
 
 ALL = {
+    "calls": calls,
     "ellipsoid": ellipsoid,
     "measures": measures,
     "by_hand": by_hand,

@@ -164,6 +164,14 @@ def test_json_lines(script, tmp_path):
     assert json.loads(done.stdout)["passed"] is True
 
 
+def test_a_quick_solve_leaves_the_extras_out(script, tmp_path):
+    run_here("solve", script, "--quick", "--starts", 1, "--out", tmp_path / "quick.json", cwd=tmp_path)
+    found = ng.GraspSolution.load(tmp_path / "quick.json")
+    assert found.success
+    assert found.nu is None
+    assert found.solver["options"]["extras"] is False
+
+
 def test_no_grasp_is_exit_code_1_and_spares_the_old_file(tmp_path):
     hopeless = SMALL.replace("FrictionContact(0.5)", "PointContact()")
     (tmp_path / "hopeless.py").write_text(hopeless)

@@ -70,6 +70,8 @@ def look_back(
         if not bench.follows_contacts:
             opened = _attempted(lambda: pregrasp(bench, found, options.pregrasp_clearance))
             clock.mark("pregrasp")
+        if not options.extras:
+            return Aftermath(pregrasp=opened, robust=best.robust, seconds=clock.seconds)
         if isinstance(hand, URDFHand):
             linked = hand
             depth = _attempted(lambda: link_depth(bench.problem.body, linked, found.placed.hand))

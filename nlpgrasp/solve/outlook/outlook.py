@@ -23,11 +23,8 @@ from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import follows_contacts
 
-NODES, OF_FLAT = (
-    400,
-    1000,
-)  # of the tree, for eight starts: one to four seconds; where faces are flat nodes take less time
-ONE, EACH = 0.3, 0.1  # share of these nodes for one start, and for each other one
+NODES, OF_FLAT = 400, 1000  # of the tree: one to four seconds; where faces are flat a node takes less
+ONE, EACH = 0.3, 0.35  # share of these nodes for one start, and for each other one: all from three on
 BESIDE_A_HAND = 100  # where starts begin elsewhere
 ROUGH = 0.03  # width of certificates where no gap is asked for: starts certify what they make of those grasps
 GAP = 0.01  # that the tree aims at where none is asked for
