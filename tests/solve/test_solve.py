@@ -10,6 +10,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import nlpgrasp as ng
+from nlpgrasp.solve.ascent.steps.registry import LINEAR
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
@@ -87,7 +88,8 @@ def test_both_transcriptions_lead_to_a_grasp(transcription):
     options = ng.SolveOptions(
         shadow_prices=False, workers=1, transcription=transcription, rtol=0.05, final_rtol=0.05, global_bound=False
     )
-    assert ng.solve(ellipsoid(), starts=1, options=options).mu.upper == pytest.approx(0.73193, rel=1e-4)
+    found = ng.solve(ellipsoid(), starts=1, options=options).mu.upper
+    assert found == pytest.approx(0.73193, rel=LINEAR.least_gain)  # where the exchange's model promises no more
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
@@ -82,7 +83,7 @@ def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
         return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)  # a flat shape: the regular arrangement will do
     size = float(np.linalg.norm(np.ptp(surface, axis=0)))
     margin = MARGIN * spacing
-    apart = np.linalg.norm(inner[:, None] - surface[None], axis=2) + margin
+    apart = cdist(inner, surface) + margin
     error = FIRST_ERROR * size
     while True:
         chosen = _cover(apart <= (depth + error)[:, None], most)
@@ -105,11 +106,11 @@ def _regular(shapes: Sequence[Shape], most: int) -> SphereFit:
             ends = np.minimum((high - low) / 2.0, np.where(np.array(counts) > 1, inset * half, (high - low) / 2.0))
             axes = [np.linspace(low[a] + ends[a], high[a] - ends[a], counts[a]) for a in range(3)]
             centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-            apart = np.linalg.norm(centres[:, None] - surface[None], axis=2) + MARGIN * spacing
-            radius = float(np.max(np.min(apart, axis=0)))
-            owner = np.argmin(apart, axis=0)
-            radii = np.array([np.max(apart[i][owner == i], initial=0.0) for i in range(len(centres))])
+            apart = cdist(centres, surface) + MARGIN * spacing
+            radius = float(np.max(np.min(apart, axis=0)))  # the largest of the spheres'
             if best is None or radius < float(np.max(best.radii)):
+                owner = np.argmin(apart, axis=0)
+                radii = np.array([np.max(apart[i][owner == i], initial=0.0) for i in range(len(centres))])
                 best = SphereFit(centres[radii > 0.0], radii[radii > 0.0], 0.0)
     if best is None:
         return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)
