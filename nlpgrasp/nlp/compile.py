@@ -110,4 +110,6 @@ class CompiledProgram:
     def linearise(self, z: FloatArray, parameters: FloatArray) -> tuple[FloatArray, sparse.csr_matrix]:
         """Return the rows (m,) at a point and their Jacobian (m, n)."""
         g, J = self._functions.jacobian(z, parameters)
-        return np.asarray(g.full()).ravel(), sparse.csr_matrix(J.sparse())
+        return np.asarray(g.full()).ravel(), sparse.csr_matrix(
+            J.full()
+        )  # CasADi's own way to scipy takes a millisecond

@@ -200,7 +200,7 @@ def _axis_points(mesh: trimesh.Trimesh) -> FloatArray:
     return middle
 
 
-def _cover(covers: FloatArray, most: int) -> list[int] | None:
+def _cover(covers: BoolArray, most: int) -> list[int] | None:
     """Return a greedy set cover of all columns by at most ``most`` rows, or None."""
     chosen: list[int] = []
     left = np.ones(covers.shape[1], dtype=bool)

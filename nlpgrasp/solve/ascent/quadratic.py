@@ -98,8 +98,9 @@ def shortest_step(
     g, J = rows.values, rows.jacobian
     reach = SHORT * np.asarray(abs(J) @ np.maximum(-rows.least, rows.most)).ravel()
     seen = (rows.lower == rows.upper) | (g - reach < rows.lower) | (g + reach > rows.upper)
+    dense = J.toarray()  # small: it is put together faster than sparse parts
     while True:
-        found = _solved(rows, seen, np.zeros(J.shape[1]) if cost is None else cost, damping, slack)
+        found = _solved(rows, dense, seen, np.zeros(J.shape[1]) if cost is None else cost, damping, slack)
         if found is None:
             return None
         there = g + J @ found.d
@@ -110,27 +111,31 @@ def shortest_step(
 
 
 def _solved(
-    rows: Linearised, seen: NDArray[np.bool_], cost: FloatArray, damping: float, slack: Slack
+    rows: Linearised, J: FloatArray, seen: NDArray[np.bool_], cost: FloatArray, damping: float, slack: Slack
 ) -> QuadraticStep | None:
     """Return the step of the program with some of the rows; None where these contradict."""
-    g, J, n = rows.values, rows.jacobian, rows.jacobian.shape[1]
+    g, n = rows.values, J.shape[1]
     equal = seen & (rows.lower == rows.upper) & slack.keeps_equations
     below, above = seen & ~equal & np.isfinite(rows.lower), seen & ~equal & np.isfinite(rows.upper)
     used = [np.flatnonzero(mask) for mask in (equal, below, above)]
+    count = sum(map(len, used))
     columns = slack.columns(np.concatenate(used))
-    m, identity = columns.shape[1], sparse.identity(n, format="csr")
-    blocks = [[sparse.vstack([J[equal], -J[below], J[above]]), columns], [identity, None], [-identity, None]]
+    m = columns.shape[1]
+    A = np.zeros((count + 2 * n + m * slack.at_least_zero, n + m))
+    A[:count, :n] = np.concatenate([J[equal], -J[below], J[above]])
+    A[:count, n:] = columns.toarray()
+    A[count : count + n, :n] = np.eye(n)
+    A[count + n : count + 2 * n, :n] = -np.eye(n)
     b = [(rows.lower - g)[equal], (g - rows.lower)[below], (rows.upper - g)[above], rows.most, -rows.least]
     if slack.at_least_zero:
-        blocks.append([None, -sparse.identity(m)])
+        A[count + 2 * n :, n:] = -np.eye(m)
         b.append(np.zeros(m))
     linear, quadratic = slack.prices(m)
     right = np.concatenate(b)
     cones = [clarabel.ZeroConeT(len(used[0])), clarabel.NonnegativeConeT(len(right) - len(used[0]))]
     P = sparse.diags(np.concatenate([np.full(n, damping), quadratic]), format="csc")
-    A = sparse.bmat(blocks, format="csc")
     q = np.concatenate([cost, linear])
-    found = clarabel.DefaultSolver(P, q, A, right, cones, quiet_settings(slack.tolerance)).solve()
+    found = clarabel.DefaultSolver(P, q, sparse.csc_matrix(A), right, cones, quiet_settings(slack.tolerance)).solve()
     if "Solved" not in str(found.status):
         return None
     multipliers = np.zeros(len(g))
