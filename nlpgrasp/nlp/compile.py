@@ -110,6 +110,4 @@ class CompiledProgram:
     def linearise(self, z: FloatArray, parameters: FloatArray) -> tuple[FloatArray, sparse.csr_matrix]:
         """Return the rows (m,) at a point and their Jacobian (m, n)."""
         g, J = self._functions.jacobian(z, parameters)
-        return np.asarray(g.full()).ravel(), sparse.csr_matrix(
-            J.full()
-        )  # faster than by J.sparse()
+        return np.asarray(g.full()).ravel(), sparse.csr_matrix(J.full())  # faster than by J.sparse()

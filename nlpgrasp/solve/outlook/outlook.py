@@ -24,7 +24,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import follows_contacts
 
 NODES, OF_FLAT = 400, 1000  # of the tree: one to four seconds; where faces are flat a node takes less
-ONE, EACH = 0.3, 0.35  # share of these nodes for one start, and for each other one: all from three on
+ONE, ONE_OF_FLAT, EACH = 0.3, 0.65, 0.35  # share of these nodes for one start, and for each other one
 BESIDE_A_HAND = 100  # where starts begin elsewhere
 ROUGH = 0.03  # width of certificates where no gap is asked for: starts certify what they make of those grasps
 GAP = 0.01  # that the tree aims at where none is asked for
@@ -142,7 +142,8 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop, starts: in
     """
     if not _wanted(problem, options):
         return None
-    share = min(1.0, ONE + EACH * (starts - 1))
+    flat = isinstance(problem.body, Box | Prism)
+    share = min(1.0, (ONE_OF_FLAT if flat else ONE) + EACH * (starts - 1))
     key = _key(problem, share)
     if options.gap is None and key in _remembered:
         _remembered.move_to_end(key)
@@ -150,7 +151,6 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop, starts: in
     found = unseen(problem, options)
     if found is None:
         return None
-    flat = isinstance(problem.body, Box | Prism)
     if options.gap is None and isinstance(problem.body, Mesh):
         found.glance()
     elif options.gap is None and not follows_contacts(problem):
