@@ -141,3 +141,18 @@ def test_two_soft_fingers_have_a_volume(seed):
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     found = ng.nu(ng.Grasp(u, -u, ng.SoftContact(0.07, 0.1)), rtol=0.5)
     assert 0.0 < found.lower <= found.value <= found.upper
+
+
+def test_contacts_a_nanometre_apart_end_with_a_wide_interval():
+    """Rounding makes millions of cells of such a grasp's hull: points that would are left out."""
+    points = np.array([[-0.986553, -1.482316, -1.642722]] * 2 + [[1.804856, -0.258734, 0.782367]])
+    points[1] += 0.757e-9
+    normals = np.array(
+        [[0.533729, 0.452018, 0.714712], [-0.156903, -0.790861, -0.59154], [-0.756185, 0.654323, -0.006784]]
+    )
+    models = [ng.FrictionContact(3.0), ng.SoftContact(3.0, 0.01515), ng.PointContact()]
+    grasp = ng.Grasp(points, normals / np.linalg.norm(normals, axis=1)[:, None], models)
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.7575, 0.7575, 0.7575])
+    found = ng.mu(grasp, task)
+    assert found.lower == 0.0
+    assert 0.0 <= found.upper < 1e-8

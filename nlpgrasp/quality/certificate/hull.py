@@ -20,6 +20,7 @@ from nlpgrasp.common.validation import FloatArray
 Indices = NDArray[np.intp]
 ILL = 1e-3  # difference of two heights below which planes are solved for anew
 BEYOND = 1e-9  # relative height above a plane from which a point counts as beyond it
+MOST_NEW = 8_000  # cells of one vertex: beyond it rounding makes them, a hull's have some hundreds in six dimensions
 
 
 class Hull:
@@ -95,7 +96,7 @@ class Hull:
         return np.asarray(planes / np.linalg.norm(planes, axis=1, keepdims=True))
 
     def insert(self, point: FloatArray) -> bool:
-        """Add a vertex; return whether it was outside."""
+        """Add a vertex; return whether it was outside, and rounding let it be added."""
         p = point - self.centre
         height = self.planes[: self._size] @ p
         seen = np.flatnonzero(height > 1.0 + BEYOND)
@@ -105,6 +106,8 @@ class Hull:
         near = self._near[seen]
         row, slot = np.nonzero(~self._marked[near])
         self._marked[seen] = False
+        if len(row) > MOST_NEW:
+            return False
         old, outer = seen[row], near[row, slot]  # the horizon: cells on either side of each of its ridges
         index = np.arange(len(old))
         cells = self._cells[old]
