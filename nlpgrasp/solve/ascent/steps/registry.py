@@ -79,7 +79,7 @@ def model_of(bench: Workbench) -> ExchangeModel:
     return _models[wanted]
 
 
-LINEAR = Rules(rounds=40, radius=0.1, last_radius=1e-3, most_radius=0.3, good=1.6, poor=0.5, least_gain=1e-3)
+LINEAR = Rules(rounds=40, radius=0.1, last_radius=1e-3, most_radius=0.3, good=1.6, poor=0.5, least_gain=1e-4)
 NONLINEAR = Rules(rounds=40, radius=0.15, last_radius=1e-4, good=1.5, poor=0.6, least_gain=1e-4)
 register(ExchangeModel("linear", LinearModel, LINEAR, lambda bench: bench.exchange.linearises))
 register(
