@@ -93,8 +93,7 @@ def distance_spline(
     margin : float
         How far the grid reaches beyond the mesh, metres; at least five cells.
     """
-    settings = np.array([resolution, smoothing, margin])
-    made_from = [np.ascontiguousarray(part).tobytes() for part in (vertices, faces, settings)]
+    made_from = [vertices, faces, np.array([resolution, smoothing, margin])]
     found = kept("distance", made_from, lambda: _fitted(vertices, faces, resolution, smoothing, margin))
     knots = tuple(found[f"knots {axis}"].tolist() for axis in range(3))
     return DistanceSpline(knots, found["coefficients"], found["box"])

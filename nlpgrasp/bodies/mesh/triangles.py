@@ -32,8 +32,7 @@ def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
 def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
     """Return vertices (n, 3) and at most ``most`` triangles (m, 3), or all of a surface that cannot be simplified."""
     if len(faces) > most:
-        made_from = [np.ascontiguousarray(part).tobytes() for part in (vertices, faces)]
-        simple = kept("triangles", [*made_from, str(most).encode()], lambda: _slim(vertices, faces, most))
+        simple = kept("triangles", [vertices, faces, str(most).encode()], lambda: _slim(vertices, faces, most))
         if len(simple["faces"]):
             return simple["vertices"], simple["faces"].astype(np.int64)
     return vertices, faces.astype(np.int64)

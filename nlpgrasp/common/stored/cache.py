@@ -23,6 +23,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 import platformdirs
+from numpy.typing import NDArray
 
 from nlpgrasp.common.files import write_bytes
 from nlpgrasp.common.validation import FloatArray
@@ -47,7 +48,7 @@ def folder() -> Path | None:
     return Path(setting) if setting else Path(platformdirs.user_cache_dir("nlpgrasp", appauthor=False))
 
 
-def kept(kind: str, made_from: Sequence[bytes], make: Callable[[], Arrays]) -> Arrays:
+def kept(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], make: Callable[[], Arrays]) -> Arrays:
     """Return arrays from the cache, or made now and kept for the next call.
 
     Where the cache cannot be read or written, or holds something else, the arrays are made as if there were none, and a
@@ -57,15 +58,15 @@ def kept(kind: str, made_from: Sequence[bytes], make: Callable[[], Arrays]) -> A
     ----------
     kind : str
         What it is, and first part of the entry's name.
-    made_from : sequence of bytes
-        All that the arrays follow from.
+    made_from : sequence of bytes and arrays
+        All that the result follows from.
     make : callable
         Returns the arrays by name; the text of its module tells an entry from those of other code.
     """
     where = folder()
     if where is None:
         return make()
-    file = where / f"{kind}-{_key(kind, [_code_of(make), *made_from])}"
+    file = where / f"{kind}-{_key(kind, [_code_of(make), *map(_bytes, made_from)])}"
     found = _read(file)
     if found is None:
         found = dict(make())
@@ -81,6 +82,11 @@ def _key(kind: str, made_from: Sequence[bytes]) -> str:
         digest.update(len(part).to_bytes(8, "big"))
         digest.update(part)
     return digest.hexdigest()
+
+
+def _bytes(part: bytes | NDArray[np.generic]) -> bytes:
+    """Return bytes as they are, and an array's own."""
+    return part if isinstance(part, bytes) else np.ascontiguousarray(part).tobytes()
 
 
 def _code_of(make: Callable[[], Arrays]) -> bytes:
