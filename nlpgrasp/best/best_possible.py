@@ -70,13 +70,13 @@ def best_possible(
         with Interrupt(stop):
             search.run(stop.requested, None if progress is None else partial(_tell, progress))
     proven, proof = search.certificate()
-    upper = max(proven, search.mu.lower)
+    upper = max(proven, search.best.mu.lower)
     return BestPossible(
         upper,
-        search.grasp,
-        search.mu.of_measure(problem.task.measure, problem.task.paper_beta),
-        search.faces,
-        upper <= search.mu.lower * (1.0 + gap),
+        search.best.grasp,
+        search.best.mu.of_measure(problem.task.measure, problem.task.paper_beta),
+        search.best.faces,
+        upper <= search.best.mu.lower * (1.0 + gap),
         search.tree.nodes,
         time.monotonic() - begun,
         search.scope.dropped,
@@ -86,4 +86,4 @@ def best_possible(
 
 
 def _tell(progress: Callable[[float, Bounds, int], None], search: Search) -> None:
-    progress(search.upper, search.mu, search.tree.nodes)
+    progress(search.upper, search.best.mu, search.tree.nodes)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.best.bound.weakest import Design, descended, normalised
+from nlpgrasp.best.bound.weakest import Design, descended
 from nlpgrasp.best.climb import Climber
 from nlpgrasp.best.exchange import Exchange
+from nlpgrasp.best.incumbent import Incumbent
 from nlpgrasp.best.pool.certificate import pool_certificate
 from nlpgrasp.best.pool.tree import PoolTree
 from nlpgrasp.best.scope.scope import Scope
@@ -21,36 +21,13 @@ from nlpgrasp.best.trees import tree_of
 from nlpgrasp.best.wander import wander
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.grasp import Grasp
-from nlpgrasp.quality import Bounds, mu
 
-ROUGH, FINE = 0.01, 0.15  # width of a grasp's certificate: at first, and at last relative to the gap asked for
 SHARE, UNSURE = 0.8, 0.5  # of the gap that the tree closes; the rest is the certificate's, at first a rough one's
 CLIMBS, MORE, SAME = 4, 0.8, 3  # at first; more, by the root of the nodes; from designs in the same root cells
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
-BETTER = 1e-3
+SURVEYED = 400  # nodes between two rounds of climbs of a survey
 AFTER, WIDE = 300, 0.1  # nodes after which grasps are drawn at random, where the gap is wider than that
 AGAIN = 3  # climbs from one design, while certificates disprove what they end with
-
-
-@dataclass(frozen=True)
-class Met:
-    """A grasp that a climb ended with.
-
-    Parameters
-    ----------
-    value : float
-        What its mu seems to be; certified only where it seemed to be the best so far.
-    points, normals : (k, space) array
-        Metres; unit, into the body.
-    faces : tuple of str
-        The face each contact is on.
-    """
-
-    value: float
-    points: FloatArray
-    normals: FloatArray
-    faces: tuple[str, ...]
 
 
 class Search:
@@ -61,52 +38,36 @@ class Search:
     scope : Scope
     gap : float
         Relative, at which to stop.
-    rough : float, optional
-        Width of grasps' certificates; where left out the best grasp's becomes as narrow as the gap asks for.
+    certifies : bool
+        Whether the grasps met are certified; what they seem to be worth is enough for starts to begin from.
     """
 
-    def __init__(self, scope: Scope, gap: float, rough: float | None = None) -> None:
-        self.scope, self.gap, self._narrows = scope, gap, rough is None
-        self._rough = ROUGH if rough is None else rough
+    def __init__(self, scope: Scope, gap: float, certifies: bool = True) -> None:
+        self.scope, self.gap = scope, gap
+        self.best = Incumbent(scope, gap, certifies)
         self.tree = tree_of(scope)
         self.twists = self.tree.twists
         self.climber = Climber(scope.task, self.twists.lattice, scope.problem.body.size)
         self.exchange = Exchange.of(scope.pieces, self.climber)
-        self.grasp: Grasp | None = None
-        self.faces: tuple[str, ...] = ()
-        self.mu = Bounds(0.0, 0.0)
-        self.value = 0.0  # what the best grasp's mu seems to be, within its certificate
-        self.met: list[Met] = []
         self._begun = self._wandered = False
         self._fresh: list[Node] = []  # nodes that no climb began from yet
-        self._elsewhere = 0.0
         self._rng = np.random.default_rng(0)
         self._climbs: Counter[tuple[int, ...]] = Counter()
-
-    def expect(self, mu: float) -> None:
-        """Compare with a grasp found elsewhere, of this certified quality, where it is better than the best met."""
-        self._elsewhere = max(self._elsewhere, mu)
-        self.value = max(self.value, mu)
-
-    @property
-    def _known(self) -> float:
-        return max(self.mu.lower, self._elsewhere)
 
     @property
     def target(self) -> float:
         """The bound at which a node needs no further look."""
-        sure = not self._narrows or self.value <= self._known * (1.0 + FINE * self.gap)
-        return self.value * (1.0 + (SHARE if sure else UNSURE) * self.gap)
+        return self.best.value * (1.0 + (SHARE if self.best.sure else UNSURE) * self.gap)
 
     @property
     def upper(self) -> float:
         """The bound on mu over all placements."""
-        return max(self.tree.upper, self._known)
+        return max(self.tree.upper, self.best.known)
 
     @property
     def closed(self) -> bool:
         """Whether the bound is within the gap of the best grasp's certified mu."""
-        return self.upper <= self._known * (1.0 + self.gap)
+        return self.upper <= self.best.known * (1.0 + self.gap)
 
     @property
     def searched(self) -> bool:
@@ -114,23 +75,38 @@ class Search:
         return self.closed or self.tree.top <= self.target or self.tree.full
 
     def run(self, stopped: Callable[[], bool], watch: Callable[[Search], None] | None = None) -> None:
-        """Search until the gap is closed, memory is full, or ``stopped`` says so; the bound holds at any time."""
+        """Search until the gap is closed, memory is full, or ``stopped`` says so; the bound holds at any time.
+
+        Nodes are climbed from as they come.
+        """
         if self._begun and not self._fresh:
             self._fresh = self.tree.grow(self.target)
         self.begin()
         while True:
-            self._look(self._fresh)
-            if not self._wandered and self.tree.nodes >= AFTER:
-                self._wandered, wide = True, self.upper > (1.0 + WIDE) * self._known
-                self._climb(wander(self.scope, self.climber, self._rng) if wide and self.exchange is None else [])
+            self._look(self._fresh, LOOKED)
             if watch is not None:
                 watch(self)
-            if self.tree.top <= self.value * (1.0 + SHARE * self.gap):
-                self.refine()
+            if self.best.certifies and self.tree.top <= self.best.value * (1.0 + SHARE * self.gap):
+                self.best.refine()
             if self.searched or stopped():
                 self._fresh = []
                 return
             self._fresh = self.tree.grow(self.target)
+
+    def survey(self, nodes: int, stopped: Callable[[], bool]) -> None:
+        """Cut cells until the tree has so many nodes, and climb from the best of many of them, side by side.
+
+        Few large batches of climbs take half the time of many small ones.
+        """
+        self.begin()
+        while not stopped():
+            last = min(nodes, self.tree.nodes + SURVEYED)
+            while self.tree.nodes < last and not self.searched and not stopped():
+                self._fresh += self.tree.grow(self.target)
+            self._look(self._fresh, SURVEYED)
+            self._fresh = []
+            if self.tree.nodes >= nodes or self.searched:
+                return
 
     def begin(self) -> None:
         """Bound all placements once, without a grasp; does nothing where that was done."""
@@ -147,20 +123,11 @@ class Search:
         """Return the bound that follows from what is recorded of the search, and the record (docs/how_close.md)."""
         return pool_certificate(self.tree) if isinstance(self.tree, PoolTree) else certificate(self.tree)
 
-    def refine(self) -> None:
-        """Certify the best grasp as narrowly as the gap asks for."""
-        if self._narrows and self.grasp is not None and self.mu.gap > FINE * self.gap:
-            self.mu = self._certified(self.grasp, FINE * self.gap)
-            self.value = self._known
-
-    def _certified(self, grasp: Grasp, rtol: float) -> Bounds:
-        return mu(grasp, self.scope.task, rtol, force_budget=self.scope.problem.budget)
-
-    def _look(self, nodes: Sequence[Node]) -> None:
+    def _look(self, nodes: Sequence[Node], most: int) -> None:
         """Climb from the heaviest rows, then from others, of those new nodes where these seem to be the best grasps."""
         open_nodes = [node for node in nodes if node.rows.size]
         begun: list[tuple[list[Spot], FloatArray]] = []
-        for i in np.argsort(-self._values(open_nodes), kind="stable")[:LOOKED].tolist() if open_nodes else []:
+        for i in np.argsort(-self._values(open_nodes), kind="stable")[:most].tolist():
             node, allowance = open_nodes[i], CLIMBS + MORE * np.sqrt(self.tree.looked)
             roots = self._roots(node)
             if self._climbs[roots] >= SAME or self._climbs.total() >= allowance:
@@ -172,20 +139,25 @@ class Search:
             self._climbs[roots] += 1
             if self.exchange is not None:
                 spots, value = self.exchange.improved(spots, self.twists[node.twists])
-                self.offer(spots, value)
+                self._offer(spots, value)
             begun.append((spots, self.twists[node.twists]))
         self._climb(begun)
+        if not self._wandered and self.tree.nodes >= AFTER:
+            self._wandered, wide = True, self.upper > (1.0 + WIDE) * self.best.value
+            self._climb(wander(self.scope, self.climber, self._rng) if wide and self.exchange is None else [])
 
     def _climb(self, begun: Sequence[tuple[Sequence[Spot], FloatArray]]) -> None:
         """Climb from some spots, with directions that are weak there; anew where a certificate taught a direction."""
         for _ in range(AGAIN):
             if not begun:
                 return
-            found = self.climber.climb([spots for spots, _ in begun], [twists for _, twists in begun], self.value)
-            begun = [one for one, ended in zip(begun, found, strict=True) if not self.offer(*ended)]
+            found = self.climber.climb([spots for spots, _ in begun], [twists for _, twists in begun], self.best.value)
+            begun = [one for one, ended in zip(begun, found, strict=True) if not self._offer(*ended)]
 
     def _values(self, nodes: Sequence[Node]) -> FloatArray:
         """Return what mu seems to be with each contact at its heaviest row, (b,)."""
+        if not nodes:
+            return np.zeros(0)
         heavy = np.array([n.rows[np.arange(len(n.rows)), np.argmax(n.design, axis=1)] for n in nodes])
         designs = []
         for pieces, where in self.scope.groups:
@@ -218,33 +190,12 @@ class Search:
             spots.append(spot)
         return spots
 
-    def offer(self, spots: Sequence[Spot], value: float) -> bool:
-        """Remember a grasp, and certify it where it seems better than the best so far.
-
-        Returns whether it is as good as it seemed. Where it is not, climbs know from now on the direction in which the
-        certificate found it weaker than descents had.
-        """
-        placed = [spots[i] for i in np.argsort(self.scope.slots)]
-        points, normals = np.stack([s.point for s in placed]), np.stack([s.normal for s in placed])
-        faces = tuple(s.surface.name for s in placed)
-        disproved = False
-        if value > self.value * (1.0 + BETTER):
-            grasp = Grasp(points, normals, self.scope.problem.models, self.scope.origin)
-            found = self._certified(grasp, self._rough)
-            disproved = found.upper < value * (1.0 - ROUGH)
-            if disproved:
-                self._learn(found.worst_direction)
-            value = min(value, found.upper)
-            if found.lower > self.mu.lower:
-                self.grasp, self.mu, self.faces = grasp, found, faces
-                self.value = max(value, self._elsewhere)
-        if value > 0.0:
-            self.met.append(Met(value, points, normals, faces))
-        return not disproved
-
-    def _learn(self, direction: FloatArray | None) -> None:
-        """Try a direction from now on, unless the task does no work along it."""
-        learnt = np.zeros(0) if direction is None else normalised(self.scope.task, direction[None])
-        if np.any(learnt):
-            self.climber.learn(learnt)
-            self.twists.remember(learnt)
+    def _offer(self, spots: Sequence[Spot], value: float) -> bool:
+        """Remember a grasp, and return whether it is as good as it seemed; directions in which it is not are learnt."""
+        weaker = self.best.offer(spots, value)
+        if weaker is None:
+            return True
+        if len(weaker):
+            self.climber.learn(weaker)
+            self.twists.remember(weaker)
+        return False

@@ -80,12 +80,11 @@ def _differences(grasps: Sequence[Spots], cuts: Sequence[FloatArray], size: floa
 
 def _maximised(A: FloatArray, b: FloatArray) -> FloatArray | None:
     """Return x of the largest last component with ``A x <= b``, None where no solver finds one."""
-    n = A.shape[1]
+    m, n = A.shape
     objective = np.append(np.zeros(n - 1), -1.0)
-    cones = [clarabel.NonnegativeConeT(len(b))]
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix((n, n)), objective, sparse.csc_matrix(A), b, cones, quiet_settings(1e-9)
-    )
+    cones = [clarabel.NonnegativeConeT(m)]
+    columns = sparse.csc_matrix((A.T.ravel(), np.tile(np.arange(m), n), np.arange(0, m * n + 1, m)), shape=(m, n))
+    solver = clarabel.DefaultSolver(sparse.csc_matrix((n, n)), objective, columns, b, cones, quiet_settings(1e-9))
     found = solver.solve()
     if found.status not in SOLVED:  # of an infeasible program x is a direction, as long as it may be
         return None

@@ -50,7 +50,7 @@ def gap_over_time(problem, seconds, gap):
 
 
 def _gap(search):
-    lower = search.mu.lower
+    lower = search.best.mu.lower
     return search.upper / lower - 1.0 if lower > 0.0 else (0.0 if search.upper <= 1e-9 else np.inf)
 
 
@@ -62,7 +62,7 @@ def gaps():
         missed += found[-1] > target
         word = "" if found[-1] <= target else "  MISSED"
         print(
-            f"{name}: {_shown(found)}; {spent:.1f} s, {search.tree.nodes} nodes, mu {search.mu.lower:.4f}"
+            f"{name}: {_shown(found)}; {spent:.1f} s, {search.tree.nodes} nodes, mu {search.best.mu.lower:.4f}"
             f" (aim {target:.0%} in {seconds:g} s){word}",
             flush=True,
         )
@@ -81,7 +81,7 @@ def meshes():
         body = ng.Mesh.load(path, unit="m" if path.name.startswith("ycb") else "in")
         task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
         found, _, search = gap_over_time(ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task), 60.0, 0.01)
-        print(f"{path.name}: {_shown(found)}; mu {search.mu.lower:.4f} (aim 40 % after 60 s)", flush=True)
+        print(f"{path.name}: {_shown(found)}; mu {search.best.mu.lower:.4f} (aim 40 % after 60 s)", flush=True)
 
 
 def hits(numbers):

@@ -57,10 +57,10 @@ def test_climbs_learn_directions_that_certificates_find():
     problem = random_path(13).at(3.0 / 7.0)
     search = Search(scope_of(problem), gap=0.01)
     search.run(lambda: search.tree.nodes >= 400)
-    found = ng.mu(search.grasp, problem.task, rtol=1e-3)
+    found = ng.mu(search.best.grasp, problem.task, rtol=1e-3)
     assert search.closed
     assert found.lower > 0.95
-    assert search.mu.lower <= found.upper
+    assert search.best.mu.lower <= found.upper
 
 
 def test_constraints_of_one_contact_shrink_the_bound():

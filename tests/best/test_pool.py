@@ -88,7 +88,7 @@ def test_no_placement_is_above_the_bound_of_a_mesh(make, contacts, more, seed):
     assert upper <= search.tree.upper * (1 + 1e-5)
     assert upper == max(leaf[2] for leaf in data["leaves"])
     rows, values = best_of_many(asked, search.tree.pool.clusters, rng)
-    assert np.max(values) > 0.5 * search.mu.lower > 0.0
+    assert np.max(values) > 0.5 * search.best.mu.lower > 0.0
     assert np.max(values) <= upper
     for placement, value in zip(rows, values, strict=True):
         assert leaf_bound(data, search.tree.pool.clusters, placement) >= value
@@ -149,4 +149,4 @@ def test_an_icosphere_is_bounded_as_its_sphere_is():
     asked = ng.GraspProblem(ng.Mesh(mesh, resolution=8), [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0] * 6))
     search = searched(asked, 300)
     known = 0.4516  # of the sphere; normals of triangles are up to 3 degrees off, for better or worse
-    assert 0.9 * known < search.mu.lower < 1.1 * known < search.upper < 1.6 * known
+    assert 0.9 * known < search.best.mu.lower < 1.1 * known < search.upper < 1.6 * known

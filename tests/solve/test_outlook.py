@@ -8,8 +8,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.best.incumbent import Met
 from nlpgrasp.best.scope.scope import scope_of
-from nlpgrasp.best.search import Met, Search
+from nlpgrasp.best.search import Search
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.outlook.outlook import Outlook, outlook
 from tests.hands.urdf import four_finger_hand
@@ -52,7 +53,7 @@ def test_images_of_better_grasps_come_last():
     turned, changed = best @ np.array([[0.0, 1.0], [-1.0, 0.0]]), best[[2, 0, 1]]
     other = np.array([[1.0, -0.9], [-1.0, 0.9], [0.9, 1.0]])
     for value, points in [(0.7, best), (0.699, turned), (0.7, changed), (0.5, other), (0.697, best + 0.01)]:
-        look._search.met.append(Met(value, points, np.zeros((3, 2)), ("edge0",) * 3))
+        look._search.best.met.append(Met(value, points, np.zeros((3, 2)), ("edge0",) * 3))
     for count in (1, 2, 3, 4, 5):
         placed = [one.points for one in look.placements(count)]
         expected = [best, other, changed, turned][:count]

@@ -53,7 +53,7 @@ def bound_data(place, name, nodes):
     upper, certificate = search.certificate()
     certificate["leaves"].sort(key=lambda leaf: -leaf[2])
     kept = {"asked": 0.01, **certificate}
-    found = search.grasp, search.mu, search.faces
+    found = search.best.grasp, search.best.mu, search.best.faces
     return json.dumps(ng.BestPossible(upper, *found, False, nodes, 1.0, (), kept, problem.to_dict()).to_dict())
 
 

@@ -18,6 +18,7 @@ from nlpgrasp.best.tree.proof import Proof
 from nlpgrasp.common.validation import FloatArray
 
 BATCH = 64
+FEWEST, PART = 8, 4  # nodes cut at a time: at least, and of those so far one in so many
 WORK = 500_000  # rows times directions of a batch; nodes are cut until there is work for some batches
 BATCHES = 4
 MOST_OPEN = 100_000  # nodes, beyond which a search ends
@@ -83,7 +84,7 @@ class Tree:
         todo: list[tuple[Cells, np.ndarray, np.ndarray | None]] = []
         work = 0
         self.proof.go_on()
-        for _ in range(BATCH):
+        for _ in range(min(BATCH, max(FEWEST, self.nodes // PART))):
             if not self._heap or self._heap[0].bound <= target or work >= BATCHES * WORK:
                 break
             node = heapq.heappop(self._heap)

@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from nlpgrasp.best.incumbent import Met
 from nlpgrasp.best.scope.scope import scope_of
-from nlpgrasp.best.search import Met, Search
+from nlpgrasp.best.search import Search
 from nlpgrasp.bodies import Box, Mesh, Prism, Superquadric
 from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.stopping.stop import Stop
@@ -26,7 +27,6 @@ from nlpgrasp.solve.workbench.programs import follows_contacts
 NODES, OF_FLAT = 400, 1000  # of the tree: one to four seconds; where faces are flat a node takes less
 ONE, ONE_OF_FLAT, EACH = 0.3, 0.65, 0.35  # share of these nodes for one start, and for each other one
 BESIDE_A_HAND = 100  # where starts begin elsewhere
-ROUGH = 0.03  # width of certificates where no gap is asked for: starts certify what they make of those grasps
 GAP = 0.01  # that the tree aims at where none is asked for
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same
@@ -43,8 +43,8 @@ class Outlook:
     problem : GraspProblem
     gap : float
         Relative, at which to stop.
-    rough : float, optional
-        Width of the certificates of grasps that starts begin from; as narrow as the gap asks for when left out.
+    certifies : bool
+        Whether grasps are certified on the way; otherwise starts certify what they make of them.
 
     Raises
     ------
@@ -52,8 +52,8 @@ class Outlook:
         On a problem that the bound does not cover.
     """
 
-    def __init__(self, problem: GraspProblem, gap: float, rough: float | None = None) -> None:
-        self._search = Search(scope_of(problem), gap, rough)
+    def __init__(self, problem: GraspProblem, gap: float, certifies: bool = True) -> None:
+        self._search = Search(scope_of(problem), gap, certifies)
         self._size = problem.body.size
         self._placements: dict[int, Placed] = {}
         self._certified: tuple[int, float, Json] | None = None
@@ -62,7 +62,10 @@ class Outlook:
         """Search until the tree has some nodes more, its gap is closed, or a stop."""
         tree = self._search.tree
         last = tree.nodes + nodes
-        self._search.run(lambda: tree.nodes >= last or stop.requested())
+        if self._search.best.certifies:
+            self._search.run(lambda: tree.nodes >= last or stop.requested())
+        else:
+            self._search.survey(last, stop.requested)
 
     def glance(self, nodes: int = 0) -> None:
         """Bound all placements once, and closer until the tree has some nodes, and look for no grasps."""
@@ -70,7 +73,7 @@ class Outlook:
 
     def expect(self, mu: float) -> None:
         """Compare bounds with a grasp found elsewhere, of this certified quality, where it is better."""
-        self._search.expect(mu)
+        self._search.best.expect(mu)
 
     @property
     def upper(self) -> float:
@@ -98,7 +101,7 @@ class Outlook:
         least : float
             What their mu has to exceed, as far as it seems.
         """
-        met, apart = self._search.met, APART * self._size
+        met, apart = self._search.best.met, APART * self._size
         new: list[int] = []
         again: list[int] = []
         for i in sorted(range(len(met)), key=lambda j: -met[j].value):
@@ -177,7 +180,7 @@ def unseen(problem: GraspProblem, options: SolveOptions) -> Outlook | None:
     if not _wanted(problem, options):
         return None
     try:
-        return Outlook(problem, GAP, ROUGH) if options.gap is None else Outlook(problem, SHARE * options.gap)
+        return Outlook(problem, GAP, certifies=False) if options.gap is None else Outlook(problem, SHARE * options.gap)
     except InputError:
         return None
 

@@ -50,7 +50,7 @@ def compared(number, **effort):
     else:
         _grow(found.tree, nodes, brute)
     bound = found.certificate()[0]
-    return Compared(number, problem.body.kind, problem.budget.kind, bound, brute, found.mu.lower)
+    return Compared(number, problem.body.kind, problem.budget.kind, bound, brute, found.best.mu.lower)
 
 
 def _grow(tree, nodes, known):
