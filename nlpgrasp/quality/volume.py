@@ -148,7 +148,7 @@ def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[fl
     d = len(white.G)
     inner, points = _first_hull(white, rng)
     while len(points) < POINTS[d] and inner.upper > inner.lower * (1.0 + rtol):
-        room = min(max(len(points) // 2, 4 * d), POINTS[d] - len(points))
+        room = min(len(points), POINTS[d] - len(points))
         worst = np.argsort(-inner.missing)[:room]
         points = np.concatenate([points, _inside(white.support(inner.planes[worst])[1], rng)])
         inner = _Inner(white, points)
