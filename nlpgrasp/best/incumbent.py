@@ -15,6 +15,7 @@ from nlpgrasp.grasp import Grasp
 from nlpgrasp.quality import Bounds, mu
 
 ROUGH, FINE = 0.01, 0.15  # width of a certificate: at first, and at last relative to the gap asked for
+DISPROVED = 0.01  # relative: how far a certificate is below what mu seemed to be
 BETTER = 1e-3  # relative: by how much a grasp has to seem better than the best so far
 
 
@@ -46,12 +47,12 @@ class Incumbent:
     scope : Scope
     gap : float
         Relative, that the search is to close.
-    certifies : bool
-        Whether grasps are certified at all.
+    rough : float
+        Relative width of certificates, until a grasp is refined.
     """
 
-    def __init__(self, scope: Scope, gap: float, certifies: bool = True) -> None:
-        self.scope, self.gap, self.certifies = scope, gap, certifies
+    def __init__(self, scope: Scope, gap: float, rough: float = ROUGH) -> None:
+        self.scope, self.gap, self.rough = scope, gap, rough
         self.grasp: Grasp | None = None
         self.faces: tuple[str, ...] = ()
         self.mu = Bounds(0.0, 0.0)
@@ -67,7 +68,7 @@ class Incumbent:
     @property
     def sure(self) -> bool:
         """Whether its value is next to what is certified, for the gap asked for."""
-        return not self.certifies or self.value <= self.known * (1.0 + FINE * self.gap)
+        return self.value <= self.known * (1.0 + FINE * self.gap)
 
     def expect(self, mu: float) -> None:
         """Compare with a grasp found elsewhere, of this certified quality, where it is better than the best met."""
@@ -91,17 +92,14 @@ class Incumbent:
         faces = tuple(s.surface.name for s in placed)
         weaker = None
         if value > self.value * (1.0 + BETTER):
-            if self.certifies:
-                grasp = Grasp(points, normals, self.scope.problem.models, self.scope.origin)
-                found = self._certified(grasp, ROUGH)
-                if found.upper < value * (1.0 - ROUGH):
-                    weaker = self._worst(found)
-                value = min(value, found.upper)
-                if found.lower > self.mu.lower:
-                    self.grasp, self.mu, self.faces = grasp, found, faces
-                    self.value = max(value, self._elsewhere)
-            else:
-                self.value = value
+            grasp = Grasp(points, normals, self.scope.problem.models, self.scope.origin)
+            found = self._certified(grasp, self.rough)
+            if found.upper < value * (1.0 - DISPROVED):
+                weaker = self._worst(found)
+            value = min(value, found.upper)
+            if found.lower > self.mu.lower:
+                self.grasp, self.mu, self.faces = grasp, found, faces
+                self.value = max(value, self._elsewhere)
         if value > 0.0:
             self.met.append(Met(value, points, normals, faces))
         return weaker

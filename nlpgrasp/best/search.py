@@ -10,7 +10,7 @@ import numpy as np
 from nlpgrasp.best.bound.weakest import Design, descended
 from nlpgrasp.best.climb import Climber
 from nlpgrasp.best.exchange import Exchange
-from nlpgrasp.best.incumbent import Incumbent
+from nlpgrasp.best.incumbent import ROUGH, Incumbent
 from nlpgrasp.best.pool.certificate import pool_certificate
 from nlpgrasp.best.pool.tree import PoolTree
 from nlpgrasp.best.scope.scope import Scope
@@ -38,13 +38,13 @@ class Search:
     scope : Scope
     gap : float
         Relative, at which to stop.
-    certifies : bool
-        Whether the grasps met are certified; what they seem to be worth is enough for starts to begin from.
+    rough : float
+        Relative width of the certificates of grasps met, until the best is close to the bound.
     """
 
-    def __init__(self, scope: Scope, gap: float, certifies: bool = True) -> None:
+    def __init__(self, scope: Scope, gap: float, rough: float = ROUGH) -> None:
         self.scope, self.gap = scope, gap
-        self.best = Incumbent(scope, gap, certifies)
+        self.best = Incumbent(scope, gap, rough)
         self.tree = tree_of(scope)
         self.twists = self.tree.twists
         self.climber = Climber(scope.task, self.twists.lattice, scope.problem.body.size)
@@ -86,7 +86,7 @@ class Search:
             self._look(self._fresh, LOOKED)
             if watch is not None:
                 watch(self)
-            if self.best.certifies and self.tree.top <= self.best.value * (1.0 + SHARE * self.gap):
+            if self.tree.top <= self.best.value * (1.0 + SHARE * self.gap):
                 self.best.refine()
             if self.searched or stopped():
                 self._fresh = []

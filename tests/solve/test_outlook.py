@@ -61,6 +61,19 @@ def test_images_of_better_grasps_come_last():
         assert all(np.array_equal(one, points) for one, points in zip(placed, expected, strict=True))
 
 
+def test_a_short_look_is_not_misled_by_directions_it_did_not_try():
+    """Grasps that seemed to have mu 0.32 on this box do not resist at all in a few directions."""
+    task = ng.lift([0, 0, 0], 0.3) + ng.disturbance(1.0, 0.01)
+    contacts = [ng.FrictionContact(0.6)] * 3
+    problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), contacts, task, constraints=[ng.Forbid("+x")])
+    look = Outlook(problem, 0.01, surveys=True)
+    look.look(650, Stop())
+    best = max(look._search.best.met, key=lambda met: met.value)
+    true = ng.mu(ng.Grasp(best.points, best.normals, problem.models, problem.origin), task)
+    assert best.value == pytest.approx(true.lower, rel=0.02)
+    assert true.lower > 0.26
+
+
 def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkeypatch):
     solution = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
     assert list(solution.save(tmp_path / "small.json").parent.iterdir()) == [tmp_path / "small.json"]

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlpgrasp.best.incumbent import Met
+from nlpgrasp.best.incumbent import ROUGH, Met
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Search
 from nlpgrasp.bodies import Box, Mesh, Prism, Superquadric
@@ -28,6 +28,7 @@ NODES, OF_FLAT = 400, 1000  # of the tree: one to four seconds; where faces are 
 ONE, ONE_OF_FLAT, EACH = 0.3, 0.65, 0.35  # share of these nodes for one start, and for each other one
 BESIDE_A_HAND = 100  # where starts begin elsewhere
 GAP = 0.01  # that the tree aims at where none is asked for
+LOOSE = 0.2  # width of a survey's certificates: they find grasps that hold in fewer directions than it seemed
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same
 AS_GOOD = 0.01  # relative: by how much the values of a grasp and its image may differ
@@ -43,8 +44,8 @@ class Outlook:
     problem : GraspProblem
     gap : float
         Relative, at which to stop.
-    certifies : bool
-        Whether grasps are certified on the way; otherwise starts certify what they make of them.
+    surveys : bool
+        Whether a look is a short one, for starts to begin from: in large steps, with loose certificates.
 
     Raises
     ------
@@ -52,8 +53,9 @@ class Outlook:
         On a problem that the bound does not cover.
     """
 
-    def __init__(self, problem: GraspProblem, gap: float, certifies: bool = True) -> None:
-        self._search = Search(scope_of(problem), gap, certifies)
+    def __init__(self, problem: GraspProblem, gap: float, surveys: bool = False) -> None:
+        self._search = Search(scope_of(problem), gap, LOOSE if surveys else ROUGH)
+        self._surveys = surveys
         self._size = problem.body.size
         self._placements: dict[int, Placed] = {}
         self._certified: tuple[int, float, Json] | None = None
@@ -62,10 +64,10 @@ class Outlook:
         """Search until the tree has some nodes more, its gap is closed, or a stop."""
         tree = self._search.tree
         last = tree.nodes + nodes
-        if self._search.best.certifies:
-            self._search.run(lambda: tree.nodes >= last or stop.requested())
-        else:
+        if self._surveys:
             self._search.survey(last, stop.requested)
+        else:
+            self._search.run(lambda: tree.nodes >= last or stop.requested())
 
     def glance(self, nodes: int = 0) -> None:
         """Bound all placements once, and closer until the tree has some nodes, and look for no grasps."""
@@ -180,7 +182,7 @@ def unseen(problem: GraspProblem, options: SolveOptions) -> Outlook | None:
     if not _wanted(problem, options):
         return None
     try:
-        return Outlook(problem, GAP, certifies=False) if options.gap is None else Outlook(problem, SHARE * options.gap)
+        return Outlook(problem, GAP, surveys=True) if options.gap is None else Outlook(problem, SHARE * options.gap)
     except InputError:
         return None
 
