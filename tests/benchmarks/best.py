@@ -90,16 +90,16 @@ def hits(numbers):
     for number in numbers:
         name, problem = hit_problem(number)
         solved, spent = solves(problem, range(SEEDS))
-        _, _, best = gap_over_time(problem, LOOKED, FINE)
+        _, _, search = gap_over_time(problem, LOOKED, FINE)
         case = Case(problem, lambda i, b=problem.body: b.face_names, lambda i, p: np.ones(len(p), dtype=bool))
         force = BruteForce(case, np.random.default_rng(number)).certified()[0]
-        known = max(best.mu.lower, force, *solved)
+        known = max(search.best.mu.lower, force, *solved)
         shares += [value / known if known > 0.0 else 1.0 for value in solved]
         none += sum(value <= 0.0 < known for value in solved)
         seconds.append(spent / SEEDS)
         print(
             f"{number} {name}: solves {', '.join(f'{v:.4f}' for v in solved)} ({spent / SEEDS:.1f} s each); tree"
-            f" {best.mu.lower:.4f} of {best.upper:.4f}, brute force {force:.4f}"
+            f" {search.best.mu.lower:.4f} of {search.upper:.4f}, brute force {force:.4f}"
             + "".join(f"  {s:.1%}" for s in shares[-SEEDS:] if s < NEAR),
             flush=True,
         )
