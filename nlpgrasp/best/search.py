@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.best.bound.weakest import Design, descended
 from nlpgrasp.best.climb import Climber
-from nlpgrasp.best.exchange import Exchange
+from nlpgrasp.best.exchange import Exchange, Places
 from nlpgrasp.best.incumbent import ROUGH, Incumbent
 from nlpgrasp.best.pool.certificate import pool_certificate
 from nlpgrasp.best.pool.tree import PoolTree
@@ -40,15 +40,20 @@ class Search:
         Relative, at which to stop.
     rough : float
         Relative width of the certificates of grasps met, until the best is close to the bound.
+    places : sequence of Places, optional
+        Where on a mesh the contacts of grasps may be, those that are alike together as in the scope; anywhere in it if
+        not given.
     """
 
-    def __init__(self, scope: Scope, gap: float, rough: float = ROUGH) -> None:
+    def __init__(self, scope: Scope, gap: float, rough: float = ROUGH, places: Sequence[Places] | None = None) -> None:
         self.scope, self.gap = scope, gap
         self.best = Incumbent(scope, gap, rough)
         self.tree = tree_of(scope)
         self.twists = self.tree.twists
         self.climber = Climber(scope.task, self.twists.lattice, scope.problem.body.size)
-        self.exchange = Exchange.of(scope.pieces, self.climber)
+        self.exchange = Exchange.of(scope.pieces, self.climber) if places is None else Exchange(places, self.climber)
+        reaches = scope.pieces if places is None else [some.pieces for some in places]
+        self._reach_of = [reach for reach in reaches for _ in reach.slots]
         self._begun = self._wandered = False
         self._fresh: list[Node] = []  # nodes that no climb began from yet
         self._rng = np.random.default_rng(0)
@@ -137,10 +142,10 @@ class Search:
             if not all(spot.allowed for spot in spots):
                 continue
             self._climbs[roots] += 1
-            if self.exchange is not None:
-                spots, value = self.exchange.improved(spots, self.twists[node.twists])
-                self._offer(spots, value)
             begun.append((spots, self.twists[node.twists]))
+        if self.exchange is not None:
+            ended = self.exchange.improved([spots for spots, _ in begun], [twists for _, twists in begun])
+            begun = [(one.spots, one.latest) for one in ended]
         self._climb(begun)
         if not self._wandered and self.tree.nodes >= AFTER:
             self._wandered, wide = True, self.upper > (1.0 + WIDE) * self.best.value
@@ -184,7 +189,7 @@ class Search:
             chosen = self._rng.choice(len(share), p=share / np.sum(share)) if drawn else np.argmax(share)
             row = int(node.rows[slot][chosen])
             point, normal = pieces.supports.points[row], pieces.supports.normals[row]
-            spot = Spot(pieces, self.tree.surface(slot, node.cells[slot], point, normal), point, normal)
+            spot = Spot(self._reach_of[slot], self.tree.surface(slot, node.cells[slot], point, normal), point, normal)
             if not spot.surface.rough:
                 spot = spot.moved(np.zeros(point.size - 1))  # a disc's row may be beyond its rim
             spots.append(spot)

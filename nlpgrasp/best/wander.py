@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.best.climb import Climber
-from nlpgrasp.best.exchange import Exchange
+from nlpgrasp.best.exchange import Exchange, Places
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.spots import Spot
 from nlpgrasp.common.validation import FloatArray
@@ -24,11 +24,9 @@ def wander(scope: Scope, climber: Climber, rng: np.random.Generator) -> list[tup
     if len(scope.slots) < MANY:
         return []
     surfaces = max(len({s.name for s in pieces.surfaces}) for pieces in scope.pieces)
-    exchange = Exchange(scope.pieces, climber, max(1, PLACES // surfaces))
+    exchange = Exchange([Places(p, max(1, PLACES // surfaces)) for p in scope.pieces], climber)
     if not all(len(places.points) for places in exchange.places):
         return []
-    begun: list[tuple[Sequence[Spot], FloatArray]] = []
-    for _ in range(DRAWN):
-        found = exchange.improved(exchange.drawn(rng), exchange.spread)
-        begun.append((exchange.again(*found, rng, SHAKEN)[0], exchange.latest))
-    return begun
+    drawn = [exchange.drawn(rng) for _ in range(DRAWN)]
+    found = exchange.again(exchange.improved(drawn, [exchange.spread] * DRAWN), rng, SHAKEN)
+    return [(one.spots, one.latest) for one in found]

@@ -96,8 +96,8 @@ def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkey
     assert not left["bound"].made
 
 
-def test_a_mesh_is_bounded_by_a_glance(tmp_path):
-    """Without grasps to begin from; the certificate holds no cell but the whole mesh, and is small."""
+def test_a_mesh_is_surveyed(tmp_path):
+    """For grasps away from its edges; the certificate holds no cell but the whole mesh, and is small."""
     trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
     body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=8)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
@@ -105,7 +105,11 @@ def test_a_mesh_is_bounded_by_a_glance(tmp_path):
     solution = ng.solve(problem, starts=1, options=ng.SolveOptions(**QUICK))
     exact = ng.best_possible(ng.GraspProblem(ng.Box([0.08, 0.05, 0.04]), problem.models, task), gap=0.05)
     assert solution.mu.lower <= exact.upper <= solution.best_possible <= 2.5 * exact.mu.lower
-    assert solution.starts[0].message != "from the search of all placements"
+    assert solution.mu.lower >= 0.85 * exact.mu.lower
+    assert solution.starts[0].message == "from the search of all placements"
+    beyond = np.sort(np.abs(solution.grasp.points) - [0.04, 0.025, 0.02], axis=1)
+    assert np.all(np.abs(beyond[:, 2]) < 1e-9)  # on a face
+    assert np.all(beyond[:, 1] < -0.001)  # and not on its edges
     assert len(json.dumps(dict(solution.bound.certificate))) < 5000
     path = solution.save(tmp_path / "box.json")
     checks = {check.name: check for check in ng.verify(path).checks}

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import time
 from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from nlpgrasp.best.exchange import Places
 from nlpgrasp.best.incumbent import ROUGH, Met
+from nlpgrasp.best.pool.tree import PoolTree
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Search
 from nlpgrasp.bodies import Box, Mesh, Prism, Superquadric
@@ -26,12 +29,14 @@ from nlpgrasp.solve.workbench.programs import follows_contacts
 
 NODES, OF_FLAT = 400, 1000  # of the tree: one to four seconds; where faces are flat a node takes less
 ONE, ONE_OF_FLAT, EACH = 0.3, 0.65, 0.35  # share of these nodes for one start, and for each other one
+OF_MESH = 160  # of a mesh: exchanges of eight grasps and more take most of the time
 BESIDE_A_HAND = 100  # where starts begin elsewhere
 GAP = 0.01  # that the tree aims at where none is asked for
 LOOSE = 0.2  # width of a survey's certificates: they find grasps that hold in fewer directions than it seemed
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same
 AS_GOOD = 0.01  # relative: by how much the values of a grasp and its image may differ
+AS_CLOSE = 0.1  # relative: how far the bound of a whole mesh may be above that of its parts
 TIME = 0.2  # of what is left until a deadline: a look takes no more of it
 KEPT = 8  # problems whose outlook is remembered
 
@@ -46,6 +51,8 @@ class Outlook:
         Relative, at which to stop.
     surveys : bool
         Whether a look is a short one, for starts to begin from: in large steps, with loose certificates.
+    places : sequence of Places, optional
+        Where on a mesh starts may begin; anywhere if not given.
 
     Raises
     ------
@@ -53,18 +60,24 @@ class Outlook:
         On a problem that the bound does not cover.
     """
 
-    def __init__(self, problem: GraspProblem, gap: float, surveys: bool = False) -> None:
-        self._search = Search(scope_of(problem), gap, LOOSE if surveys else ROUGH)
+    def __init__(
+        self, problem: GraspProblem, gap: float, surveys: bool = False, places: Sequence[Places] | None = None
+    ) -> None:
+        self._search = Search(scope_of(problem), gap, LOOSE if surveys else ROUGH, places)
         self._surveys = surveys
         self._size = problem.body.size
         self._placements: dict[int, Placed] = {}
         self._certified: tuple[int, float, Json] | None = None
+        self._at_first: tuple[float, Json] | None = None  # what a survey of a mesh begins with
 
     def look(self, nodes: int, stop: Stop) -> None:
         """Search until the tree has some nodes more, its gap is closed, or a stop."""
         tree = self._search.tree
         last = tree.nodes + nodes
         if self._surveys:
+            if isinstance(tree, PoolTree):
+                self._search.begin()
+                self._at_first = self._search.certificate()
             self._search.survey(last, stop.requested)
         else:
             self._search.run(lambda: tree.nodes >= last or stop.requested())
@@ -114,11 +127,18 @@ class Outlook:
         return [self._placements.setdefault(i, Placed(met[i].faces, met[i].points)) for i in chosen]
 
     def bound(self) -> GlobalBound:
-        """Return what holds of all placements so far, with its certificate."""
+        """Return what holds of all placements so far, with its certificate.
+
+        The certificate of a mesh whose cells were cut holds the order of all its triangles: where that brings the bound
+        hardly any closer, it is the one of the whole mesh.
+        """
         nodes = self._search.tree.nodes
         if self._certified is None or self._certified[0] != nodes:
             self._certified = nodes, *self._search.certificate()
         _, upper, proof = self._certified
+        if self._at_first is not None and self._at_first[0] <= upper * (1.0 + AS_CLOSE):
+            upper, proof = self._at_first
+            return GlobalBound(upper, 1, self._search.scope.dropped, {"asked": self._search.gap, **proof})
         certificate = {"asked": self._search.gap, **proof}
         return GlobalBound(max(upper, self.upper), nodes, self._search.scope.dropped, certificate)
 
@@ -137,13 +157,19 @@ def _distances(points: FloatArray) -> FloatArray:
 _remembered: OrderedDict[str, Outlook] = OrderedDict()
 
 
-def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop, starts: int) -> Outlook | None:
+def outlook(
+    problem: GraspProblem,
+    options: SolveOptions,
+    stop: Stop,
+    starts: int,
+    places: Callable[[], Sequence[Places] | None] = lambda: None,
+) -> Outlook | None:
     """Return a short look over all placements of a problem, None where the bound does not cover it or is not wanted.
 
-    Of a mesh, on which a search takes minutes, and beside a hand with a pose, whose starts begin elsewhere, that is the
-    bound alone, unless a gap is asked for. It depends on the problem alone. The latest few are remembered, as an
-    experiment solves a problem with many seeds; where a gap is asked for the look is a new one, for the search goes on
-    from it.
+    Of a mesh where there are no ``places`` to start from, and beside a hand with a pose, whose starts begin
+    elsewhere, that is the bound alone, unless a gap is asked for. It depends on the problem alone. The latest few are
+    remembered, as an experiment solves a problem with many seeds; where a gap is asked for the look is a new one, for
+    the search goes on from it.
     """
     if not _wanted(problem, options):
         return None
@@ -153,11 +179,15 @@ def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop, starts: in
     if options.gap is None and key in _remembered:
         _remembered.move_to_end(key)
         return _remembered[key]
-    found = unseen(problem, options)
+    mesh = isinstance(problem.body, Mesh) and _wanted(problem, options)
+    begins = places() if mesh else None
+    found = unseen(problem, options, begins)
     if found is None:
         return None
-    if options.gap is None and isinstance(problem.body, Mesh):
+    if options.gap is None and mesh and begins is None:
         found.glance()
+    elif options.gap is None and mesh:
+        found.look(int(share * OF_MESH), _share_of(stop))
     elif options.gap is None and not follows_contacts(problem):
         found.glance(int(share * BESIDE_A_HAND) if flat or isinstance(problem.budget, L2Budget) else 0)
     else:
@@ -177,12 +207,13 @@ def _share_of(stop: Stop) -> Stop:
     return replace(stop, deadline=now + TIME * max(0.0, stop.deadline - now))
 
 
-def unseen(problem: GraspProblem, options: SolveOptions) -> Outlook | None:
+def unseen(problem: GraspProblem, options: SolveOptions, places: Sequence[Places] | None = None) -> Outlook | None:
     """Return an outlook that has not looked yet, None where the bound does not cover the problem or is not wanted."""
     if not _wanted(problem, options):
         return None
     try:
-        return Outlook(problem, GAP, surveys=True) if options.gap is None else Outlook(problem, SHARE * options.gap)
+        gap = GAP if options.gap is None else SHARE * options.gap
+        return Outlook(problem, gap, options.gap is None, places)
     except InputError:
         return None
 

@@ -110,7 +110,7 @@ class _Attempts:
     def _ascended(self, first: FirstResult, rng: np.random.Generator) -> list[tuple[Workbench, AscentState]]:
         """Return where ascents end, each with the workbench of the budget it was under."""
         bench, state, stop = self.bench, first.state, self.stop
-        if not bench.options.exchange:
+        if not bench.options.exchange or _is_on_mesh(bench, first):
             return [(bench, state)]
         slowest = _slowest(bench, first)
         if slowest > 0.0:
@@ -128,7 +128,7 @@ class _Attempts:
         """Put the end of an ascent onto the body, and certify it."""
         bench = self.bench
         self.clock.mark("exchange")
-        found = put_on_body(under, state, rng, self.stop)
+        found = put_on_body(under, state, rng, self.stop, _is_on_mesh(bench, first))
         self.clock.mark("mesh")
         robust = None
         if bench.options.maximise_robust:
@@ -160,9 +160,22 @@ def _slowest(bench: Workbench, first: FirstResult) -> float:
     """Return the relative gain over some rounds below which the exchange from a state ends; 0 where there is none."""
     if not bench.follows_contacts:
         return 0.0
-    if bench.mesh_climb is not None and not bench.mesh_climb.coupled:
+    if _climbs_freely(bench):
         return SLOWEST_BEFORE
     return SLOWEST if first.message == KNOWN else 0.0
+
+
+def _is_on_mesh(bench: Workbench, first: FirstResult) -> bool:
+    """Return whether a start begins from a grasp that was found on the mesh itself.
+
+    The ascent on the smooth surface would only lead away from it; a model of it that is asked for by name is used.
+    """
+    return first.message == KNOWN and _climbs_freely(bench) and not isinstance(bench.options.exchange, str)
+
+
+def _climbs_freely(bench: Workbench) -> bool:
+    """Return whether contacts climb over the mesh itself, one by one."""
+    return bench.mesh_climb is not None and not bench.mesh_climb.coupled
 
 
 def with_hand(bench: Workbench, placed: Placed) -> Placed:

@@ -11,6 +11,7 @@ from functools import partial
 
 from loky.process_executor import BrokenProcessPool
 
+from nlpgrasp.best.exchange import Places
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
@@ -77,8 +78,13 @@ class Runner:
     def outlook(self, stop: Stop) -> Outlook | None:
         """Return a look over all placements, taken where it is first asked for; None where none is possible."""
         if self._outlook is None:
-            self._outlook = outlook(self.problem, self.options, stop, self.count)
+            self._outlook = outlook(self.problem, self.options, stop, self.count, self._places)
         return self._outlook
+
+    def _places(self) -> Sequence[Places] | None:
+        """Return where starts on a mesh begin, None where they draw for themselves."""
+        climb = self.bench.mesh_climb
+        return None if climb is None or climb.coupled else climb.exchange.places
 
     def bound(self, stop: Stop) -> GlobalBound | None:
         """Return what the look shows of all placements, None where none is possible."""
