@@ -24,6 +24,7 @@ from nlpgrasp.common.validation import FloatArray
 
 SHARE, UNSURE = 0.8, 0.5  # of the gap that the tree closes; the rest is the certificate's, at first a rough one's
 CLIMBS, MORE, SAME = 4, 0.8, 3  # at first; more, by the root of the nodes; from designs in the same root cells
+OF_ROUGH = 0.12  # climbs a node on a mesh, where designs say less
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
 SURVEYED = 400  # nodes between two rounds of climbs of a survey
 AFTER, WIDE = 300, 0.1  # nodes after which grasps are drawn at random, where the gap is wider than that
@@ -134,6 +135,7 @@ class Search:
         begun: list[tuple[list[Spot], FloatArray]] = []
         for i in np.argsort(-self._values(open_nodes), kind="stable")[:most].tolist():
             node, allowance = open_nodes[i], CLIMBS + MORE * np.sqrt(self.tree.looked)
+            allowance = allowance if self.exchange is None else max(allowance, OF_ROUGH * self.tree.nodes)
             roots = self._roots(node)
             if self._climbs[roots] >= SAME or self._climbs.total() >= allowance:
                 continue
