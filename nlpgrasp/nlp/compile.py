@@ -7,8 +7,8 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from scipy import sparse
 
+from nlpgrasp.common.evaluator import Evaluator
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp.functions import ProgramFunctions
 from nlpgrasp.nlp.program import Program
@@ -73,6 +73,10 @@ class CompiledProgram:
     def _solver(self) -> ca.Function:
         return ca.nlpsol("grasp", "ipopt", self._functions.nlp, self._options | self._functions.derivatives)
 
+    @cached_property
+    def _linearised(self) -> Evaluator:
+        return Evaluator(self._functions.jacobian)
+
     def solve(
         self,
         start: FloatArray,
@@ -107,7 +111,7 @@ class CompiledProgram:
             function_seconds=float(sum(v for key, v in stats.items() if key.startswith("t_wall_nlp_"))),
         )
 
-    def linearise(self, z: FloatArray, parameters: FloatArray) -> tuple[FloatArray, sparse.csr_matrix]:
+    def linearise(self, z: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the rows (m,) at a point and their Jacobian (m, n)."""
-        g, J = self._functions.jacobian(z, parameters)
-        return np.asarray(g.full()).ravel(), sparse.csr_matrix(J.full())  # faster than by J.sparse()
+        g, J = self._linearised(z, parameters)
+        return g.ravel(), J

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.rows import ON_FINGERTIP
@@ -123,12 +122,12 @@ class _Opening:
         scales = np.concatenate([np.full(b.stop - b.start, b.scale) for b in blocks])
         first = blocks[0].start
         along = np.stack([-n @ slopes[3 * i : 3 * i + 3] for i, n in enumerate(self.normals)]) * scales / size
-        seen = np.asarray(abs(J).sum(axis=1)).ravel() > 1e-9
+        seen = np.abs(J).sum(axis=1) > 1e-9
         low, high = (limits[rows][seen] for limits in program.limits)
         aim = np.full(len(gone), back / size)
         return Linearised(
             np.concatenate([gone, g[seen]]),
-            sparse.vstack([sparse.csr_matrix(along[:, free - first]), J[seen]], format="csr"),
+            np.concatenate([along[:, free - first], J[seen]]),
             np.concatenate([aim, low]),
             np.concatenate([aim, high]),
             *step_bounds(z[free], (program.bounds[0][free], program.bounds[1][free]), LONGEST),

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from nlpgrasp.common.rows import CLEARANCE, ON_FINGERTIP, SELF_COLLISION, UNIT_QUATERNION
 from nlpgrasp.common.shown.words import direction_words
@@ -83,7 +82,7 @@ class _Point:
 
     z: FloatArray
     values: FloatArray
-    jacobian: sparse.csr_matrix
+    jacobian: FloatArray
     largest: FloatArray
     merit: float
 

@@ -25,7 +25,7 @@ class Linearised:
     Parameters
     ----------
     values : (m,) array
-    jacobian : (m, n) sparse matrix
+    jacobian : (m, n) array
     lower, upper : (m,) array
         Limits of the rows; equal where the row is an equation.
     least, most : (n,) array
@@ -33,7 +33,7 @@ class Linearised:
     """
 
     values: FloatArray
-    jacobian: sparse.csr_matrix
+    jacobian: FloatArray
     lower: FloatArray
     upper: FloatArray
     least: FloatArray
@@ -96,11 +96,10 @@ def shortest_step(
         How far rows may be broken: by default not at all.
     """
     g, J = rows.values, rows.jacobian
-    reach = SHORT * np.asarray(abs(J) @ np.maximum(-rows.least, rows.most)).ravel()
+    reach = SHORT * np.abs(J) @ np.maximum(-rows.least, rows.most)
     seen = (rows.lower == rows.upper) | (g - reach < rows.lower) | (g + reach > rows.upper)
-    dense = J.toarray()  # small: it is put together faster than sparse parts
     while True:
-        found = _solved(rows, dense, seen, np.zeros(J.shape[1]) if cost is None else cost, damping, slack)
+        found = _solved(rows, seen, np.zeros(J.shape[1]) if cost is None else cost, damping, slack)
         if found is None:
             return None
         there = g + J @ found.d
@@ -111,10 +110,11 @@ def shortest_step(
 
 
 def _solved(
-    rows: Linearised, J: FloatArray, seen: NDArray[np.bool_], cost: FloatArray, damping: float, slack: Slack
+    rows: Linearised, seen: NDArray[np.bool_], cost: FloatArray, damping: float, slack: Slack
 ) -> QuadraticStep | None:
     """Return the step of the program with some of the rows; None where these contradict."""
-    g, n = rows.values, J.shape[1]
+    g, J = rows.values, rows.jacobian
+    n = J.shape[1]
     equal = seen & (rows.lower == rows.upper) & slack.keeps_equations
     below, above = seen & ~equal & np.isfinite(rows.lower), seen & ~equal & np.isfinite(rows.upper)
     used = [np.flatnonzero(mask) for mask in (equal, below, above)]
@@ -123,7 +123,7 @@ def _solved(
     m = columns.shape[1]
     A = np.zeros((count + 2 * n + m * slack.at_least_zero, n + m))
     A[:count, :n] = np.concatenate([J[equal], -J[below], J[above]])
-    A[:count, n:] = columns.toarray()
+    A[:count, n:] = columns
     A[count : count + n, :n] = np.eye(n)
     A[count + n : count + 2 * n, :n] = -np.eye(n)
     b = [(rows.lower - g)[equal], (g - rows.lower)[below], (rows.upper - g)[above], rows.most, -rows.least]

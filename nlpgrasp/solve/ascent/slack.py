@@ -7,7 +7,6 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from nlpgrasp.common.validation import FloatArray
 
@@ -23,7 +22,7 @@ class Slack(Protocol):
     at_least_zero: ClassVar[bool]  # whether s >= 0
     keeps_equations: ClassVar[bool]  # or takes an equation as two inequalities
 
-    def columns(self, rows: IntArray) -> sparse.csr_matrix:
+    def columns(self, rows: IntArray) -> FloatArray:
         """Return the columns (m, slacks) of the slack variables for these rows of the program."""
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
@@ -38,9 +37,9 @@ class NoSlack:
     at_least_zero: ClassVar[bool] = False
     keeps_equations: ClassVar[bool] = True
 
-    def columns(self, rows: IntArray) -> sparse.csr_matrix:
+    def columns(self, rows: IntArray) -> FloatArray:
         """Return a matrix without columns, (m, 0)."""
-        return sparse.csr_matrix((len(rows), 0))
+        return np.zeros((len(rows), 0))
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return no prices, (0,) each, as there is nothing to price."""
@@ -62,9 +61,9 @@ class RowSlack:
     at_least_zero: ClassVar[bool] = False
     keeps_equations: ClassVar[bool] = True
 
-    def columns(self, rows: IntArray) -> sparse.csr_matrix:
+    def columns(self, rows: IntArray) -> FloatArray:
         """Return a column for each row."""
-        return -sparse.identity(len(rows), format="csr")
+        return -np.eye(len(rows))
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return no linear prices and the penalty for each square, (count,) each."""
@@ -88,10 +87,11 @@ class GroupSlack:
     at_least_zero: ClassVar[bool] = True
     keeps_equations: ClassVar[bool] = False
 
-    def columns(self, rows: IntArray) -> sparse.csr_matrix:
+    def columns(self, rows: IntArray) -> FloatArray:
         """Return a column for each group, also for those without a row here."""
-        count, groups = len(rows), self.member[rows]
-        return sparse.csr_matrix((-np.ones(count), (np.arange(count), groups)), (count, len(self.weights)))
+        columns = np.zeros((len(rows), len(self.weights)))
+        columns[np.arange(len(rows)), self.member[rows]] = -1.0
+        return columns
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return the groups' weights, and next to nothing for the squares, (count,) each."""

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
 from nlpgrasp.solve.ascent.quadratic import Linearised
@@ -19,7 +18,7 @@ def on_sphere(z):
     J[0, :3], J[1, 3:] = 2.0 * p, 2.0 * q
     J[2] = 2.0 * np.concatenate([p - q, q - p])
     lower, upper = np.array([1.0, 1.0, APART**2]), np.array([1.0, 1.0, np.inf])
-    return Linearised(values, sparse.csr_matrix(J), lower, upper, np.full(6, -0.4), np.full(6, 0.4))
+    return Linearised(values, J, lower, upper, np.full(6, -0.4), np.full(6, 0.4))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -49,7 +48,7 @@ def test_no_step_is_taken_where_all_is_well():
 def contradiction(z):
     return Linearised(
         z[[0, 0]],
-        sparse.csr_matrix(np.ones((2, 1))),
+        np.ones((2, 1)),
         np.array([1.0, -np.inf]),
         np.array([np.inf, -1.0]),
         np.full(1, -9.0),
@@ -82,9 +81,7 @@ def test_the_best_is_kept_and_the_last_step_counted():
     """Rows that mislead: 1 + z^2 = 0 with a slope of -1. Steps of 1 and 2 make it worse; the start stays the best."""
 
     def misleading(z):
-        return Linearised(
-            1.0 + z**2, sparse.csr_matrix([[-1.0]]), np.zeros(1), np.zeros(1), -np.full(1, 9.0), np.full(1, 9.0)
-        )
+        return Linearised(1.0 + z**2, np.array([[-1.0]]), np.zeros(1), np.zeros(1), -np.full(1, 9.0), np.full(1, 9.0))
 
     found = restore(misleading, np.array([0.0]), NewtonRules(steps=2, enough=0.0))
     assert found.best == 0.0

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy import sparse
 from scipy.optimize import minimize
 
 from nlpgrasp.solve.ascent.quadratic import Linearised, shortest_step, step_bounds
@@ -14,7 +13,7 @@ def rows(jacobian, lower, upper, values=None, longest=10.0):
     m, n = J.shape
     g = np.zeros(m) if values is None else np.array(values, dtype=float)
     low, high = (np.array(limit, dtype=float) for limit in (lower, upper))
-    return Linearised(g, sparse.csr_matrix(J), low, high, np.full(n, -longest), np.full(n, longest))
+    return Linearised(g, J, low, high, np.full(n, -longest), np.full(n, longest))
 
 
 def test_an_equation_by_hand():

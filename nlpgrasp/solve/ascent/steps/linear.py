@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT
@@ -55,11 +54,11 @@ class _Linearisation:
         self.z = variables_of(bench, self.compiled.program, placed)
         self.beta = self.compiled.program.block("beta").start
         self.theta = piece_parameters(bench, placed, cuts)
-        self.cuts: tuple[FloatArray, sparse.csr_matrix] | None = None  # those that the program does not hold
+        self.cuts: tuple[FloatArray, FloatArray] | None = None  # those that the program does not hold
         if bench.problem.budget.follows_hand:
             reached, slopes = torque_cuts(bench, placed, self.z, cuts)
             slopes[:, self.beta] = -1.0
-            self.cuts = reached, sparse.csr_matrix(slopes)
+            self.cuts = reached, slopes
         else:
             reached = bench.scaling.beta * bench.wrench_set(placed).support(cuts)[0]
         self.z[self.beta] = np.min(reached, initial=BETA_STEP)  # all cuts hold at the start: phi_A = 1 along them
@@ -109,7 +108,7 @@ class _Linearisation:
             return rows
         reached, slopes = self.cuts
         values = np.concatenate([rows.values, reached - self.z[self.beta]])
-        jacobian = sparse.vstack([rows.jacobian, slopes], format="csr")
+        jacobian = np.concatenate([rows.jacobian, slopes])
         lower = np.concatenate([rows.lower, np.zeros(len(reached))])
         upper = np.concatenate([rows.upper, np.full(len(reached), np.inf)])
         return Linearised(values, jacobian, lower, upper, rows.least, rows.most)

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from scipy import sparse
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
@@ -134,7 +133,7 @@ class FingerJoints:
                 c, slopes = self._dangers(here, z, allowed)
                 g, J = np.concatenate([g, c]), np.concatenate([J, slopes])
                 low, high = np.concatenate([low, np.zeros(len(c))]), np.concatenate([high, np.full(len(c), np.inf)])
-            return Linearised(g, sparse.csr_matrix(J), low, high, *step_bounds(z, bounds, LONGEST))
+            return Linearised(g, J, low, high, *step_bounds(z, bounds, LONGEST))
 
         found = restore(rows, np.clip(self._of(values), *bounds), STEPS)
         return Reached(self._with(values, found.best), found.violation)
