@@ -77,7 +77,7 @@ from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve import SolveOptions, solve
+from nlpgrasp.solve import SolveOptions, solve, with_extras
 from nlpgrasp.studies import (
     BlockedDirection,
     ContactCurve,
@@ -246,5 +246,6 @@ __all__ = [
     "solve",
     "turn",
     "verify",
+    "with_extras",
     "write",
 ]

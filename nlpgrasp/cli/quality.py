@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,8 +16,10 @@ from nlpgrasp.cli.script import load_problem
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
+    from nlpgrasp import GraspProblem, GraspSolution
     from nlpgrasp.interop import ReadGrasp
 
+PARTS = {"delta": "delta", "nu": "nu", "robust": "robustness", "prices": "shadow prices", "drawing": "the drawing"}
 GraspFile = Annotated[
     Path, typer.Argument(metavar="F", help="Solution file, CSV table of contacts, or isaac_grasp file (.yaml).")
 ]
@@ -36,13 +39,20 @@ def quality_command(
         Path | None, typer.Option("--task", metavar="G.json", help="For a CSV table: where the task is.")
     ] = None,
     script: Annotated[
-        Path | None, typer.Option("--problem", metavar="SCRIPT", help="For an isaac_grasp file: body, hand and task.")
+        Path | None,
+        typer.Option(
+            "--problem", metavar="SCRIPT", help="What an isaac_grasp file does not state, or a quick solution."
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute the certified quality measures of a grasp: of a solution, or of any tool's grasp."""
+    """Compute the certified quality measures of a grasp: of a solution, or of any tool's grasp.
+
+    To a solution of ``solve --quick`` what was left out is added, in the same file.
+    """
     from nlpgrasp.interop import ReadOptions
     from nlpgrasp.interop.registry import reader_of
+    from nlpgrasp.interop.solution_file import SOLUTION
 
     reader = reader_of(file)
     for option, value in {"friction": friction, "task": task_of, "problem": script}.items():
@@ -51,6 +61,8 @@ def quality_command(
     problem = None if script is None else partial(load_problem, script)
     for given in reader.read(file, ReadOptions(friction, task_of, problem)):
         _measure(given, rtol, torque_scale, as_json)
+    if reader is SOLUTION:
+        complete(file, problem)
 
 
 def _measure(given: ReadGrasp, rtol: float, torque_scale: float | None, as_json: bool) -> None:
@@ -62,15 +74,43 @@ def _measure(given: ReadGrasp, rtol: float, torque_scale: float | None, as_json:
     volume = ng.nu(grasp, scale, rtol, force_budget=budget)
     stable = ball.lower > 0.0
     kind = "mu" if task is None else task.measure
+    why = f" ({found.limit})" if found is not None and found.limit else ""
     if as_json:
         data = {"name": given.name, "kind": kind, "mu": None if found is None else pair(found), "delta": pair(ball)}
         more = {"nu": pair(volume), "nu_value": volume.value, "nu_error": volume.error, "stable": stable}
         emit({**data, "torque_scale": scale, **more})
         return
     typer.echo(f"{given.name}: {len(grasp)} contacts, force budget {budget.kind}")
-    typer.echo(f"  {kind:8} {'needs a task: --task G.json' if found is None else f'certified in {found}'}")
+    typer.echo(f"  {kind:8} {'needs a task: --task G.json' if found is None else f'certified in {found}{why}'}")
     closed = "" if stable else "not "
     typer.echo(f"  delta    certified in {ball} (torque scale {scale:.4g} m): {closed}force-closed")
     typer.echo(f"  nu       {volume}")
     if found is not None and found.upper == 0.0 and found.worst_direction is not None:
         typer.echo(f"  cannot resist the task: no contact force works along {found.worst_direction.tolist()}")
+
+
+def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> GraspSolution:
+    """Return a file's solution with what a quick solve left out, which is written to the file as well.
+
+    A file that cannot be written stays as it is. What is done is told on standard error.
+
+    Parameters
+    ----------
+    file : Path
+    problem : callable, optional
+        Returns the problem that was solved; asked only where something is missing.
+    """
+    solution = ng.GraspSolution.load(file)
+    if solution.grasp is None or all(getattr(solution, part) is not None for part in ("robust", "drawing", "delta")):
+        return solution
+    found = ng.with_extras(solution, None if problem is None else problem())
+    added = [words for part, words in PARTS.items() if not getattr(solution, part) and getattr(found, part)]
+    if added:
+        try:
+            found.save(file)
+            typer.echo(f"added to {file}: {', '.join(added)}", err=True)
+        except InputError as error:
+            typer.echo(f"not added to the file: {error}", err=True)
+    if found.robust is None:
+        typer.echo("robustness, shadow prices and drawing need the mesh or the hand: --problem SCRIPT", err=True)
+    return found

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-import nlpgrasp as ng
 from nlpgrasp.cli.options import writable
+from nlpgrasp.cli.quality import complete
 
 Files = Annotated[list[Path], typer.Argument(metavar="F.json...", help="Solution files; several are compared.")]
 
@@ -21,12 +21,15 @@ def report_command(
         bool, typer.Option("--png", help="Write pictures beside the page instead: no browser needed.")
     ] = False,
 ) -> None:
-    """Show solutions on one page that opens from disk, or as pictures."""
+    """Show solutions on one page that opens from disk, or as pictures.
+
+    To solutions of ``solve --quick`` what was left out is added first, in the same files.
+    """
     from nlpgrasp.report import write_pictures, write_report
 
     often = Counter(file.name for file in files)
     names = [file.name if often[file.name] == 1 else str(file) for file in files]
-    solutions = {name: ng.GraspSolution.load(file) for name, file in zip(names, files, strict=True)}
+    solutions = {name: complete(file) for name, file in zip(names, files, strict=True)}
     target = files[0].with_suffix(".html") if out is None else out
     writable(target, *files)
     if not png:

@@ -18,4 +18,4 @@ def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     yield ReadGrasp(solution.name, solution.grasp, solution.task, solution.budget)
 
 
-SOLUTION = ReadFormat((".json",), (), _read)
+SOLUTION = ReadFormat((".json",), ("problem",), _read)

@@ -29,6 +29,8 @@ class Bounds:
         The measure, for example ``"mu"`` or, of a task that is not centred, ``"mu_tilde"``; empty where it is not said.
     task_beta : float, optional
         Of mu of a centred task ellipsoid: the paper's scale of the task as given (3.3-3).
+    limit : str
+        Why the interval is wider than was asked for, in words; empty where it is not.
     """
 
     lower: float
@@ -37,6 +39,7 @@ class Bounds:
     torque_scale: float | None = field(default=None, compare=False, kw_only=True)
     kind: str = field(default="", compare=False, kw_only=True)
     task_beta: float | None = field(default=None, compare=False, kw_only=True)
+    limit: str = field(default="", compare=False, kw_only=True)
 
     @property
     def beta(self) -> Bounds | None:
@@ -122,8 +125,8 @@ class StackBounds:
     def __getitem__(self, index: int) -> Bounds:
         y = self.worst_directions[index]
         worst = None if not y.size or np.isnan(y).any() else y
-        about = {"torque_scale": self.torque_scale, "task_beta": self.task_beta}
-        return Bounds(float(self.lower[index]), float(self.upper[index]), worst, kind=self.kind, **about)
+        found = Bounds(float(self.lower[index]), float(self.upper[index]), worst, torque_scale=self.torque_scale)
+        return found.of_measure(self.kind, self.task_beta)
 
     def __iter__(self) -> Iterator[Bounds]:
         return (self[i] for i in range(len(self)))

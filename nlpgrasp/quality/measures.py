@@ -111,7 +111,7 @@ def _certified(
     bounds = sandwich(problem, rtol, seed, deadline)
     worst = bounds.worst_direction
     direction = None if worst is None else problem.original(worst)
-    return Bounds(bounds.lower, bounds.upper, direction)
+    return replace(bounds, worst_direction=direction)
 
 
 @overload

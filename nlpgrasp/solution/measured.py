@@ -63,7 +63,8 @@ class Measured(Asked):
     def quality_lines(self) -> list[str]:
         """Return the certified quality in words, and how far it is from the best possible."""
         paper = "" if self.task.paper_beta in (None, 1.0) else f", beta of the paper in {self.beta}"
-        lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}){paper}"]
+        why = f": {self.mu.limit}" if self.mu.limit else ""
+        lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}"]
         return lines if self.bound is None else [*lines, f"  {self.bound.line(self.mu.lower)}"]
 
     @property

@@ -50,6 +50,8 @@ class Quality:
             "kind": self.kind,
             "worst_direction": None if direction is None else direction.tolist(),
         }
+        if self.mu.limit:
+            mu["limit"] = self.mu.limit
         paper = self.mu.beta
         if paper is not None and self.mu.task_beta != 1.0:
             mu["beta"] = paper.to_dict()
@@ -115,4 +117,4 @@ def _mu_of(data: MuData, dimension: int | None, name: str) -> Bounds:
         if not np.any(direction):
             raise InputError(f"{name}.worst_direction", "zero", "a direction")
     bounds = Bounds.from_dict({"lower": data["lower"], "upper": data["upper"]}, name)
-    return replace(bounds, worst_direction=direction)
+    return replace(bounds, worst_direction=direction, limit=data.get("limit", ""))

@@ -18,7 +18,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import Bounds, Volume, delta, finger_forces, mu, nu
+from nlpgrasp.quality import Volume, delta, finger_forces, mu, nu
 from nlpgrasp.solution.findings import WhyNot
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
@@ -138,7 +138,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     scale, timely = grasp.mean_arm, limit is None and search.options.extras
     small = delta(grasp, scale, OTHER_RTOL, force_budget=budget) if timely else None
     search.clock.mark("delta")
-    volume = _volume(grasp, scale, budget) if timely else None
+    volume = volume_of(grasp, budget) if timely else None
     search.clock.mark("nu")
     bound = search.bound_above(lower)
     return GraspSolution(
@@ -147,7 +147,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,
         faces=found.placed.faces,
-        mu=Bounds(lower, upper, bounds.worst_direction),
+        mu=replace(bounds, lower=lower, upper=upper),
         kind=problem.task.measure,
         delta=small,
         nu=volume,
@@ -184,12 +184,12 @@ def _hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json |
     return data
 
 
-def _volume(grasp: Grasp, scale: float, budget: ForceBudget) -> Volume | None:
+def volume_of(grasp: Grasp, budget: ForceBudget) -> Volume | None:
     """Return nu; None rather than lose a solution, or minutes, over it."""
     if budget.at(grasp.frames, grasp.contacts).costly:
         return None
     try:
-        return nu(grasp, scale, OTHER_RTOL, force_budget=budget)
+        return nu(grasp, grasp.mean_arm, OTHER_RTOL, force_budget=budget)
     except NlpgraspError:
         return None
 

@@ -170,6 +170,18 @@ def test_a_quick_solve_leaves_the_extras_out(script, tmp_path):
     assert found.success
     assert found.nu is None
     assert found.solver["options"]["extras"] is False
+    copy = tmp_path / "copy.json"
+    copy.write_bytes((tmp_path / "quick.json").read_bytes())
+    done = run_here("quality", "quick.json", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout)["nu_value"] > 0.0
+    assert done.stderr.startswith("added to quick.json: delta, nu, robustness")
+    whole = ng.GraspSolution.load(tmp_path / "quick.json")
+    assert whole.nu is not None
+    assert whole.drawing is not None
+    assert run_here("quality", "quick.json", cwd=tmp_path).stderr == ""
+    done = run_here("report", "copy.json", cwd=tmp_path)
+    assert done.stdout == "written to copy.html\n"
+    assert ng.GraspSolution.load(copy).drawing.body.faces.tolist() == whole.drawing.body.faces.tolist()
 
 
 def test_no_grasp_is_exit_code_1_and_spares_the_old_file(tmp_path):

@@ -84,7 +84,7 @@ class LinkedHand(PosedHand):
         }
 
     def values_of(self, posture: Json) -> Values:
-        """Return values of palm pose and joints in a posture as ``describe`` states it.
+        """Return values of palm pose and joints, in the variables' order, in a posture as ``describe`` states it.
 
         Raises
         ------
@@ -94,9 +94,9 @@ class LinkedHand(PosedHand):
         try:
             pose, positions = posture["palm_pose"], posture["joint_positions"]
             return {
-                "joints": np.array([float(positions[j.name]) for j in self.tree.robot.free_joints]),
-                "palm_quaternion": np.asarray(pose["quaternion_wxyz"], float).reshape(4),
                 "palm_position": np.asarray(pose["position"], float).reshape(3),
+                "palm_quaternion": np.asarray(pose["quaternion_wxyz"], float).reshape(4),
+                "joints": np.array([float(positions[j.name]) for j in self.tree.robot.free_joints]),
             }
         except (KeyError, TypeError, ValueError) as error:
             given = f"{type(error).__name__}: {error}"

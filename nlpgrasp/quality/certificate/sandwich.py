@@ -28,6 +28,8 @@ BATCH = 12  # new points between two looks at the worst cells
 SPREAD = 0.3  # squared distance of their normals, relative to the gap
 HOPELESS = ((250, 1e-6), (600, 0.3))  # points after which a lower bound below that share of the upper will not rise
 MOST_POINTS = 6000  # some million cells: floating point and memory allow no more
+TIME, POINTS = "the time was up", f"{MOST_POINTS} points of its polytope did not suffice"
+ROUNDED = "contacts that nearly coincide, or closure that is nearly lost, leave floating point no better"
 
 
 @dataclass
@@ -42,11 +44,14 @@ class Sandwich:
         The direction that has it.
     hull : Hull or None
         Support points inside the wrench set; None where there is nothing to certify or no hull could be built.
+    limit : str
+        Why it ended before it was as narrow as asked for.
     """
 
     upper: float
     worst: FloatArray
     hull: Hull | None = None
+    limit: str = ROUNDED
 
 
 def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Bounds:
@@ -66,7 +71,7 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
     -------
     Bounds
         ``worst_direction`` is in the problem's own coordinates. Wider than asked only past the deadline or
-        where floating point allows no better.
+        where floating point allows no better: ``limit`` says which.
     """
     found = narrowed(problem, rtol, seed, deadline)
     if found.upper == 0.0:
@@ -74,7 +79,9 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
     if problem.rank == 1:
         return Bounds(found.upper * (1.0 - problem.rounding), found.upper * (1.0 + problem.rounding), found.worst)
     lower = 0.0 if found.hull is None else _lower(problem, found.hull) * (1.0 - problem.rounding)
-    return Bounds(min(lower, found.upper), found.upper * (1.0 + problem.rounding), found.worst)
+    upper = found.upper * (1.0 + problem.rounding)
+    narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
+    return Bounds(min(lower, found.upper), upper, found.worst, limit="" if narrow else found.limit)
 
 
 def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Sandwich:
@@ -98,7 +105,10 @@ def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float |
     shrink = min(SHRINK, 0.01 * rtol)
     start = found[separated(found, np.argsort(values), 0.95, 14)]
     hull = state.hull = _first_hull(problem, start, shrink, separating is not None, rng)
-    while hull is not None and len(hull) < MOST_POINTS and (deadline is None or time.monotonic() < deadline):
+    while hull is not None:
+        if len(hull) >= MOST_POINTS or (deadline is not None and time.monotonic() >= deadline):
+            state.limit = POINTS if len(hull) >= MOST_POINTS else TIME
+            break
         target = state.upper / (1.0 + 0.8 * rtol)
         cells = hull.worst(target, 8 * BATCH)
         if not cells.size or _hopeless(len(hull), hull.values[cells[0]] / target):

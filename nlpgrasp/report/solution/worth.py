@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import trimesh
 
 from nlpgrasp.best.worth import ContactWorth
-from nlpgrasp.bodies import Body, Mesh, body_from_dict
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.shown.drawing import Triangles
-from nlpgrasp.common.types import Json
-from nlpgrasp.constraints import constraint_from_dict
-from nlpgrasp.contacts import ContactModel, contact_from_dict
 from nlpgrasp.errors import InputError
+from nlpgrasp.problem.from_dict import problem_from_dict
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import task_from_dict
 
 SCALE = ("#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838")  # cividis: even to colour-blind eyes
 EXCLUDED = "#dddddd"  # where no contact may be
@@ -50,33 +45,16 @@ def worth_colours(solution: GraspSolution) -> list[str]:
 
 
 def _problem(solution: GraspSolution, shape: Triangles) -> GraspProblem:
-    """Return the problem without its hand and what couples contacts, as far as the file holds it.
+    """Return the problem without its hand, as far as the file holds it; a mesh as it is drawn.
 
     Raises
     ------
     InputError
         Where it does not hold what it takes.
     """
-    data = solution.problem
-    grasp = solution.grasp
-    if data["body"].get("type") == Mesh.kind:
-        body: Body = Mesh(trimesh.Trimesh(shape.vertices, shape.faces))
-    else:
-        body = body_from_dict(data["body"])
-    return GraspProblem(
-        body,
-        [_model(contact) for contact in data["contacts"]],
-        task_from_dict(data["task"]),
-        constraints=[constraint_from_dict(constraint) for constraint in data["constraints"]],
-        force_budget=solution.budget,
-        torque_origin=None if grasp is None else grasp.torque_origin,
-    )
-
-
-def _model(data: Json) -> ContactModel:
-    faces = data.get("faces")
-    model = contact_from_dict(data)
-    return model if faces is None else replace(model, faces=tuple(faces))
+    data, grasp = solution.problem, solution.grasp
+    drawn = Mesh(trimesh.Trimesh(shape.vertices, shape.faces)) if data["body"].get("type") == Mesh.kind else None
+    return problem_from_dict(data, None if grasp is None else grasp.torque_origin, drawn)
 
 
 def _colour(share: float) -> str:

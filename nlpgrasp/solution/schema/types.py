@@ -19,6 +19,7 @@ class MuData(TypedDict):
     kind: str
     worst_direction: NotRequired[Vector | None]
     beta: NotRequired[Measure]
+    limit: NotRequired[str]
 
 
 class RobustData(TypedDict):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from nlpgrasp.common.shown.drawing import Drawing
@@ -65,25 +65,30 @@ def look_back(
             found_out = _attempted(lambda: why_not(bench, results, seed, stop))
             clock.mark("why not")
             return Aftermath(why_not=found_out, seconds=clock.seconds)
-        hand, found, options = bench.problem.hand, best.found, bench.options
-        opened, depth, prices = None, None, None
+        found, options, opened = best.found, bench.options, None
         if not bench.follows_contacts:
             opened = _attempted(lambda: pregrasp(bench, found, options.pregrasp_clearance))
             clock.mark("pregrasp")
-        if not options.extras:
-            return Aftermath(pregrasp=opened, robust=best.robust, seconds=clock.seconds)
-        if isinstance(hand, URDFHand):
-            linked = hand
-            depth = _attempted(lambda: link_depth(bench.problem.body, linked, found.placed.hand))
-            clock.mark("link depth")
-        if options.shadow_prices:
-            prices = _attempted(lambda: shadow_prices(bench, best, stop))
-            clock.mark("prices")
-        robust = best.robust or _attempted(lambda: robustness(bench, found.placed, found.grasp))
-        clock.mark("robustness")
-        drawing = _attempted(lambda: drawing_of(bench.problem.body, hand, found.placed.hand))
-        clock.mark("drawing")
-        return Aftermath(prices or (), opened, None, depth, robust, drawing, clock.seconds)
+        told = extras(bench, best, stop, clock) if options.extras else Aftermath(robust=best.robust)
+        return replace(told, pregrasp=opened, seconds=clock.seconds)
+
+
+def extras(bench: Workbench, best: StartGrasp, stop: Stop, clock: Clock) -> Aftermath:
+    """Return what a grasp is not the worse for without: depth of the links, prices, robustness, drawing."""
+    hand, found = bench.problem.hand, best.found
+    depth, prices = None, None
+    if isinstance(hand, URDFHand):
+        linked = hand
+        depth = _attempted(lambda: link_depth(bench.problem.body, linked, found.placed.hand))
+        clock.mark("link depth")
+    if bench.options.shadow_prices:
+        prices = _attempted(lambda: shadow_prices(bench, best, stop))
+        clock.mark("prices")
+    robust = best.robust or _attempted(lambda: robustness(bench, found.placed, found.grasp))
+    clock.mark("robustness")
+    drawing = _attempted(lambda: drawing_of(bench.problem.body, hand, found.placed.hand))
+    clock.mark("drawing")
+    return Aftermath(prices or (), None, None, depth, robust, drawing)
 
 
 def _attempted(work: Callable[[], T]) -> T | None:
