@@ -14,7 +14,7 @@ DIRECTIONS = 400
 
 
 def drawn(seed):
-    """A grasp of three to five contacts of all kinds, two of them 1e-12 to 1e-3 apart, semi-axes of a task, a budget."""
+    """Return a grasp with two of its contacts 1e-12 to 1e-3 apart, semi-axes of a task, and a budget."""
     rng = np.random.default_rng(seed)
     k = int(rng.integers(3, 6))
     points, normals = rng.standard_normal((2, k, 3))
@@ -65,9 +65,7 @@ def support(grasp, budget, y):
             for i, (mu, gamma) in enumerate(map(limits, grasp.contacts))
         ]
         return np.sum(each, axis=0) if budget == "per_finger" else np.max(each, axis=0)
-    each = [
-        projected(normal[:, i], (slip[:, i], turn[:, i]), limits(model)) for i, model in enumerate(grasp.contacts)
-    ]
+    each = [projected(normal[:, i], (slip[:, i], turn[:, i]), limits(model)) for i, model in enumerate(grasp.contacts)]
     return np.sum(each, axis=0) if budget == "per_finger_size" else np.linalg.norm(each, axis=0)
 
 
