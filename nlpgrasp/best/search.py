@@ -26,7 +26,8 @@ SHARE, UNSURE = 0.8, 0.5  # of the gap that the tree closes; the rest is the cer
 CLIMBS, MORE, SAME = 4, 0.8, 3  # at first; more, by the root of the nodes; from designs in the same root cells
 OF_ROUGH = 0.12  # climbs a node on a mesh, where designs say less
 LOOKED, STARTS = 8, 4  # of the new nodes, best first; directions that descents begin from
-SURVEYED = 400  # nodes between two rounds of climbs of a survey
+FEW, SURVEYED = 40, 400  # nodes before the first and between other rounds of climbs of a survey
+EARLY = 3  # climbs of the first round, which prunes the tree
 AFTER, WIDE = 300, 0.1  # nodes after which grasps are drawn at random, where the gap is wider than that
 AGAIN = 3  # climbs from one design, while certificates disprove what they end with
 
@@ -56,6 +57,7 @@ class Search:
         reaches = scope.pieces if places is None else [some.pieces for some in places]
         self._reach_of = [reach for reach in reaches for _ in reach.slots]
         self._begun = self._wandered = False
+        self._hurried = True  # whether climbs far below the best so far end early
         self._fresh: list[Node] = []  # nodes that no climb began from yet
         self._rng = np.random.default_rng(0)
         self._climbs: Counter[tuple[int, ...]] = Counter()
@@ -102,15 +104,18 @@ class Search:
     def survey(self, nodes: int, stopped: Callable[[], bool]) -> None:
         """Cut cells until the tree has so many nodes, and climb from the best of many of them, side by side.
 
-        Few large batches of climbs take half the time of many small ones.
+        Few large batches of climbs take half the time of many small ones; the first one is small, for a grasp to prune
+        the tree by. All climbs go on to their ends: the best grasp often begins far below others.
         """
+        self._hurried = False
         self.begin()
         while not stopped():
-            last = min(nodes, self.tree.nodes + SURVEYED)
+            few = self.exchange is None and self.tree.nodes < FEW  # a mesh's tree is hardly pruned
+            last = min(nodes, self.tree.nodes + (FEW if few else SURVEYED))
             while self.tree.nodes < last and not self.searched and not stopped():
                 self._fresh += self.tree.grow(self.target)
-            self._look(self._fresh, SURVEYED)
-            self._fresh = []
+            self._look(self._fresh, EARLY if few else SURVEYED)
+            self._fresh = self._fresh if few else []
             if self.tree.nodes >= nodes or self.searched:
                 return
 
@@ -158,7 +163,8 @@ class Search:
         for _ in range(AGAIN):
             if not begun:
                 return
-            found = self.climber.climb([spots for spots, _ in begun], [twists for _, twists in begun], self.best.value)
+            known = self.best.value if self._hurried else 0.0
+            found = self.climber.climb([spots for spots, _ in begun], [twists for _, twists in begun], known)
             begun = [one for one, ended in zip(begun, found, strict=True) if not self._offer(*ended)]
 
     def _values(self, nodes: Sequence[Node]) -> FloatArray:
