@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -15,6 +16,7 @@ from nlpgrasp.common.validation import FloatArray
 
 LONGEST_SIDE, SHORTEST_SIDE = 48, 16  # grid cells at least
 MOST_POINTS = 600_000
+EXACT_CELLS = 3  # from the surface, within which distances are exact
 MARGIN_CELLS = 5  # a CasADi B-spline is zero outside its grid, hence NaN normals there
 
 
@@ -99,6 +101,31 @@ def distance_spline(
     return DistanceSpline(knots, found["coefficients"], found["box"])
 
 
+def _grid(axes: Sequence[FloatArray]) -> FloatArray:
+    """Return the points of a grid, (nx, ny, nz, 3)."""
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
+def _exact(tree: SearchTree, points: FloatArray) -> FloatArray:
+    """Return the signed distance of points (..., 3)."""
+    return tree.signed_distance(points.reshape(-1, 3)).reshape(points.shape[:-1])
+
+
+def _near_exact(tree: SearchTree, axes: Sequence[FloatArray], cell: float) -> FloatArray:
+    """Return the signed distance on a grid: exact near the surface, elsewhere splines through every other point.
+
+    Far points take most of the time: a search tree can leave out little of the mesh for them. What is off there, up to
+    a cell where distances have ridges, moves the smoothed surface by less than 0.03 cells.
+    """
+    coarse = [axis[0] + 2.0 * cell * np.arange(len(axis) // 2 + 1) for axis in axes]
+    field = _exact(tree, _grid(coarse))
+    for i, (some, every) in enumerate(zip(coarse, axes, strict=True)):
+        field = np.asarray(make_interp_spline(some, field, k=3, axis=i)(every))
+    near = np.abs(field) < EXACT_CELLS * cell
+    field[near] = _exact(tree, _grid(axes)[near])
+    return field
+
+
 def _fitted(
     vertices: FloatArray, faces: IntArray, resolution: int, smoothing: float, margin: float
 ) -> dict[str, FloatArray]:
@@ -110,10 +137,8 @@ def _fitted(
     for low, high in zip(lower, upper, strict=True):
         count = int(np.ceil((high - low) / cell)) + 1 + 2 * around
         axes.append((low + high) / 2.0 + cell * (np.arange(count) - (count - 1) / 2.0))
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    field = SearchTree(vertices, faces).signed_distance(grid.reshape(-1, 3)).reshape(grid.shape[:3])
-    if smoothing > 0.0:
-        field = gaussian_filter(field, smoothing)
+    tree = SearchTree(vertices, faces)
+    field = gaussian_filter(_near_exact(tree, axes, cell), smoothing) if smoothing > 0.0 else _exact(tree, _grid(axes))
     knots: dict[str, FloatArray] = {}
     for axis, ticks in enumerate(axes):
         spline = make_interp_spline(ticks, field, k=3, axis=axis)
