@@ -6,11 +6,11 @@ import platform
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 
 import casadi as ca
 import numpy as np
 import scipy
-import trimesh
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.types import Json
@@ -227,6 +227,6 @@ def solver_record(
             "casadi": ca.CasadiMeta.version(),
             "numpy": np.__version__,
             "scipy": scipy.__version__,
-            "trimesh": trimesh.__version__,
+            "trimesh": version("trimesh"),
         },
     }

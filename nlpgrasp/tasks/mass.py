@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from scipy.spatial import QhullError
 
 from nlpgrasp.common.shown.drawing import Triangles
@@ -47,6 +46,8 @@ def mass_of(shape: Triangles, density: float) -> Mass:
     InputError
         On triangles without a volume.
     """
+    import trimesh
+
     size = float(np.max(np.ptp(shape.vertices, axis=0), initial=0.0))
     mesh = trimesh.Trimesh(shape.vertices, shape.faces)
     volume = 0.0

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.polytope import TaskPolytope
 from nlpgrasp.tasks.rigid_motion import RigidMotion
+
+if TYPE_CHECKING:
+    import trimesh
 
 GRAVITY = (0.0, 0.0, -9.81)  # m / s^2, world frame
 BETWEEN = 4  # times a step that the wrenches are looked at
@@ -54,6 +57,8 @@ class MassProperties:
     @classmethod
     def of_mesh(cls, mesh: trimesh.Trimesh, density: float) -> MassProperties:
         """Return those of a closed mesh (``body.mesh``) of one density, kg / m^3."""
+        import trimesh
+
         if not isinstance(mesh, trimesh.Trimesh) or not mesh.is_volume:
             raise InputError("mesh", mesh, "a closed trimesh.Trimesh, such as the mesh of an ng.Mesh")
         found = mesh.copy()

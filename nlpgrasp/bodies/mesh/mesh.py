@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, NoReturn
+from typing import TYPE_CHECKING, ClassVar, NoReturn
 
 import casadi as ca
 import numpy as np
-import trimesh
 
 from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, automatic_resolution, distance_spline
@@ -17,6 +16,9 @@ from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
+
+if TYPE_CHECKING:
+    import trimesh
 
 CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of links; margin over the size
 
@@ -155,6 +157,8 @@ class Mesh(Body):
 
     def surface_samples(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return random points of the mesh, uniform by area, and its outward normals there, (count, 3) each."""
+        import trimesh
+
         points, triangles = trimesh.sample.sample_surface(self.mesh, count, seed=rng)
         return np.asarray(points), np.asarray(self.mesh.face_normals)[triangles]
 

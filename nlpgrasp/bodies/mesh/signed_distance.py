@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.ndimage import gaussian_filter
 
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.stored.cache import kept
@@ -117,6 +115,8 @@ def _near_exact(tree: SearchTree, axes: Sequence[FloatArray], cell: float) -> Fl
     Far points take most of the time: a search tree can leave out little of the mesh for them. What is off there, up to
     a cell where distances have ridges, moves the smoothed surface by less than 0.03 cells.
     """
+    from scipy.interpolate import make_interp_spline
+
     coarse = [axis[0] + 2.0 * cell * np.arange(len(axis) // 2 + 1) for axis in axes]
     field = _exact(tree, _grid(coarse))
     for i, (some, every) in enumerate(zip(coarse, axes, strict=True)):
@@ -130,6 +130,9 @@ def _fitted(
     vertices: FloatArray, faces: IntArray, resolution: int, smoothing: float, margin: float
 ) -> dict[str, FloatArray]:
     """Return knots, coefficients and box of the spline."""
+    from scipy.interpolate import make_interp_spline
+    from scipy.ndimage import gaussian_filter
+
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     cell = float(np.max(upper - lower)) / resolution
     around = max(MARGIN_CELLS, int(np.ceil(margin / cell)))

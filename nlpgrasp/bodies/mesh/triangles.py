@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import igl
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,12 +39,16 @@ def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatA
 
 def _slim(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, FloatArray]:
     """Return fewer vertices and triangles, by quadric error metrics."""
+    import igl
+
     found = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(faces.astype(np.int32)), most)
     return {"vertices": np.asarray(found[0]), "faces": np.asarray(found[1])}
 
 
 def _marched(body: Body) -> tuple[FloatArray, IntArray]:
     """Return the surface by marching cubes."""
+    import igl
+
     lower, upper = (np.asarray(b, dtype=float) for b in body.bounds)
     half = THICKNESS * body.size
     if body.space == 2:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import igl
 import numpy as np
-import trimesh
 
 from nlpgrasp.errors import InputError
+
+if TYPE_CHECKING:
+    import trimesh
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 SMALLEST, LARGEST = 1e-3, 10.0  # metres: outside, the unit is wrong by a factor of about 1000
@@ -28,6 +30,8 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     InputError
         When the file does not exist, trimesh cannot read it, it holds no triangles, or the unit is unknown.
     """
+    import trimesh
+
     file = Path(path)
     if unit not in UNITS:
         raise InputError("Mesh.unit", unit, "one of " + ", ".join(UNITS))
@@ -68,6 +72,8 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
 
 def _of_likely_size(mesh: object) -> trimesh.Trimesh:
     """Return the mesh, refusing what is not a mesh with triangles, or was given in another unit."""
+    import trimesh
+
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise InputError("Mesh.mesh", type(mesh).__name__, "a trimesh.Trimesh with triangles")
     if not np.all(np.isfinite(mesh.vertices)):
@@ -92,6 +98,8 @@ def _longest_side(mesh: trimesh.Trimesh) -> float:
 
 def _closed(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
     """Return a copy with its small holes filled and what was mended, refusing one whose inside is unclear."""
+    import trimesh
+
     result = mesh.copy()
     notes = []
     result.merge_vertices()
@@ -136,6 +144,8 @@ def _open_edges(mesh: trimesh.Trimesh) -> int:
 
 def _ambiguous_share(mesh: trimesh.Trimesh, samples: int = 4000) -> float:
     """Return the share of the bounding box where the winding number is far from a whole number."""
+    import igl
+
     rng = np.random.default_rng(0)
     points = rng.uniform(mesh.bounds[0], mesh.bounds[1], (samples, 3))
     winding = np.asarray(igl.fast_winding_number(np.asarray(mesh.vertices), np.asarray(mesh.faces), points))

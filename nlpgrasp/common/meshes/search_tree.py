@@ -5,12 +5,15 @@ from __future__ import annotations
 import atexit
 import weakref
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-import igl
 import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
+
+if TYPE_CHECKING:
+    import igl
 
 IntArray = NDArray[np.integer]
 
@@ -41,12 +44,16 @@ class SearchTree:
 
     @cached_property
     def _boxes(self) -> igl.AABB:
+        import igl
+
         tree = igl.AABB()
         tree.init(self._vertices, self._faces)
         return tree
 
     @cached_property
     def _winding(self) -> igl.FastWindingNumberBVH:
+        import igl
+
         tree = igl.FastWindingNumberBVH()
         tree.init(self._vertices, self._faces)
         return tree

@@ -10,15 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.spheres.shapes import Shape
+
+if TYPE_CHECKING:
+    import trimesh
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
@@ -153,6 +156,8 @@ def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[
 
 def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, float]:
     """Return samples of the union's surface with the shapes' corners, (m, 3), and their spacing, metres."""
+    import trimesh
+
     area = sum(float(s.mesh.area) for s in shapes)
     points = []
     for shape in shapes:
@@ -168,6 +173,8 @@ def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[F
 
 def _inside(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return points inside the union and how deep, those half way between opposite sides among them."""
+    import trimesh
+
     points = []
     for shape in shapes:
         mesh = shape.mesh

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.validation import FloatArray
+
+if TYPE_CHECKING:
+    import trimesh
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,8 @@ class Shape:
     @classmethod
     def sphere(cls, radius: float, pose: FloatArray) -> Shape:
         """Return a sphere at a pose (4, 4)."""
+        import trimesh
+
         mesh = trimesh.creation.icosphere(subdivisions=3)
         mesh.apply_scale(radius)
         mesh.apply_transform(pose)
@@ -41,6 +46,8 @@ class Shape:
     @classmethod
     def cylinder(cls, radius: float, length: float, pose: FloatArray) -> Shape:
         """Return a cylinder along z at a pose (4, 4), of 32 sides that enclose the exact one."""
+        import trimesh
+
         sides = 32
         mesh = trimesh.creation.cylinder(1.0, 1.0, sections=sides)  # of unit size: trimesh merges close vertices
         around = radius / np.cos(np.pi / sides)
@@ -51,6 +58,8 @@ class Shape:
     @classmethod
     def capsule(cls, radius: float, length: float, pose: FloatArray) -> Shape:
         """Return a capsule along z at a pose (4, 4); ``length`` is without the round ends."""
+        import trimesh
+
         mesh = trimesh.creation.capsule(height=length / radius, radius=1.0)
         mesh.apply_scale(radius)
         mesh.apply_transform(pose)
@@ -59,6 +68,8 @@ class Shape:
     @classmethod
     def box(cls, size: FloatArray, pose: FloatArray) -> Shape:
         """Return a box at a pose (4, 4)."""
+        import trimesh
+
         return cls("box", trimesh.creation.box(size, transform=pose))
 
     @property

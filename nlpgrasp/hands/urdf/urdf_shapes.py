@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import FloatArray
@@ -74,6 +73,8 @@ def _shape(source: Path, link: str, element: ET.Element, missing: list[str]) -> 
 
 
 def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missing: list[str]) -> Shape | None:
+    import trimesh
+
     name = element.get("filename", "")
     path = find_mesh(source, name)
     if path is None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.mesh.triangles import simplified, triangles
@@ -21,6 +20,8 @@ def drawing_of(body: Body, hand: Hand | None, values: Values) -> Drawing:
 
 
 def _links(hand: URDFHand, values: Values) -> tuple[tuple[str, Triangles], ...]:
+    import trimesh
+
     result = []
     for link, pose in hand.tree.body_poses(values).items():
         meshes = [shape.mesh for shape in hand.robot.shapes.get(link, ())]
