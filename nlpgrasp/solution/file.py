@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 from typing import cast
 
-import jsonschema
-
 from nlpgrasp.common.files import read_text, write_text
 from nlpgrasp.common.stored.strict_json import check_schema, read_object
 from nlpgrasp.errors import InputError
@@ -44,6 +42,8 @@ def read(path: str | Path) -> SolutionData:
 
 def parse(text: str, name: str) -> SolutionData:
     """Return the validated data of a JSON text; ``name`` is shown in messages."""
+    import jsonschema
+
     if depth(text) > DEEPEST:
         raise InputError(name, f"nesting deeper than {DEEPEST}", "a solution file (schema 1)")
     data = read_object(text, name)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import NoReturn
-
-import jsonschema
+from typing import TYPE_CHECKING, NoReturn
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
+
+if TYPE_CHECKING:
+    import jsonschema
 
 
 def read_object(text: str, name: str) -> Json:

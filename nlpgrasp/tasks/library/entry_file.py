@@ -6,8 +6,7 @@ import json
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-
-import jsonschema
+from typing import TYPE_CHECKING
 
 from nlpgrasp.common.files import read_text, write_text
 from nlpgrasp.common.stored.strict_json import check_schema, read_object
@@ -27,6 +26,9 @@ from nlpgrasp.tasks.library.entry import (
 )
 from nlpgrasp.version import __version__
 
+if TYPE_CHECKING:
+    import jsonschema
+
 LARGEST_FILE = 64 * 1024 * 1024
 EXPECTED = "what task schema 1 says (docs/task_libraries.md)"
 
@@ -39,6 +41,8 @@ def entry_schema() -> Json:
 
 @lru_cache
 def _validator() -> jsonschema.Draft202012Validator:
+    import jsonschema
+
     return jsonschema.Draft202012Validator(entry_schema())
 
 
