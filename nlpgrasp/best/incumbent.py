@@ -67,8 +67,8 @@ class Incumbent:
 
     @property
     def sure(self) -> bool:
-        """Whether its value is next to what is certified, for the gap asked for."""
-        return self.value <= self.known * (1.0 + FINE * self.gap)
+        """Whether its value is next to what is certified, for the gap asked for, or as certificates are loose."""
+        return self.value <= self.known * (1.0 + (FINE * self.gap if self.rough <= ROUGH else self.rough))
 
     def expect(self, mu: float) -> None:
         """Compare with a grasp found elsewhere, of this certified quality, where it is better than the best met."""

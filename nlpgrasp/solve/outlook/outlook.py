@@ -181,7 +181,7 @@ def outlook(
         return _remembered[key]
     mesh = isinstance(problem.body, Mesh) and _wanted(problem, options)
     begins = places() if mesh else None
-    found = unseen(problem, options, begins)
+    found = unseen(problem, options, options.gap is None, begins)
     if found is None:
         return None
     if options.gap is None and mesh and begins is None:
@@ -207,13 +207,18 @@ def _share_of(stop: Stop) -> Stop:
     return replace(stop, deadline=now + TIME * max(0.0, stop.deadline - now))
 
 
-def unseen(problem: GraspProblem, options: SolveOptions, places: Sequence[Places] | None = None) -> Outlook | None:
-    """Return an outlook that has not looked yet, None where the bound does not cover the problem or is not wanted."""
+def unseen(
+    problem: GraspProblem, options: SolveOptions, surveys: bool = False, places: Sequence[Places] | None = None
+) -> Outlook | None:
+    """Return an outlook that has not looked yet, None where the bound does not cover the problem or is not wanted.
+
+    It looks closely unless it ``surveys``.
+    """
     if not _wanted(problem, options):
         return None
     try:
         gap = GAP if options.gap is None else SHARE * options.gap
-        return Outlook(problem, gap, options.gap is None, places)
+        return Outlook(problem, gap, surveys, places)
     except InputError:
         return None
 
