@@ -7,6 +7,7 @@ count by the support ratio's own derivative: ``sum a_j d(phi_j / phi_A) / dt`` w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -73,9 +74,8 @@ def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[Shado
     """
     if bench.problem.budget.follows_hand:
         return ()
-    optimum = polish(bench, bench.snapped(best.found.placed), stop, best.ascended)
-    known = best.record.mu.lower
-    if optimum is None or abs(optimum.value - known) > FAR * known:
+    optimum = polish(bench, [best.ascended, bench.snapped(best.found.placed)], stop, best.record.mu.lower)
+    if optimum is None:
         return ()
     found = [price_of(bench, optimum, limit) for limit in limits_of(bench.problem)]
     prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
@@ -83,30 +83,31 @@ def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[Shado
     return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
 
 
-def polish(bench: Workbench, placed: Placed, stop: Stop, ascended: Placed | None = None) -> Optimum | None:
-    """Return the local optimum near a grasp with its multipliers, or None where the exchange does not settle.
+def polish(bench: Workbench, begins: Sequence[Placed], stop: Stop, known: float) -> Optimum | None:
+    """Return a local optimum near a grasp with its multipliers, or None where the exchange does not settle at one.
 
-    A few quadratic programs mostly settle, from the grasp itself or from where its exchange ended; IPOPT is asked where
-    they do not, and where the program has forces of its own.
+    A few quadratic programs mostly settle, a tenth of a second from where the exchange ended. IPOPT is asked where they
+    do not, but of a hand with a pose, for which it takes seconds, and where the program has forces of its own.
 
     Parameters
     ----------
     bench : Workbench
-    placed : Placed
-        The grasp.
+    begins : sequence of Placed
+        Where its exchange ended, and the grasp: fingers that went over a mesh since then may be off the smooth
+        surface's constraints, and far from its optimum.
     stop : Stop
-    ascended : Placed, optional
-        Where its exchange ended: fingers that went over a mesh since then may be off the smooth surface's constraints.
+    known : float
+        The grasp's mu.
     """
-    if bench.exchange.linearises:
-        for begin in (placed, ascended):
-            found = None if begin is None else settled_at(bench, begin, LinearModel(bench), LINEAR, stop)
-            if found is not None:
-                return found
-        if not bench.exchange.closed:
-            return None
+    for begin in begins if bench.exchange.linearises else ():
+        found = settled_at(bench, begin, LinearModel(bench), LINEAR, stop)
+        if found is not None and abs(found.value - known) <= FAR * known:
+            return found
+    if bench.exchange.linearises and not (bench.exchange.closed and bench.follows_contacts):
+        return None
     rules = POLISHING if bench.exchange.slots == SLOTS else replace(POLISHING, rounds=ROUNDS_WITH_FORCES)
-    return settled_at(bench, placed, NonlinearModel(bench), rules, stop)
+    found = settled_at(bench, begins[-1], NonlinearModel(bench), rules, stop)
+    return found if found is not None and abs(found.value - known) <= FAR * known else None
 
 
 def settled_at(bench: Workbench, placed: Placed, model: Model, rules: Rules, stop: Stop) -> Optimum | None:

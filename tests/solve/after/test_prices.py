@@ -56,12 +56,12 @@ def test_prices_predict_solving_again(name):
     best = best_of(bench, 3)
     prices = {p.name: p for p in shadow_prices(bench, best, Stop())}
     assert EXPECTED[name] <= set(prices)
-    here = polish(bench, bench.snapped(best.found.placed), Stop())
+    here = polish(bench, [bench.snapped(best.found.placed)], Stop(), best.record.mu.lower)
     limits = {limit.name: limit for limit in limits_of(problem)}
     for key in EXPECTED[name]:
         price, limit = prices[key], limits[key]
         h = 0.01 * abs(price.value) * (1.0 if price.gain > 0.0 else -1.0)  # the way that leaves the grasp possible
-        moved = polish(Workbench(limit.changed(h), OPTIONS), here.placed, Stop())
+        moved = polish(Workbench(limit.changed(h), OPTIONS), [here.placed], Stop(), here.value)
         assert moved.value - here.value == pytest.approx(price.gain / price.step * h, rel=0.2), key
 
 
