@@ -28,7 +28,7 @@ def test_near_the_surface_it_is_exact_and_after_smoothing_everywhere_close(shape
     }[shape]()
     tree = SearchTree(np.array(mesh.vertices, dtype=float), np.array(mesh.faces))
     axes, cell = grid_of(mesh, 40)
-    exact, fast = _exact(tree, _grid(axes)), _near_exact(tree, axes, cell)
+    exact, fast = _exact(tree, _grid(axes)), _near_exact(tree, axes, cell, EXACT_CELLS)
     near = np.abs(exact) < (EXACT_CELLS - 0.8) * cell
     np.testing.assert_array_equal(fast[near], exact[near])
     assert np.max(np.abs(fast - exact)) < cell
@@ -43,5 +43,5 @@ def test_it_asks_the_mesh_about_a_fraction_of_the_points(monkeypatch):
     axes, cell = grid_of(mesh, 48)
     asked, own = [], tree.signed_distance
     monkeypatch.setattr(tree, "signed_distance", lambda points: asked.append(len(points)) or own(points))
-    _near_exact(tree, axes, cell)
+    _near_exact(tree, axes, cell, EXACT_CELLS)
     assert sum(asked) < 0.5 * np.prod([len(axis) for axis in axes])

@@ -14,7 +14,7 @@ from nlpgrasp.common.validation import FloatArray
 
 LONGEST_SIDE, SHORTEST_SIDE = 48, 16  # grid cells at least
 MOST_POINTS = 600_000
-EXACT_CELLS = 3  # from the surface, within which distances are exact
+EXACT_CELLS, EXACT_UNSMOOTHED = 3, 5  # from the surface, within which distances are exact
 MARGIN_CELLS = 5  # a CasADi B-spline is zero outside its grid, hence NaN normals there
 
 
@@ -109,8 +109,8 @@ def _exact(tree: SearchTree, points: FloatArray) -> FloatArray:
     return tree.signed_distance(points.reshape(-1, 3)).reshape(points.shape[:-1])
 
 
-def _near_exact(tree: SearchTree, axes: Sequence[FloatArray], cell: float) -> FloatArray:
-    """Return the signed distance on a grid: exact near the surface, elsewhere splines through every other point.
+def _near_exact(tree: SearchTree, axes: Sequence[FloatArray], cell: float, cells: int) -> FloatArray:
+    """Return the signed distance on a grid: exact within some cells of the surface, else splines through other points.
 
     Far points take most of the time: a search tree can leave out little of the mesh for them. What is off there, up to
     a cell where distances have ridges, moves the smoothed surface by less than 0.03 cells.
@@ -121,7 +121,7 @@ def _near_exact(tree: SearchTree, axes: Sequence[FloatArray], cell: float) -> Fl
     field = _exact(tree, _grid(coarse))
     for i, (some, every) in enumerate(zip(coarse, axes, strict=True)):
         field = np.asarray(make_interp_spline(some, field, k=3, axis=i)(every))
-    near = np.abs(field) < EXACT_CELLS * cell
+    near = np.abs(field) < cells * cell
     field[near] = _exact(tree, _grid(axes)[near])
     return field
 
@@ -141,7 +141,9 @@ def _fitted(
         count = int(np.ceil((high - low) / cell)) + 1 + 2 * around
         axes.append((low + high) / 2.0 + cell * (np.arange(count) - (count - 1) / 2.0))
     tree = SearchTree(vertices, faces)
-    field = gaussian_filter(_near_exact(tree, axes, cell), smoothing) if smoothing > 0.0 else _exact(tree, _grid(axes))
+    field = _near_exact(tree, axes, cell, EXACT_CELLS if smoothing > 0.0 else EXACT_UNSMOOTHED)
+    if smoothing > 0.0:
+        field = gaussian_filter(field, smoothing)
     knots: dict[str, FloatArray] = {}
     for axis, ticks in enumerate(axes):
         spline = make_interp_spline(ticks, field, k=3, axis=axis)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
@@ -87,7 +88,8 @@ def polish(bench: Workbench, begins: Sequence[Placed], stop: Stop, known: float)
     """Return a local optimum near a grasp with its multipliers, or None where the exchange does not settle at one.
 
     A few quadratic programs mostly settle, a tenth of a second from where the exchange ended. IPOPT is asked where they
-    do not, but of a hand with a pose, for which it takes seconds, and where the program has forces of its own.
+    do not, but of a hand with a pose and of a mesh, for which it takes seconds, and where the program has forces of its
+    own.
 
     Parameters
     ----------
@@ -103,7 +105,8 @@ def polish(bench: Workbench, begins: Sequence[Placed], stop: Stop, known: float)
         found = settled_at(bench, begin, LinearModel(bench), LINEAR, stop)
         if found is not None and abs(found.value - known) <= FAR * known:
             return found
-    if bench.exchange.linearises and not (bench.exchange.closed and bench.follows_contacts):
+    slow = isinstance(bench.problem.body, Mesh) or not bench.follows_contacts
+    if bench.exchange.linearises and (slow or not bench.exchange.closed):
         return None
     rules = POLISHING if bench.exchange.slots == SLOTS else replace(POLISHING, rounds=ROUNDS_WITH_FORCES)
     found = settled_at(bench, begins[-1], NonlinearModel(bench), rules, stop)
