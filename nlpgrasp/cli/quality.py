@@ -98,10 +98,13 @@ def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> G
     ----------
     file : Path
     problem : callable, optional
-        Returns the problem that was solved; asked only where something is missing.
+        Returns the problem that was solved.
     """
     solution = ng.GraspSolution.load(file)
-    if solution.grasp is None or all(getattr(solution, part) is not None for part in ("robust", "drawing", "delta")):
+    whole = solution.grasp is None or all(
+        getattr(solution, part) is not None for part in ("robust", "drawing", "delta")
+    )
+    if whole and problem is None:
         return solution
     found = ng.with_extras(solution, None if problem is None else problem())
     added = [words for part, words in PARTS.items() if not getattr(solution, part) and getattr(found, part)]
@@ -111,6 +114,7 @@ def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> G
             typer.echo(f"added to {file}: {', '.join(added)}", err=True)
         except InputError as error:
             typer.echo(f"not added to the file: {error}", err=True)
-    if found.robust is None:
-        typer.echo("robustness, shadow prices and drawing need the mesh or the hand: --problem SCRIPT", err=True)
+    if found.drawing is None:
+        allowed = "the script of its problem, as the file holds no mesh, hand or function: nlpgrasp quality --problem"
+        typer.echo(f"robustness, shadow prices and drawing of {file} need {allowed}", err=True)
     return found
