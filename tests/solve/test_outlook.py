@@ -120,6 +120,17 @@ def test_a_mesh_is_surveyed(tmp_path):
     assert not {check.name: check for check in ng.verify(path).checks}["bound, leaves"].passed
 
 
+def test_a_mesh_is_only_bounded_where_time_is_short(tmp_path):
+    """A survey of it cannot be interrupted in the middle: a second's solve would end before its first start."""
+    trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
+    body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=8)
+    problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03]))
+    solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=1, time_limit=3.0, extras=False))
+    assert len(solution.starts) >= 1
+    assert solution.starts[0].message != "from the search of all placements"
+    assert 0.3 < solution.best_possible < 2.0
+
+
 def test_no_look_where_none_is_wanted_or_possible():
     without = ng.solve(square(), starts=1, options=ng.SolveOptions(global_bound=False, **QUICK))
     assert (without.best_possible, without.gap) == (math.inf, math.inf)

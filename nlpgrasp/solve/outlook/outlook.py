@@ -38,6 +38,7 @@ APART = 0.05  # of the body's size: grasps nearer than that, contact by contact,
 AS_GOOD = 0.01  # relative: by how much the values of a grasp and its image may differ
 AS_CLOSE = 0.1  # relative: how far the bound of a whole mesh may be above that of its parts
 TIME = 0.2  # of what is left until a deadline: a look takes no more of it
+MESH_SECONDS = 5.0  # that a whole look at a mesh takes, hardly to be interrupted
 KEPT = 8  # problems whose outlook is remembered
 
 
@@ -166,7 +167,7 @@ def outlook(
 ) -> Outlook | None:
     """Return a short look over all placements of a problem, None where the bound does not cover it or is not wanted.
 
-    Of a mesh where there are no ``places`` to start from, and beside a hand with a pose, whose starts begin
+    Of a mesh where there are no ``places`` to start from or no time, and beside a hand with a pose, whose starts begin
     elsewhere, that is the bound alone, unless a gap is asked for. It depends on the problem alone. The latest few are
     remembered, as an experiment solves a problem with many seeds; where a gap is asked for the look is a new one, for
     the search goes on from it.
@@ -179,8 +180,8 @@ def outlook(
     if options.gap is None and key in _remembered:
         _remembered.move_to_end(key)
         return _remembered[key]
-    mesh = isinstance(problem.body, Mesh) and _wanted(problem, options)
-    begins = places() if mesh else None
+    mesh, short = isinstance(problem.body, Mesh), _left(stop) * TIME < share * MESH_SECONDS
+    begins = places() if mesh and not (short and options.gap is None) else None
     found = unseen(problem, options, options.gap is None, begins)
     if found is None:
         return None
@@ -199,12 +200,14 @@ def outlook(
     return found
 
 
+def _left(stop: Stop) -> float:
+    """Return the seconds there are until a deadline."""
+    return np.inf if stop.deadline is None else max(0.0, stop.deadline - time.monotonic())
+
+
 def _share_of(stop: Stop) -> Stop:
     """Return the stop of a look: a part of the time that there is until a deadline."""
-    if stop.deadline is None:
-        return stop
-    now = time.monotonic()
-    return replace(stop, deadline=now + TIME * max(0.0, stop.deadline - now))
+    return stop if stop.deadline is None else replace(stop, deadline=time.monotonic() + TIME * _left(stop))
 
 
 def unseen(
