@@ -20,6 +20,7 @@ from nlpgrasp.solve.answer import OTHER_RTOL, volume_of
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp
+from nlpgrasp.solve.start.run import with_hand
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
@@ -106,8 +107,7 @@ def _as_start(bench: Workbench, solution: GraspSolution, grasp: Grasp) -> StartG
     if isinstance(hand, PosedHand) and isinstance(solution.hand, Mapping):
         placed = replace(placed, hand=hand.values_of(solution.hand))
     elif hand is not None:
-        values = bench.hand_points.start(grasp.points[None], grasp.normals[None])
-        placed = replace(placed, hand={name: value[0] for name, value in values.items()})
+        placed = with_hand(bench, placed)
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
     found = OnBody.of(bench, placed, grasp, solution.surface)
     return StartGrasp(record, found, solution.constraints, Effort(), solution.robust, placed)
