@@ -34,6 +34,7 @@ from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
 ROUNDING = 1e-9
 POINTS = {3: 2000, 6: 300}  # most vertices of P, by dimension
+LOOSE, FEWER = 0.015, 0.5  # a tolerance from which on that share of them does: the error bar costs less
 SHRINK = 1e-5  # of support points towards the origin
 MARGIN = 1e-5  # relative, for the rounding of volumes
 
@@ -147,8 +148,9 @@ def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[fl
     """Return certified bounds, estimate and error bar for a set in good coordinates."""
     d = len(white.G)
     inner, points = _first_hull(white, rng)
-    while len(points) < POINTS[d] and inner.upper > inner.lower * (1.0 + rtol):
-        room = min(len(points), POINTS[d] - len(points))
+    most = POINTS[d] if rtol < LOOSE or d == 3 else int(FEWER * POINTS[d])
+    while len(points) < most and inner.upper > inner.lower * (1.0 + rtol):
+        room = min(len(points), most - len(points))
         worst = np.argsort(-inner.missing)[:room]
         points = np.concatenate([points, _inside(white.support(inner.planes[worst])[1], rng)])
         inner = _Inner(white, points)

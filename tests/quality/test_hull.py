@@ -17,7 +17,7 @@ def distances(planes, centre):
 def grown(points, first):
     hull = Hull(points[:first], distances)
     for p in points[first:]:
-        hull.insert(p)
+        hull.insert(p[None])
     return hull
 
 
@@ -33,7 +33,7 @@ def test_a_point_inside_changes_nothing(rng):
     points = rng.standard_normal((30, 4))
     hull = Hull(points, distances)
     before = hull.values.copy()
-    assert not hull.insert(points.mean(axis=0))
+    assert not hull.insert(points.mean(axis=0, keepdims=True))
     np.testing.assert_array_equal(hull.values, before)
 
 

@@ -40,7 +40,7 @@ class Hull:
     planes : (f, d) array
         Rows a; zero for cells that are gone.
     values : (f,) array
-        Infinite for cells that are gone.
+        Infinite for cells that are gone; of new ones once ``insert`` returns.
 
     Raises
     ------
@@ -95,9 +95,15 @@ class Hull:
         planes = self.planes[cells]
         return np.asarray(planes / np.linalg.norm(planes, axis=1, keepdims=True))
 
-    def insert(self, point: FloatArray) -> bool:
-        """Add a vertex; return whether it was outside, and rounding let it be added."""
-        p = point - self.centre
+    def insert(self, points: FloatArray) -> bool:
+        """Add vertices (m, d); return whether any was outside, and rounding let it be added."""
+        added = [self._insert(p) for p in points - self.centre]
+        new = np.flatnonzero(np.isnan(self.values[: self._size]))
+        self.values[new] = self._measure(self.planes[new], self.centre)
+        return any(added)
+
+    def _insert(self, p: FloatArray) -> bool:
+        """Add a vertex relative to the centre, whose cells have no values yet; return whether it was added."""
         height = self.planes[: self._size] @ p
         seen = np.flatnonzero(height > 1.0 + BEYOND)
         if not seen.size:
@@ -128,7 +134,7 @@ class Hull:
         self._near[outer, back] = new
         self._cells[new] = cells
         self.planes[new] = planes
-        self.values[new] = self._measure(planes, self.centre)
+        self.values[new] = np.nan
         return True
 
     def _new_planes(self, height: FloatArray, old: Indices, outer: Indices, cells: Indices) -> FloatArray:

@@ -54,7 +54,9 @@ class Sandwich:
     limit: str = ROUNDED
 
 
-def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Bounds:
+def sandwich(
+    problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None, begun: Sandwich | None = None
+) -> Bounds:
     """Return certified bounds on the largest alpha with ``alpha A`` inside the wrench set.
 
     Parameters
@@ -66,6 +68,8 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
         Of the random directions and of the shrinking.
     deadline : float, optional
         ``time.monotonic()`` value after which the bounds reached so far are returned.
+    begun : Sandwich, optional
+        Of the same containment, narrowed less far; changed in place where the tolerance lets it be of use.
 
     Returns
     -------
@@ -73,7 +77,7 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
         ``worst_direction`` is in the problem's own coordinates. Wider than asked only past the deadline or
         where floating point allows no better: ``limit`` says which.
     """
-    found = narrowed(problem, rtol, seed, deadline)
+    found = narrowed(problem, rtol, seed, deadline, begun)
     if found.upper == 0.0:
         return Bounds(0.0, 0.0, found.worst)
     if problem.rank == 1:
@@ -84,28 +88,16 @@ def sandwich(problem: Containment, rtol: float, seed: int = 0, deadline: float |
     return Bounds(min(lower, found.upper), upper, found.worst, limit="" if narrow else found.limit)
 
 
-def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None) -> Sandwich:
+def narrowed(
+    problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None, begun: Sandwich | None = None
+) -> Sandwich:
     """Return the sandwich of ``sandwich``, narrowed to the tolerance, before its bounds are certified."""
     rng = np.random.default_rng(seed)
-    seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
-    found, values = descend(problem, seeds, DESCENT)
-    separating = separating_direction(problem.wrenches)
-    best = int(np.argmin(values))
-    state = Sandwich(float(values[best]), found[best])
-    if separating is not None:
-        ratio = float(problem.ratio(separating[None, :])[0][0])
-        if ratio <= state.upper or (no_support(problem.wrenches, separating) and np.isfinite(ratio)):
-            state = Sandwich(ratio, separating)
-        elif np.isfinite(ratio):
-            separating = None
-    if no_support(problem.wrenches, state.worst):
-        return Sandwich(0.0, state.worst)
-    if problem.rank == 1:
-        return state
     shrink = min(SHRINK, 0.01 * rtol)
-    start = found[separated(found, np.argsort(values), 0.95, 14)]
-    hull = state.hull = _first_hull(problem, start, shrink, separating is not None, rng)
-    while hull is not None:
+    # the points of one that was begun are shrunk by SHRINK
+    state = _begun(problem, shrink, rng) if begun is None or shrink < SHRINK else begun
+    while state.hull is not None and state.upper > 0.0:
+        hull = state.hull
         if len(hull) >= MOST_POINTS or (deadline is not None and time.monotonic() >= deadline):
             state.limit = POINTS if len(hull) >= MOST_POINTS else TIME
             break
@@ -122,9 +114,30 @@ def narrowed(problem: Containment, rtol: float, seed: int = 0, deadline: float |
                 return Sandwich(0.0, state.worst)
         gap = max(1.0 - hull.values[cells[0]] / target, rtol)
         chosen = separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
-        added = [hull.insert(p) for p in _inner_points(problem, normals[chosen], shrink, rng)]
-        if not any(added):
+        if not hull.insert(_inner_points(problem, normals[chosen], shrink, rng)):
             break
+    return state
+
+
+def _begun(problem: Containment, shrink: float, rng: np.random.Generator) -> Sandwich:
+    """Return the sandwich of directions followed downhill and of the first hull."""
+    seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
+    found, values = descend(problem, seeds, DESCENT)
+    separating = separating_direction(problem.wrenches)
+    best = int(np.argmin(values))
+    state = Sandwich(float(values[best]), found[best])
+    if separating is not None:
+        ratio = float(problem.ratio(separating[None, :])[0][0])
+        if ratio <= state.upper or (no_support(problem.wrenches, separating) and np.isfinite(ratio)):
+            state = Sandwich(ratio, separating)
+        elif np.isfinite(ratio):
+            separating = None
+    if no_support(problem.wrenches, state.worst):
+        return Sandwich(0.0, state.worst)
+    if problem.rank == 1:
+        return state
+    start = found[separated(found, np.argsort(values), 0.95, 14)]
+    state.hull = _first_hull(problem, start, shrink, separating is not None, rng)
     return state
 
 

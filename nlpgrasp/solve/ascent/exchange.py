@@ -11,7 +11,7 @@ from nlpgrasp.solve.ascent.ascend import SPAN, Rules, ascend
 from nlpgrasp.solve.ascent.cuts import with_known, with_new
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.ascent.steps.registry import model_of
-from nlpgrasp.solve.ascent.weakest import disproved, weakest_at
+from nlpgrasp.solve.ascent.weakest import looked_at, missed, weakest_at
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 LAP = 10  # rounds between two looks at what descents may have missed
@@ -109,7 +109,8 @@ class _Confirmed:
         state = self._state
         if state.placed is self._placed and state.value == self._value:
             return True  # it was looked at already
-        found = disproved(self._bench, state.placed, state.value)
+        begun = state.begun = looked_at(self._bench, state.placed, state.value)
+        found = None if begun is None else missed(begun, state.value)
         if found is not None:
             state.cuts, state.value = with_new(self._bench, state.cuts, found.directions), found.value
             if found.value < self._value:

@@ -8,6 +8,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import NlpResult
+from nlpgrasp.quality.certificate.begun import Begun
 from nlpgrasp.solve.workbench.placed import Placed
 
 
@@ -59,6 +60,8 @@ class AscentState:
     rounds : int
     history : list of float
         ``value`` at first and after each round.
+    begun : Begun or None
+        The certificate that was begun last.
     """
 
     placed: Placed
@@ -68,6 +71,7 @@ class AscentState:
     effort: Effort = field(default_factory=Effort)
     rounds: int = 0
     history: list[float] = field(default_factory=list)
+    begun: Begun | None = None
 
     def begin_round(self) -> None:
         """Count a round and keep the value it begins with."""

@@ -9,10 +9,11 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.certificate.begun import Begun
 from nlpgrasp.quality.certificate.closure import separating_direction
 from nlpgrasp.quality.certificate.containment import Containment, conditioned
 from nlpgrasp.quality.certificate.minimise import descend, iterate, random_directions, separated
-from nlpgrasp.quality.certificate.sandwich import narrowed
+from nlpgrasp.quality.certificate.sandwich import Sandwich, narrowed
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -119,14 +120,23 @@ def disproved(bench: Workbench, placed: Placed, value: float) -> Weakest | None:
 
     Descents miss a narrow dip that no start is near; a certificate's polytope does not.
     """
-    if value <= 0.0 or not isinstance(bench.budget(placed), L2Budget):
+    begun = looked_at(bench, placed, value)
+    return None if begun is None else missed(begun, value)
+
+
+def looked_at(bench: Workbench, placed: Placed, value: float) -> Begun | None:
+    """Return the polytope of a placed state of some value, None where descents miss nothing or there is none."""
+    budget = bench.budget(placed)
+    if value <= 0.0 or not isinstance(budget, L2Budget):
         return None
-    task = bench.problem.task
-    problem, _ = conditioned(WrenchSet.of(bench.grasp(placed), bench.budget(placed)), task)
-    if problem is None:
-        return None
-    found, values = _from_hull(problem, LOOK)
-    return _weakest(problem, task, found, values) if np.min(values) < value * (1.0 - MISSED) else None
+    return Begun.of(bench.grasp(placed), bench.problem.task, budget, LOOK)
+
+
+def missed(begun: Begun, value: float) -> Weakest | None:
+    """Return directions in which a polytope shows less than a value that descents found; None where there are none."""
+    found, values = _hull_directions(begun.containment, begun.sandwich)
+    weaker = bool(np.min(values) < value * (1.0 - MISSED))
+    return _weakest(begun.containment, begun.task, found, values) if weaker else None
 
 
 def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatArray) -> Weakest:
@@ -159,7 +169,11 @@ def _iterated(problem: Containment, start: FloatArray, steps: int) -> tuple[Floa
 
 def _from_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:
     """Return directions and ratios from the certificate's polytope."""
-    state = narrowed(problem, gap)
+    return _hull_directions(problem, narrowed(problem, gap))
+
+
+def _hull_directions(problem: Containment, state: Sandwich) -> tuple[FloatArray, FloatArray]:
+    """Return the directions of a polytope's lowest cells, and their ratios."""
     found = state.worst[None, :]
     if state.hull is not None and problem.rank > 1:
         cells = state.hull.worst(SLACK * state.upper, HULL_CELLS)

@@ -10,7 +10,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.quality import mu
+from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
 from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn, exchange_rules, exchange_under_l2
@@ -18,6 +18,7 @@ from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.screen import candidates
+from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.clock import Clock
@@ -134,13 +135,7 @@ class _Attempts:
         if bench.options.maximise_robust:
             found, robust = steady(bench, found)
             self.clock.mark("robust")
-        bounds = mu(
-            found.grasp,
-            bench.problem.task,
-            bench.options.rtol,
-            force_budget=bench.budget(found.placed),
-            deadline=self.stop.certificate_deadline(GRACE),
-        )
+        bounds = _certified(bench, found, state, self.stop.certificate_deadline(GRACE))
         self.clock.mark("certificate")
         record = StartRecord(
             self.index,
@@ -182,6 +177,14 @@ def with_hand(bench: Workbench, placed: Placed) -> Placed:
     """Return a placement with the values that a hand whose variables follow from the contacts has there."""
     hand = bench.hand_points.start(placed.points[None], bench.inward_normals(placed)[None])
     return Placed(placed.faces, placed.points, {name: value[0] for name, value in hand.items()})
+
+
+def _certified(bench: Workbench, found: OnBody, state: AscentState, deadline: float | None) -> Bounds:
+    """Return the certificate of a grasp; it goes on from the one that the ascent began, where that is of this grasp."""
+    rtol, budget, begun = bench.options.rtol, bench.budget(found.placed), state.begun
+    if begun is not None and begun.is_of(found.grasp, budget):
+        return begun.bounds(rtol, deadline)
+    return mu(found.grasp, bench.problem.task, rtol, force_budget=budget, deadline=deadline)
 
 
 def _best_attempt(attempts: _Attempts) -> StartGrasp:
