@@ -1,9 +1,10 @@
 """Bodies: what is held."""
 
-from nlpgrasp.bodies.base import Body, Face
+from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.box import Box
 from nlpgrasp.bodies.cylinder import Cylinder
 from nlpgrasp.bodies.ellipsoid import Ellipsoid
+from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.implicit import Implicit, PlanarImplicit
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.bodies.polygon import Polygon

@@ -3,38 +3,19 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.bodies.face import Face
 from nlpgrasp.common.registry import StatedPart
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
 TINY = 1e-24  # under a root, for its derivative at zero
-
-
-@dataclass(frozen=True)
-class Face:
-    """One smooth piece of a body's surface.
-
-    Parameters
-    ----------
-    name : str
-    surface : callable
-        ``surface(p) -> h``: zero on the face, negative inside the body, positive outside; p is a CasADi
-        column of 2 or 3 metres.
-    extent : callable
-        ``extent(p) -> list`` of expressions that are at most zero on the face.
-    """
-
-    name: str
-    surface: Callable[[Expression], Expression]
-    extent: Callable[[Expression], Sequence[Expression]] = lambda p: ()
 
 
 class Body(StatedPart):
@@ -122,15 +103,38 @@ class Body(StatedPart):
             raise InputError(field, ", ".join(unknown), "faces of the body: " + ", ".join(self.face_names))
         return chosen
 
-    def surface_function(self, name: str) -> ca.Function:
-        """Return the compiled ``p -> (h, unit outward normal, extents)`` of one face.
+    def surface_function(self, name: str, margin: float = 0.0) -> ca.Function:
+        """Return the compiled ``p -> (h, gradient's size, unit outward normal, extents)`` of one face.
 
-        The first two are the surface and its normalised gradient; extents are at most zero on the face.
+        Extents are at most zero on the face, and a margin, metres, away from its sharp edges.
         """
-        return self._functions[name]
+        made = self._functions
+        if (name, margin) not in made:
+            face = next(face for face in self.faces if face.name == name)
+            made[name, margin] = face.compiled(self.point(), margin)
+        return made[name, margin]
 
-    def evaluate(self, name: str, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def edge_distance(self, name: str, points: FloatArray) -> FloatArray:
+        """Return the distance of points (m, space) of a face from its sharp edges, (m,), metres; inf without any."""
+        face = next(face for face in self.faces if face.name == name)
+        if not np.isfinite(face.room):
+            return np.full(len(points), np.inf)
+        sharp = slice(None) if face.sharp is None else np.asarray(face.sharp, dtype=bool)
+        values = self.surface_function(name).map(len(points))(points.T)[3].full()
+        return np.asarray(-np.max(np.asarray(values)[sharp], axis=0))
+
+    def evaluate(
+        self, name: str, points: FloatArray, margin: float = 0.0
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return surface, gradient size, unit outward normals and largest extent at points (m, space).
+
+        Parameters
+        ----------
+        name : str
+            Of the face.
+        points : (m, space) array
+        margin : float
+            From sharp edges, metres: as in ``surface_function``.
 
         Returns
         -------
@@ -143,7 +147,7 @@ class Body(StatedPart):
         extent : (m,) array
             Largest extent value, at most zero on the face; ``-inf`` for a face without limits.
         """
-        function = self._functions[name]
+        function = self.surface_function(name, margin)
         if not len(points):
             return np.zeros(0), np.zeros(0), np.zeros((0, self.space)), np.zeros(0)
         values = function.map(len(points))(points.T)
@@ -165,8 +169,8 @@ class Body(StatedPart):
                 break
         return p
 
-    def sample(self, name: str, count: int, rng: np.random.Generator) -> FloatArray:
-        """Return up to ``count`` random points on one face, spread over it (not exactly uniform).
+    def sample(self, name: str, count: int, rng: np.random.Generator, margin: float = 0.0) -> FloatArray:
+        """Return up to ``count`` random points on one face, spread over it (not exactly uniform), off its sharp edges.
 
         Returns
         -------
@@ -179,7 +183,7 @@ class Body(StatedPart):
         for _ in range(8):
             start = rng.uniform(lower, upper, (4 * count + 16, self.space))
             p = self.snap(name, start)
-            h, slope, _, extent = self.evaluate(name, p)
+            h, slope, _, extent = self.evaluate(name, p, margin)
             inside = np.all((p >= lower - 1e-9 * self.size) & (p <= upper + 1e-9 * self.size), axis=1)
             good = (np.abs(h) <= 1e-9 * self.size * np.maximum(slope, 1e-12)) & (extent <= 1e-9 * self.size) & inside
             good &= slope > 1e-9
@@ -189,29 +193,17 @@ class Body(StatedPart):
                 break
         return np.concatenate(found)[:count]
 
+    @cached_property
+    def _functions(self) -> dict[tuple[str, float], ca.Function]:
+        return {}
+
     def __getstate__(self) -> dict[str, object]:
         """Keep what defines the body; compiled functions are made again where it is unpickled."""
-        made = ("faces", "_functions", "centroid", "distance_function", "_tree")
+        made = ("faces", "_functions", "centroid", "distance_function", "_tree", "_edges")
         return {k: v for k, v in self.__dict__.items() if k not in made}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
-
-    @cached_property
-    def _functions(self) -> dict[str, ca.Function]:
-        result = {}
-        for face in self.faces:
-            p = self.point()
-            h = face.surface(p)
-            gradient = ca.gradient(h, p)
-            slope = ca.norm_2(gradient)
-            extents = ca.vertcat(*face.extent(p)) if face.extent(p) else ca.DM.zeros(0, 1)
-            outputs = [h, slope, gradient / slope, extents]
-            name = "surface_" + "".join(c if c.isalnum() else "_" for c in face.name).strip("_")
-            while "__" in name:
-                name = name.replace("__", "_")
-            result[face.name] = ca.Function(name, [p], outputs, ["p"], ["h", "slope", "normal", "extent"])
-        return result
 
 
 def intersection(parts: Sequence[Expression]) -> Expression:

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import CentredBody, Face, intersection
+from nlpgrasp.bodies.base import CentredBody, intersection
+from nlpgrasp.bodies.face import Face
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 
@@ -57,4 +58,5 @@ def _side(axis: int, sign: float, half: FloatArray) -> Face:
     def extent(p: Expression) -> list[Expression]:
         return [s * p[i] - half[i] for i in others for s in (1.0, -1.0)]
 
-    return Face(("+" if sign > 0 else "-") + "xyz"[axis], lambda p: sign * p[axis] - half[axis], extent)
+    name, room = ("+" if sign > 0 else "-") + "xyz"[axis], float(min(half[i] for i in others))
+    return Face(name, lambda p: sign * p[axis] - half[axis], extent, room=room)

@@ -8,7 +8,8 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, CentredBody, Face, intersection
+from nlpgrasp.bodies.base import TINY, CentredBody, intersection
+from nlpgrasp.bodies.face import Face
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 
@@ -43,10 +44,13 @@ class Cylinder(CentredBody):
         def round_part(p: Expression) -> Expression:
             return ((p[0] ** 2 + p[1] ** 2) / radius - radius) / 2.0
 
+        def within(p: Expression) -> list[Expression]:
+            return [ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - radius]
+
         return (
-            Face("side", round_part, lambda p: [p[2] - half, -p[2] - half]),
-            Face("top", lambda p: p[2] - half, lambda p: [round_part(p)]),
-            Face("bottom", lambda p: -p[2] - half, lambda p: [round_part(p)]),
+            Face("side", round_part, lambda p: [p[2] - half, -p[2] - half], room=half),
+            Face("top", lambda p: p[2] - half, within, room=radius),
+            Face("bottom", lambda p: -p[2] - half, within, room=radius),
         )
 
     def distance(self, p: Expression) -> Expression:

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import TINY, Body, Face
+from nlpgrasp.bodies.base import TINY, Body
+from nlpgrasp.bodies.face import SHARP, Face, turning
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
@@ -134,7 +135,24 @@ def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> 
         limits = [-position, position - length]
         return limits if height is None else [*limits, p[2] - height / 2.0, -p[2] - height / 2.0]
 
-    return Face(name, surface, extent)
+    sharp = [bool(turn > SHARP) for turn in turning(v)[[i, (i + 1) % len(v)]]]
+    room = length / sum(sharp) if any(sharp) else np.inf
+    if height is not None:
+        sharp, room = [*sharp, True, True], min(room, height / 2.0)
+    return Face(name, surface, extent, sharp, room)
+
+
+def inradius(v: FloatArray) -> float:
+    """Return the radius of the largest circle in a convex polygon (m, 2), counter-clockwise, metres."""
+    from scipy.optimize import linprog
+
+    along = np.roll(v, -1, axis=0) - v
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    outward = np.column_stack([along[:, 1], -along[:, 0]])
+    middle = v.mean(axis=0)
+    sides = np.sum(outward * (v - middle), axis=1)
+    found = linprog([0.0, 0.0, -1.0], np.column_stack([outward, np.ones(len(v))]), sides, bounds=[(None, None)] * 3)
+    return float(-np.asarray(found.fun))
 
 
 def _touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, tolerance: float) -> bool:

@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, Face, intersection
-from nlpgrasp.bodies.polygon import edge_face, polygon_centroid, polygon_distance, simple_polygon
+from nlpgrasp.bodies.base import Body, intersection
+from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.polygon import edge_face, inradius, polygon_centroid, polygon_distance, simple_polygon
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
@@ -69,8 +70,9 @@ class Prism(Body):
         def inside(p: Expression) -> list[Expression]:
             return [side.surface(p) for side in sides]
 
-        top = Face("top", lambda p: p[2] - half, inside)
-        return (*sides, top, Face("bottom", lambda p: -p[2] - half, inside))
+        room = inradius(self.corners)
+        top = Face("top", lambda p: p[2] - half, inside, room=room)
+        return (*sides, top, Face("bottom", lambda p: -p[2] - half, inside, room=room))
 
     def distance(self, p: Expression) -> Expression:
         """Return the exact signed distance of a CasADi point, metres, negative inside."""

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import CentredBody, Face
+from nlpgrasp.bodies.base import CentredBody
+from nlpgrasp.bodies.face import Face
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError

@@ -8,7 +8,8 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, CentredBody, Face
+from nlpgrasp.bodies.base import TINY, CentredBody
+from nlpgrasp.bodies.face import Face
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError

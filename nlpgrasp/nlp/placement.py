@@ -166,6 +166,6 @@ def _scaled_face(problem: GraspProblem, name: str, scaling: Scaling) -> tuple[ca
     """Return ``p_scaled -> [h, extents, outward normal]`` in solver units, and the number of extents."""
     body = problem.body
     p = body.point()
-    h, _, normal, extent = body.surface_function(name)(scaling.origin + scaling.length * p)
+    h, _, normal, extent = body.surface_function(name, problem.margin)(scaling.origin + scaling.length * p)
     rows = ca.vertcat(h / scaling.length, extent / scaling.length, normal)
     return ca.Function("face", [p], [rows]), int(extent.shape[0])

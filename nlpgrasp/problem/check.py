@@ -37,7 +37,11 @@ class Samples:
 
 
 def check_placements(
-    body: Body, hand: Hand | None, constraints: Sequence[PlacementConstraint], faces: Sequence[tuple[str, ...]]
+    body: Body,
+    hand: Hand | None,
+    constraints: Sequence[PlacementConstraint],
+    faces: Sequence[tuple[str, ...]],
+    margin: float = 0.0,
 ) -> None:
     """Refuse constraints that leave some contact nowhere to go, or that cannot be evaluated.
 
@@ -48,6 +52,8 @@ def check_placements(
     constraints : sequence of PlacementConstraint
     faces : sequence of k tuples of str
         The faces that each contact may use.
+    margin : float
+        From sharp edges, metres.
 
     Raises
     ------
@@ -66,7 +72,7 @@ def check_placements(
     if not rows and hand is None:
         return
     rng = np.random.default_rng(0)
-    samples = {name: _sampled(body, name, rng) for name in body.face_names}
+    samples = {name: _sampled(body, name, rng, margin) for name in sorted({name for own in faces for name in own})}
     for i in range(k):
         own = [row for row in rows if _only(row, p[i], n[i])]
         used = {name: samples[name] for name in faces[i] if len(samples[name].points)}
@@ -75,8 +81,8 @@ def check_placements(
     _check_room(constraints, faces, samples)
 
 
-def _sampled(body: Body, name: str, rng: np.random.Generator) -> Samples:
-    points = body.sample(name, SAMPLES, rng)
+def _sampled(body: Body, name: str, rng: np.random.Generator, margin: float) -> Samples:
+    points = body.sample(name, SAMPLES, rng, margin)
     return Samples(points, -body.evaluate(name, points)[2])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
 from nlpgrasp.problem.check import check_placements
 from nlpgrasp.problem.faces import allowed_faces
+from nlpgrasp.problem.margin import margin_of, room_of
 from nlpgrasp.tasks import Task
 
 MOST_CONTACTS = 32
@@ -44,14 +45,24 @@ class GraspProblem:
         each normal force, ``"shared"`` their sum, ``"per_finger_size"`` each force;
         ``"hand_torques"`` the torques that the forces ask of the hand's joints in the posture found;
         ``JointTorqueLimits`` is for Jacobians that are known.
+    edge_margin : float, optional
+        How far contacts stay away from edges at which the surface turns by more than 30 degrees, metres; 0 for the
+        paper's exact problem. By default half the largest fingertip's radius, up to a tenth of the body's shortest
+        extent, and a twentieth of that where no fingertip has a radius.
     torque_origin : (space,) array, optional
         Point about which task and grasp map take moments, metres, body frame; the body's centroid when left out.
     name : str
 
+    Attributes
+    ----------
+    margin : float
+        ``edge_margin``, or the default where none was given, metres.
+
     Raises
     ------
     InputError
-        On parts that do not fit together: dimensions, face names, numbers of fingers, faces all excluded.
+        On parts that do not fit together: dimensions, face names, numbers of fingers, faces all excluded, no face with
+        room for the margin.
     """
 
     body: Body
@@ -62,6 +73,8 @@ class GraspProblem:
     force_budget: str | ForceBudget = "l2"
     torque_origin: ArrayLike | None = None
     name: str = "grasp"
+    edge_margin: float | None = None
+    margin: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
         if not isinstance(self.body, Body):
@@ -90,8 +103,10 @@ class GraspProblem:
         ):
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._check_constraints()
-        faces = [self.allowed_faces(i) for i in range(len(self.models))]
-        check_placements(self.body, self.hand, self.constraints, faces)
+        count = range(len(self.models))
+        faces = [allowed_faces(self.body, self.models, self.constraints, i) for i in count]
+        object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))
+        check_placements(self.body, self.hand, self.constraints, [self.allowed_faces(i) for i in count], self.margin)
 
     def _set_contacts(self) -> None:
         given = self.contacts
@@ -166,7 +181,8 @@ class GraspProblem:
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return names of the faces contact ``contact`` may use."""
-        return allowed_faces(self.body, self.models, self.constraints, contact)
+        faces = allowed_faces(self.body, self.models, self.constraints, contact)
+        return tuple(f for f in faces if room_of(self.body, f) > self.margin) if self.margin > 0.0 else faces
 
     def to_dict(self) -> Json:
         """Return the problem as JSON data (docs/json.md)."""
@@ -177,4 +193,5 @@ class GraspProblem:
             "constraints": [c.to_dict() for c in self.constraints],
             "hand": None if self.hand is None else self.hand.to_dict(),
             "force_budget": self.budget.to_dict(),
+            "edge_margin": self.margin,
         }

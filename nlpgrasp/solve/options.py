@@ -55,6 +55,8 @@ class SolveOptions:
     gap : float, optional
         Go on after the starts, searching all placements, until the grasp is proved to be this close to the best
         possible (a share above 0, at most 1), or until the time limit. Without it a short look states a bound.
+    edge_margin : float, optional
+        In place of the problem's: how far contacts stay away from sharp edges, metres, 0 for none.
     time_limit : float, optional
         Seconds of wall time for the whole solve; the best grasp so far is returned.
     workers : int, optional
@@ -78,6 +80,7 @@ class SolveOptions:
     maximise_robust: bool = False
     global_bound: bool = True
     gap: float | None = None
+    edge_margin: float | None = None
     time_limit: float | None = None
     workers: int | None = None
     max_iterations: int = 300
@@ -98,6 +101,9 @@ class SolveOptions:
         if self.time_limit is not None:
             limit = number("SolveOptions.time_limit", self.time_limit, above=0.0)
             object.__setattr__(self, "time_limit", limit)
+        if self.edge_margin is not None:
+            margin = number("SolveOptions.edge_margin", self.edge_margin, at_least=0.0)
+            object.__setattr__(self, "edge_margin", margin)
         if self.gap is not None:
             object.__setattr__(self, "gap", share("SolveOptions.gap", self.gap))
             if not self.global_bound:

@@ -82,6 +82,8 @@ def solve(
     options = SolveOptions() if options is None else options
     if not isinstance(options, SolveOptions):
         raise InputError("options", options, "a SolveOptions")
+    if options.edge_margin is not None:
+        problem = replace(problem, edge_margin=options.edge_margin)
     check_name(options.exchange)
     check_json(problem.to_dict())
     solution = _run(Runner(problem, options.narrow(starts), starts), seed, progress)

@@ -51,6 +51,11 @@ def links_owner(contacts: int) -> Owner:
     return _beginning(LINKS, contacts)
 
 
+def margin_owner(contacts: int) -> Owner:
+    """Return which rows the margin from sharp edges may own."""
+    return _beginning(("edge margin, ",), contacts)
+
+
 def anything(row: str) -> bool:
     """Return that a part of another package, of which nothing is known, may own any row."""
     return True

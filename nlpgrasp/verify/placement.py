@@ -53,6 +53,9 @@ class Surface(Protocol):
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, space), (m,), metres, negative inside, as constraints state it."""
 
+    def edge_distance(self, face: str, point: FloatArray) -> float:
+        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+
     @property
     def rough(self) -> float:
         """How far above this distance the solver's own may be at an obstacle, metres; 0 where both are equal."""

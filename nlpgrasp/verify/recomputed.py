@@ -13,17 +13,19 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.bodies.edges import margin_rows
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, guarded, no_sense
 from nlpgrasp.verify.claims.drawing import drawing_check
 from nlpgrasp.verify.claims.torques import torque_checks
 from nlpgrasp.verify.hands.unknown import UnknownHand
-from nlpgrasp.verify.ownership import Owner, constraint_owner, hand_owner, links_owner
+from nlpgrasp.verify.ownership import Owner, constraint_owner, hand_owner, links_owner, margin_owner
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
 from nlpgrasp.verify.rows import PROMISE, RowValue, StatedRows, compare, kept
 from nlpgrasp.verify.sources import Sources
 from nlpgrasp.verify.surface import face_check, size_of, surface_checks
 
+MARGIN = "edge margin"
 ON_MESH = 10.0  # times the promise: steps over a mesh end there
 
 
@@ -47,6 +49,8 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
         f"constraint {i}, {data['type']}": partial(_constraint_rows, data, placement)
         for i, data in enumerate(solution.problem["constraints"])
     }
+    if solution.problem.get("edge_margin"):
+        parts[MARGIN] = partial(margin_rows, solution.problem, solution.faces, grasp, surface)
     if hand is not None:
         parts["hand"] = partial(hand.rows, placement)
     if hand is not None and hand.linked:
@@ -122,6 +126,7 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
     """Return which rows each part of the problem may own, by the part's name."""
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
     found = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
+    found[MARGIN] = margin_owner(contacts)
     return found if hand is None else {**found, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
 
 

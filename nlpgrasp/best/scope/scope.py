@@ -18,6 +18,7 @@ from nlpgrasp.best.scope.pieces import Bundled, Pieces, Roots
 from nlpgrasp.best.scope.places import Places, places
 from nlpgrasp.best.scope.symmetry import Symmetry, symmetries
 from nlpgrasp.best.scope.turning import Turned, pinned
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
@@ -86,7 +87,7 @@ def scope_of(problem: GraspProblem) -> Scope:
         On a body, a contact model or a force budget that the bound does not cover.
     """
     measure, faces = _covered(problem)
-    own, dropped = places(problem)
+    own, dropped = _left_out(problem)
     turned = pinned(problem, faces, own)
     for bundled in Bundled:
         made = _made(problem, faces, own, measure, bundled, turned)
@@ -106,14 +107,21 @@ def whole_of(problem: GraspProblem) -> Scope:
         As ``scope_of``.
     """
     measure, faces = _covered(problem)
-    own, dropped = places(problem)
+    own, dropped = _left_out(problem)
     made = _made(problem, faces, own, measure, Bundled.ALL, [])
     return Scope(problem, problem.task, measure, tuple(made), (), dropped)
 
 
+def _left_out(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...]]:
+    """Return the places of each contact, and what of the problem the bound leaves out: of a mesh its margin too."""
+    own, dropped = places(problem)
+    near_edges = isinstance(problem.body, Mesh) and problem.margin > 0.0
+    return own, (*dropped, "the edge margin") if near_edges else dropped
+
+
 def _covered(problem: GraspProblem) -> tuple[Measure, Sequence[Surface]]:
     """Return how supports add up, and the faces of the body; refuse what the bound does not cover."""
-    measure, faces = Measure.of(problem.budget), surfaces(problem.body)
+    measure, faces = Measure.of(problem.budget), surfaces(problem.body, problem.margin)
     if faces is None:
         raise InputError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
     for i, contact in enumerate(problem.models):

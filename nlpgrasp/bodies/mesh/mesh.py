@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, ClassVar, NoReturn
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import Body, Face
+from nlpgrasp.bodies.base import Body
+from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.mesh.edges import SharpEdges
 from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, automatic_resolution, distance_spline
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, usable_mesh
 from nlpgrasp.common.meshes.search_tree import SearchTree
@@ -20,6 +22,7 @@ from nlpgrasp.common.validation import FloatArray, integer, number
 if TYPE_CHECKING:
     import trimesh
 
+ROOM_SAMPLES = 4000  # points among which the farthest from sharp edges is looked for
 CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of links; margin over the size
 
 
@@ -154,6 +157,23 @@ class Mesh(Body):
     @cached_property
     def _tree(self) -> SearchTree:
         return SearchTree(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
+
+    def edge_distance(self, name: str, points: FloatArray) -> FloatArray:
+        """Return the distance of points (m, 3) from the mesh's sharp edges, (m,), metres; inf without any."""
+        del name
+        return self._edges.distance(points)
+
+    @cached_property
+    def edge_room(self) -> float:
+        """How far from all sharp edges some point of the mesh is, metres; inf without any."""
+        if not len(self._edges):
+            return np.inf
+        points, _ = self.surface_samples(ROOM_SAMPLES, np.random.default_rng(0))
+        return float(np.max(self._edges.distance(points)))
+
+    @cached_property
+    def _edges(self) -> SharpEdges:
+        return SharpEdges(self.mesh)
 
     def surface_samples(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return random points of the mesh, uniform by area, and its outward normals there, (count, 3) each."""

@@ -22,6 +22,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import collected, given_rows, placement_of
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solution.findings import ShadowPrice
+from nlpgrasp.solve.after.edge_price import edge_price
 from nlpgrasp.solve.after.limits import Limit, limits_of
 from nlpgrasp.solve.ascent.ascend import Model, Round, Rules, ascend
 from nlpgrasp.solve.ascent.state import AscentState
@@ -79,6 +80,7 @@ def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[Shado
     if optimum is None:
         return ()
     found = [price_of(bench, optimum, limit) for limit in limits_of(bench.problem)]
+    found.append(edge_price(bench, optimum.placed, lambda placed: _lagrangian(bench, optimum, placed)))
     prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
     prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
     return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
@@ -168,6 +170,14 @@ def price_of(bench: Workbench, optimum: Optimum, limit: Limit) -> ShadowPrice | 
         ratios = (_ratios(bench, optimum, more) - _ratios(bench, optimum, less)) / (2.0 * h)
         gain += float(optimum.weights @ ratios)
     return ShadowPrice(limit.name, limit.value, limit.step, limit.unit, gain * limit.step)
+
+
+def _lagrangian(bench: Workbench, optimum: Optimum, placed: Placed) -> float:
+    """Return the weighted ratios of another placement and what the room that its rows leave is worth."""
+    there = replace(optimum, placed=placed)
+    room, active = _room(bench, there, bench.problem), np.abs(optimum.prices) > 0.0
+    ratios = _ratios(bench, there, bench.problem)
+    return float(optimum.weights @ ratios + np.sum((optimum.prices * room)[active]))
 
 
 def _room(bench: Workbench, optimum: Optimum, problem: GraspProblem) -> FloatArray:

@@ -88,7 +88,7 @@ def _on_faces(bench: Workbench, placed: Placed) -> bool:
         if face not in problem.allowed_faces(i):
             return False
         if not isinstance(body, Mesh):
-            h, slope, _, extent = body.evaluate(face, point[None])
+            h, slope, _, extent = body.evaluate(face, point[None], problem.margin)
             if not (abs(h[0]) <= ON * body.size * slope[0] and extent[0] <= ON * body.size):
                 return False
     return True

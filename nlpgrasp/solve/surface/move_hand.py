@@ -19,17 +19,19 @@ from nlpgrasp.hands.base import Values
 from nlpgrasp.solve.ascent.cuts import no_cuts
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
 from nlpgrasp.solve.ascent.quadratic import Linearised, step_bounds
+from nlpgrasp.solve.ascent.slack import RowSlack
 from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
-from nlpgrasp.solve.surface.walk import Held, walk
+from nlpgrasp.solve.surface.walk import OFF_EDGES, Held, walk
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import hand_of, points_of, put_contacts, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-STEPS, AIMED = 12, 4  # most steps to the nearest points, and before them to points aimed at
+STEPS = 12  # at most, to the nearest points
+AIMING = NewtonRules(4, -np.inf, slack=RowSlack(1e4))  # before them, to points aimed at, as near as the rest allows
 TOUCHED = 1e-5  # metres: a gap this small is none
 GOOD = 0.9  # share of the smooth surface's quality at which no contact need slide
-SLIDES = (0.06, 0.12)  # how far contacts may slide, over the body's size
+SLIDES = (0.0, 0.06, 0.12)  # how far contacts may slide, over the body's size: first only off the edges
 TOUCHING = 1e-6  # metres between tip and mesh at which the steps end
 LONGEST = 0.3  # solver units a step
 OVERLAP = 0.2  # of a tip's radius: nearer to its centre the mesh has no normal to go by
@@ -72,13 +74,16 @@ def hand_onto_mesh(bench: Workbench, smooth: Placed, wanted: float, stop: Stop) 
     def value(touching: TouchingHand) -> float:
         budget = bench.budget(touching.placed)
         found = weakest_directions(touching.grasp, bench.problem.task, budget, rng, descents=QUICK).value
-        return found if touching.gap <= TOUCHED else -touching.gap
+        near = float(np.sum(bench.near_edges(touching.placed)))
+        return found - OFF_EDGES * near if touching.gap <= TOUCHED else -OFF_EDGES - touching.gap
 
     best = touch_mesh(bench, smooth)
     reached = value(best)
     for reach in SLIDES:
         if reached >= GOOD * wanted or stop.requested():
             break
+        if reach == 0.0 and not np.any(bench.near_edges(best.placed)):
+            continue
         slid = slide_onto_mesh(bench, smooth, rng, stop, reach, constrained=False)
         trial = touch_mesh(bench, Placed(smooth.faces, slid.points, smooth.hand), slid.normals)
         there = value(trial)
@@ -106,7 +111,7 @@ def touch_mesh(bench: Workbench, start: Placed, aim: FloatArray | None = None) -
     touching = _Touching(bench, start)
     z = touching.z[touching.free]
     if aim is not None:
-        z = restore(lambda z: touching.rows(z, start.points, aim), z, NewtonRules(AIMED, -np.inf)).last
+        z = restore(lambda z: touching.rows(z, start.points, aim), z, AIMING).last
     enough = TOUCHING / bench.scaling.length
     rows = restore(touching.nearest, z, NewtonRules(STEPS, enough)).rows
     placed = Placed(start.faces, rows.contacts, rows.hand)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.placed import SurfaceMatch
@@ -24,7 +26,7 @@ class OnBody:
     values : (rows,) array
         Of the rows of constraints and hand, in their own units; distances from a mesh are the mesh's own.
     violation : float
-        Largest violation of these rows, relative to their scales.
+        Largest violation of these rows, relative to their scales, and of the margin from edges, over the body's size.
     surface : SurfaceMatch or None
         For meshes.
     """
@@ -39,7 +41,8 @@ class OnBody:
     def of(cls, bench: Workbench, placed: Placed, grasp: Grasp, surface: SurfaceMatch | None = None) -> OnBody:
         """Return a grasp with the values of its rows, and how well they are kept."""
         values = bench.row_values(placed, grasp.normals)
-        return cls(placed, grasp, values, float(bench.rows.excess(values[None])[0]), surface)
+        excess = max(float(bench.rows.excess(values[None])[0]), float(np.max(bench.near_edges(placed))))
+        return cls(placed, grasp, values, excess, surface)
 
     @property
     def allowed(self) -> bool:

@@ -26,6 +26,7 @@ GAIN = 1e-3  # relative: a sweep that gains less halves the reach
 STEPS, LONGEST = 8, 0.3  # of Newton's method on the joints, and radians a step
 TOUCHED = 1e-5  # metres between tip and mesh that count as none
 ALLOWED = 10.0 * FEASIBLE
+OFF_EDGES = 1e3  # what a contact's being nearer to an edge than the margin costs, over the body's size
 DAMPING = 1e-8  # square metres
 STILL = 1e-9  # metres per unit of a variable below which it does not move a fingertip
 
@@ -65,7 +66,7 @@ def walk(bench: Workbench, start: Held, rng: np.random.Generator, stop: Stop) ->
             break
         walking.sweep(reach * bench.scaling.length)
         walking.look()
-        if walking.score(walking.held) > walking.score(best) * (1.0 + GAIN):
+        if walking.score(walking.held) > _enough(walking.score(best)):
             best = walking.held
         else:
             walking.held = best
@@ -93,7 +94,8 @@ class _Walking:
 
     def score(self, held: Held) -> float:
         """Return how well a hand resists the task in all directions known by now."""
-        return float(self._scored.of(held.placed.points[None], held.normals[None])[0])
+        near = float(np.sum(self.bench.near_edges(held.placed)))
+        return float(self._scored.of(held.placed.points[None], held.normals[None])[0]) - OFF_EDGES * near
 
     def sweep(self, reach: float) -> None:
         """Let each finger with a round tip that can move alone go up to so far, metres."""
@@ -111,7 +113,9 @@ class _Walking:
             near = self.rng.choice(near, TRIALS, replace=False)
         points, normals = (np.repeat(v[None], near.size, axis=0) for v in (held.placed.points, held.normals))
         points[:, i], normals[:, i] = cloud.points[near], cloud.normals[near]
-        scores, least = self._scored.of(points, normals), self.score(held) * (1.0 + GAIN)
+        others = np.delete(self.bench.near_edges(held.placed), i)
+        scores = self._scored.of(points, normals) - OFF_EDGES * float(np.sum(others))
+        least = _enough(self.score(held))
         for j in np.argsort(-scores, kind="stable")[:TRIED]:
             if scores[j] <= least:
                 return
@@ -158,6 +162,11 @@ class _Walking:
         """Return the largest violation of constraints and hand, with distances from the mesh itself."""
         values = self.bench.row_values(held.placed, held.normals)
         return float(self.bench.rows.excess(values[None])[0])
+
+
+def _enough(score: float) -> float:
+    """Return the score from which on a grasp is better than one of some score."""
+    return score + GAIN * abs(score)
 
 
 def _moved_alone(bench: Workbench, placed: Placed) -> NDArray[np.bool_]:

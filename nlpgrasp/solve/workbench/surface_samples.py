@@ -40,10 +40,14 @@ class Cloud:
     tree: cKDTree
 
 
-def plain(body: Mesh, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
-    """Return at which points (m, 3) of a mesh its outward normals (m, 3) are near those of the smooth surface."""
-    smooth = body.evaluate(body.face_names[0], points)[2]
-    return np.asarray(np.sum(smooth * outward, axis=1) >= np.cos(MESH_ANGLE))
+def plain(body: Mesh, points: FloatArray, outward: FloatArray, margin: float) -> NDArray[np.bool_]:
+    """Return which points (m, 3) of a mesh, where its outward normals (m, 3) are given, a contact may use.
+
+    They are a margin, metres, away from sharp edges, and the normals there are near those of the smooth surface.
+    """
+    face = body.face_names[0]
+    smooth = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
+    return np.asarray(smooth & (body.edge_distance(face, points) >= margin)) if margin > 0.0 else np.asarray(smooth)
 
 
 class SurfaceSamples:
@@ -64,7 +68,7 @@ class SurfaceSamples:
         problem, k = self._problem, len(self._problem.models)
         names = sorted({n for i in range(k) for n in problem.allowed_faces(i)})
         rng = np.random.default_rng(0)
-        found = {name: problem.body.sample(name, CLOUD, rng) for name in names}
+        found = {name: problem.body.sample(name, CLOUD, rng, problem.margin) for name in names}
         found = {name: points for name, points in found.items() if len(points)}
         for i in range(k):
             if not any(n in found for n in problem.allowed_faces(i)):
@@ -100,7 +104,7 @@ class SurfaceSamples:
         """Points of the mesh itself, away from sharp edges, with its triangles' inward normals."""
         body = self.mesh
         points, normals = body.surface_samples(MESH_SAMPLES, np.random.default_rng(0))
-        kept = plain(body, points, normals)
+        kept = plain(body, points, normals, self._problem.margin)
         if kept.any():
             points, normals = points[kept], normals[kept]
         return Cloud(np.full(len(points), body.face_names[0], dtype=object), points, -normals, cKDTree(points))

@@ -173,6 +173,18 @@ class Workbench:
             return np.inf
         return float(self.rows.violations(placed.points[None], normals[None], placed.repeated_hand(1))[0])
 
+    def edge_distances(self, placed: Placed) -> FloatArray:
+        """Return the distance of each contact from its face's sharp edges, (k,), metres; inf where there are none."""
+        each = zip(placed.faces, placed.points, strict=True)
+        return np.concatenate([self.problem.body.edge_distance(face, point[None]) for face, point in each])
+
+    def near_edges(self, placed: Placed) -> FloatArray:
+        """Return by how much each contact is nearer to a sharp edge than the margin, (k,), over the body's size."""
+        if self.problem.margin == 0.0:
+            return np.zeros(len(placed.points))
+        short = (self.problem.margin - self.edge_distances(placed)) / self.problem.body.size
+        return np.asarray(np.maximum(short, 0.0))
+
     def row_values(self, placed: Placed, normals: FloatArray) -> FloatArray:
         """Return the values of the rows with these inward normals (k, space), (rows,) in their own units.
 

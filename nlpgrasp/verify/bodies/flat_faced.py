@@ -10,6 +10,7 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.verify.bodies.edges import Distance, from_corners
 from nlpgrasp.verify.bodies.smooth import positive
 from nlpgrasp.verify.placement import Fit
 from nlpgrasp.verify.sources import Sources
@@ -29,11 +30,14 @@ class FacedSurface:
         Face to its piece.
     field : callable
         Points (m, space) to signed distances (m,).
+    edges : mapping
+        Face to the distance from its sharp edges.
     """
 
     bounds: FloatArray
     pieces: Mapping[str, Piece]
     field: Callable[[FloatArray], FloatArray]
+    edges: Mapping[str, Distance]
     rough: float = 0.0
     tight: bool = True
 
@@ -41,6 +45,10 @@ class FacedSurface:
         """Return distance and turn of a contact."""
         off, outward, past = self.pieces[face](point)
         return Fit(float(np.hypot(off, max(past, 0.0))), float(np.linalg.norm(normal + outward)))
+
+    def edge_distance(self, face: str, point: FloatArray) -> float:
+        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+        return self.edges[face](point)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, space)."""
@@ -55,7 +63,12 @@ def box(data: Json, sources: Sources) -> FacedSurface:
         for axis in range(3)
         for sign in (1.0, -1.0)
     }
-    return FacedSurface(np.stack([-half, half]), pieces, lambda p: _joined(*(np.abs(p) - half).T))
+    edges = {name: _from_sides("xyz".index(name[1]), half) for name in pieces}
+    return FacedSurface(np.stack([-half, half]), pieces, lambda p: _joined(*(np.abs(p) - half).T), edges)
+
+
+def _from_sides(axis: int, half: FloatArray) -> Distance:
+    return lambda p: float(np.min(np.delete(half - np.abs(p), axis)))
 
 
 def _side_of_box(axis: int, sign: float, half: FloatArray) -> Piece:
@@ -80,14 +93,21 @@ def cylinder(data: Json, sources: Sources) -> FacedSurface:
         return _joined(np.hypot(p[:, 0], p[:, 1]) - radius, np.abs(p[:, 2]) - half)
 
     corner = np.array([radius, radius, half])
-    return FacedSurface(np.stack([-corner, corner]), {"side": side, "top": end(1.0), "bottom": end(-1.0)}, field)
+
+    def rim(p: FloatArray) -> float:
+        return radius - float(np.hypot(p[0], p[1]))
+
+    edges: dict[str, Distance] = {"side": lambda p: half - abs(float(p[2])), "top": rim, "bottom": rim}
+    faces = {"side": side, "top": end(1.0), "bottom": end(-1.0)}
+    return FacedSurface(np.stack([-corner, corner]), faces, field, edges)
 
 
 def polygon(data: Json, sources: Sources) -> FacedSurface:
     """Return the edges ``edge0``, ``edge1``, ..."""
     v = _counter_clockwise("vertices", data["vertices"])
     pieces = {f"edge{i}": _edge(v, i) for i in range(len(v))}
-    return FacedSurface(np.stack([v.min(axis=0), v.max(axis=0)]), pieces, lambda p: _polygon_distance(v, p))
+    edges = {f"edge{i}": from_corners(v, i) for i in range(len(v))}
+    return FacedSurface(np.stack([v.min(axis=0), v.max(axis=0)]), pieces, lambda p: _polygon_distance(v, p), edges)
 
 
 def prism(data: Json, sources: Sources) -> FacedSurface:
@@ -106,12 +126,20 @@ def prism(data: Json, sources: Sources) -> FacedSurface:
         outward = np.array([0.0, 0.0, sign])
         return lambda p: (float(sign * p[2]) - half, outward, float(_polygon_distance(v, p[None, :2])[0]))
 
+    def upright(beside: Distance) -> Distance:
+        return lambda p: min(beside(p), half - abs(float(p[2])))
+
     def field(p: FloatArray) -> FloatArray:
         return _joined(_polygon_distance(v, p[:, :2]), np.abs(p[:, 2]) - half)
 
     pieces = {f"side{i}": side(_edge(v, i)) for i in range(len(v))} | {"top": end(1.0), "bottom": end(-1.0)}
     bounds = np.stack([np.append(v.min(axis=0), -half), np.append(v.max(axis=0), half)])
-    return FacedSurface(bounds, pieces, field)
+
+    def rim(p: FloatArray) -> float:
+        return -float(_polygon_distance(v, p[None, :2])[0])
+
+    edges = {f"side{i}": upright(from_corners(v, i)) for i in range(len(v))} | {"top": rim, "bottom": rim}
+    return FacedSurface(bounds, pieces, field, edges)
 
 
 def _counter_clockwise(field: str, value: object) -> FloatArray:

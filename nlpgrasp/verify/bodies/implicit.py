@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.verify.check import NotMadeError
@@ -29,6 +31,10 @@ class TextSurface:
         if face != "surface":
             raise KeyError(face)
         raise NotMadeError("the body's function stays in the script that made it")
+
+    def edge_distance(self, face: str, point: FloatArray) -> float:
+        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+        return np.inf
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Raise ``NotMadeError``: the function is not in the file."""

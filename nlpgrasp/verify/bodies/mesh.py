@@ -13,6 +13,7 @@ from nlpgrasp.common.meshes.mesh_file import UNITS, mesh_digest, read_mesh, usab
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
+from nlpgrasp.verify.bodies.edges import from_segments, sharp_segments
 from nlpgrasp.verify.bodies.triangles import TriangleSurface
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.placement import Fit
@@ -72,6 +73,14 @@ class MeshSurface:
         there = (self.triangles.corners[touching] - point).reshape(-1, 3)
         rise = -(there @ normal) / np.maximum(np.linalg.norm(there, axis=1), BESIDE * self.size)
         return Fit(float(np.min(off)), max(0.0, float(np.max(rise))))
+
+    def edge_distance(self, face: str, point: FloatArray) -> float:
+        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+        return from_segments(self._sharp)(point)
+
+    @cached_property
+    def _sharp(self) -> FloatArray:
+        return sharp_segments(self.triangles)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3) to the mesh itself."""

@@ -52,6 +52,10 @@ class SmoothSurface:
         outward = gradient[0] / max(float(np.linalg.norm(gradient[0])), SMALLEST)
         return Fit(abs(float(distance[0])), float(np.linalg.norm(normal + outward)))
 
+    def edge_distance(self, face: str, point: FloatArray) -> float:
+        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+        return np.inf
+
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3)."""
         return self.field(points)[0]

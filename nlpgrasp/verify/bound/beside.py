@@ -10,14 +10,13 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.bound.faces import faces_of
 from nlpgrasp.verify.bound.file import bound_file
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.check import Check, NotMadeError
 from nlpgrasp.verify.sources import Sources
 
 SAME = 1e-9  # relative
-PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget")  # of a problem
+PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget", "edge_margin")  # of a problem
 
 
 def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources: Sources) -> list[Check]:
@@ -53,7 +52,7 @@ def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources:
         return [*checks, Check("bound", False, str(error))]
     proof = Proof(problem, certificate, sources)
     try:
-        if faces_of(problem["body"]).get("surface", ()) is None:
+        if problem["body"]["type"] == "mesh":
             sources.find(problem["body"].get("source"))
     except NotMadeError as reason:
         return [*checks, Check.not_made("bound", str(reason))]
@@ -74,7 +73,7 @@ def _certificate(bound: GlobalBound, problem: Json, sources: Sources) -> Json:
     data = bound_file(path)
     if data is None:
         raise InputError(path.name, "no bound", "a bound file")
-    other = [part for part in PARTS if data["problem"][part] != problem[part]]
+    other = [part for part in PARTS if data["problem"].get(part, 0.0) != problem.get(part, 0.0)]
     if other or data["upper"] != bound.upper:
         raise InputError(path.name, f"another {other[0] if other else 'bound'}", "the bound that the solution states")
     certificate: Json = data["certificate"]

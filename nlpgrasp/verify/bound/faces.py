@@ -3,124 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.verify.bound.cells.bundle import cell_of
+from nlpgrasp.verify.bound.cells.outlines import Faces, FlatFace
 from nlpgrasp.verify.bound.cells.polygon import Polygon, below
 from nlpgrasp.verify.bound.places import Places
 from nlpgrasp.verify.check import NotMadeError
 
 SAME = 1e-9  # relative to the body's size
-TURNS = {"sector": 8, "revolved": 4}  # parts of a turn
-Faces = dict[str, "FlatFace | list[Json] | None"]
-"""Of each face its outline, or cells that cover it; None of a mesh, whose triangles are in a file of their own."""
-
-
-@dataclass(frozen=True)
-class FlatFace:
-    """A polygon, or a segment, with one normal.
-
-    Parameters
-    ----------
-    corners : (m, space) array
-        In order, metres.
-    normal : (space,) array
-        Unit, into the body.
-    """
-
-    corners: FloatArray
-    normal: FloatArray
-
-
-def faces_of(body: Json) -> Faces:
-    """Return the faces of a body by name."""
-    kind = body["type"]
-    if kind == "mesh":
-        return {"surface": None}
-    if kind not in MAKERS:
-        raise NotMadeError(f"nothing recomputes the cells of a {kind}")
-    return dict(MAKERS[kind](body))
-
-
-def _box(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
-    half = array("extents", body["extents"], (3,)) / 2.0
-    around = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-    for axis, sign in product(range(3), (1.0, -1.0)):
-        corners = np.insert(around, axis, sign, axis=1) * half
-        yield ("+" if sign > 0.0 else "-") + "xyz"[axis], FlatFace(corners, -sign * np.eye(3)[axis])
-
-
-def _polygon(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
-    for i, edge in enumerate(_edges(array("vertices", body["vertices"], (None, 2)))):
-        yield f"edge{i}", edge
-
-
-def _edges(corners: FloatArray) -> Iterator[FlatFace]:
-    """Yield the edges of a polygon (m, 2) that goes around counter-clockwise."""
-    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        along = (end - start) / np.linalg.norm(end - start)
-        yield FlatFace(np.stack([start, end]), np.array([-along[1], along[0]]))
-
-
-def _prism(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
-    corners = array("polygon", body["polygon"], (None, 2))
-    half = number("height", body["height"], above=0.0) / 2.0
-    for i, edge in enumerate(_edges(corners)):
-        low, high = (np.column_stack([edge.corners, np.full(2, z)]) for z in (-half, half))
-        yield f"side{i}", FlatFace(np.concatenate([low, high[::-1]]), np.append(edge.normal, 0.0))
-    for name, sign in (("top", 1.0), ("bottom", -1.0)):
-        level = np.column_stack([corners, np.full(len(corners), sign * half)])
-        yield name, FlatFace(level, np.array([0.0, 0.0, -sign]))
-
-
-def _ellipsoid(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
-    axes = [body["radius"]] * 3 if body["type"] == "sphere" else body["semi_axes"]
-    octants = [np.diag(signs).tolist() for signs in product((1.0, -1.0), repeat=3)]
-    yield "surface", [{"kind": "ellipsoid", "corners": octant, "semi_axes": axes} for octant in octants]
-
-
-def _superquadric(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
-    whole = {name: body[name] for name in ("semi_axes", "exponents")}
-    quarter = {"angles": [0.0, 0.5 * np.pi], "along": [0.0, 0.5 * np.pi]}
-    signs = [list(s) for s in product((1.0, -1.0), repeat=3)]
-    yield "surface", [{"kind": "superquadric", **whole, "signs": octant, **quarter} for octant in signs]
-
-
-def _cylinder(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
-    radius, half = body["radius"], body["height"] / 2.0
-    side = {"kind": "revolved", "radii": [0.0, radius], "along": [-half, half]}
-    yield "side", [{**side, "angles": angles} for angles in _turn("revolved")]
-    for name, sign in (("top", 1.0), ("bottom", -1.0)):
-        disc = {"kind": "sector", "radii": [0.0, radius], "height": sign * half, "normal": [0.0, 0.0, -sign]}
-        yield name, [{**disc, "angles": angles} for angles in _turn("sector")]
-
-
-def _torus(body: Json) -> Iterator[tuple[str, FlatFace | list[Json]]]:
-    whole = {"kind": "revolved", "radii": [body["major_radius"], body["minor_radius"]]}
-    ways = [[t - np.pi for t in turn] for turn in _turn("revolved")]
-    yield "surface", [{**whole, "angles": a, "along": t} for a, t in product(_turn("revolved"), ways)]
-
-
-def _turn(kind: str) -> list[list[float]]:
-    ends = np.linspace(0.0, 2.0 * np.pi, TURNS[kind] + 1).tolist()
-    return [ends[i : i + 2] for i in range(TURNS[kind])]
-
-
-MAKERS = {
-    "box": _box,
-    "polygon": _polygon,
-    "prism": _prism,
-    "sphere": _ellipsoid,
-    "ellipsoid": _ellipsoid,
-    "superquadric": _superquadric,
-    "cylinder": _cylinder,
-    "torus": _torus,
-}
 
 
 def uncovered(faces: Faces, own: Places, roots: Sequence[Json], size: float) -> list[str]:

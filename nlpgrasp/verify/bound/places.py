@@ -99,6 +99,8 @@ def places(problem: Json, faces: Sequence[str], space: int, sources: Sources) ->
     for j, data in enumerate(constraints):
         if j not in known and not data.get("faces"):
             dropped.append(str(data.get("name", data["type"])))
+    if problem["body"]["type"] == "mesh" and problem.get("edge_margin", 0.0) > 0.0:
+        dropped.append("the edge margin")
     return found, dropped
 
 

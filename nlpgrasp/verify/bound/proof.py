@@ -8,13 +8,14 @@ from functools import cached_property, partial
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.verify.bodies.mesh import MeshSurface
 from nlpgrasp.verify.bodies.triangles import TriangleSurface
 from nlpgrasp.verify.bound import motions, turned
 from nlpgrasp.verify.bound.cells.mesh import MeshCell
-from nlpgrasp.verify.bound.faces import SAME, Faces, faces_of, uncovered
+from nlpgrasp.verify.bound.cells.outlines import Faces, faces_of
+from nlpgrasp.verify.bound.faces import SAME, uncovered
 from nlpgrasp.verify.bound.leaves import Leaves
 from nlpgrasp.verify.bound.places import Places, places
 from nlpgrasp.verify.bound.shared import SharedLeaves
@@ -67,7 +68,8 @@ class Proof:
     @cached_property
     def faces(self) -> Faces:
         """The body's faces."""
-        return faces_of(self.problem["body"])
+        margin = number("edge_margin", self.problem.get("edge_margin", 0.0), at_least=0.0)
+        return faces_of(self.problem["body"], margin)
 
     @cached_property
     def asked(self) -> tuple[list[Places], list[str]]:

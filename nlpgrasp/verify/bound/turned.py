@@ -11,7 +11,8 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.bound.cells.ellipsoid import Ellipsoid
-from nlpgrasp.verify.bound.faces import Faces, FlatFace, is_among
+from nlpgrasp.verify.bound.cells.outlines import Faces, FlatFace
+from nlpgrasp.verify.bound.faces import is_among
 from nlpgrasp.verify.bound.motions import keeps_body, keeps_task, on_wrenches
 from nlpgrasp.verify.bound.places import Places
 

@@ -1,0 +1,65 @@
+"""One smooth piece of a body's surface, and how far it reaches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.common.types import Expression
+from nlpgrasp.common.validation import FloatArray
+
+SHARP = np.radians(30.0)  # between the normals on both sides of an edge: beyond it the edge is a sharp one
+
+
+@dataclass(frozen=True)
+class Face:
+    """One smooth piece of a body's surface.
+
+    Parameters
+    ----------
+    name : str
+    surface : callable
+        ``surface(p) -> h``: zero on the face, negative inside the body, positive outside; p is a CasADi
+        column of 2 or 3 metres.
+    extent : callable
+        ``extent(p) -> list`` of expressions that are at most zero on the face: of a point of it, minus the distances
+        from its edges, metres.
+    sharp : sequence of bool, optional
+        Of each extent whether the surface turns by more than 30 degrees at that edge; all of them when left out.
+    room : float
+        The largest margin from sharp edges that leaves something of the face, metres.
+    """
+
+    name: str
+    surface: Callable[[Expression], Expression]
+    extent: Callable[[Expression], Sequence[Expression]] = lambda p: ()
+    sharp: Sequence[bool] | None = None
+    room: float = np.inf
+
+    def limits(self, p: Expression, margin: float) -> list[Expression]:
+        """Return the extents of a CasADi point, those of sharp edges drawn back by a margin, metres."""
+        extents = list(self.extent(p))
+        sharp = [True] * len(extents) if self.sharp is None else list(self.sharp)
+        return [e + margin * s for e, s in zip(extents, sharp, strict=True)]
+
+    def compiled(self, p: Expression, margin: float) -> ca.Function:
+        """Return the function of a symbol to surface, gradient's size, unit outward normal and limits."""
+        h = self.surface(p)
+        gradient = ca.gradient(h, p)
+        slope = ca.norm_2(gradient)
+        extents = self.limits(p, margin)
+        outputs = [h, slope, gradient / slope, ca.vertcat(*extents) if extents else ca.DM.zeros(0, 1)]
+        name = "surface_" + "".join(c if c.isalnum() else "_" for c in self.name).strip("_")
+        while "__" in name:
+            name = name.replace("__", "_")
+        return ca.Function(name, [p], outputs, ["p"], ["h", "slope", "normal", "extent"])
+
+
+def turning(corners: FloatArray) -> FloatArray:
+    """Return by how much a polygon turns at each of its vertices (m, 2), (m,), radians, at least zero."""
+    before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    return np.asarray(np.abs(np.arctan2(cross, np.sum(before * after, axis=1))))

@@ -1,0 +1,45 @@
+"""The sharp edges of a triangle mesh, and how far points are from them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nlpgrasp.bodies.face import SHARP
+from nlpgrasp.common.validation import FloatArray
+
+if TYPE_CHECKING:
+    import trimesh
+
+FLAT = 1e-12  # of the size squared: the area of a triangle whose normal is rounding
+
+
+class SharpEdges:
+    """Edges at which the surface turns by more than 30 degrees, whichever way.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        Vertices in metres.
+    """
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        areas = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)]
+        solid = np.min(areas, axis=1, initial=np.inf) > FLAT * float(np.sum(np.ptp(mesh.bounds, axis=0) ** 2))
+        turned = np.asarray(mesh.face_adjacency_angles) > SHARP
+        self._vertices = np.asarray(mesh.vertices, dtype=float)
+        self._edges = np.asarray(mesh.face_adjacency_edges, dtype=np.int64)[solid & turned]
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._edges)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the distance of points (m, 3) from the nearest sharp edge, (m,), metres; inf where there is none."""
+        if not len(self._edges) or not len(points):
+            return np.full(len(points), np.inf)
+        import igl
+
+        squared = igl.point_mesh_squared_distance(np.ascontiguousarray(points), self._vertices, self._edges)[0]
+        return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
