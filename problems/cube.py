@@ -15,6 +15,7 @@ def problem() -> ng.GraspProblem:
         contacts=[ng.PointContact(), ng.FrictionContact(1.0), ng.SoftContact(1.0, 1.0)],
         task=ng.TaskEllipsoid([1.0] * 6),
         name="cube, Figure 3",
+        edge_margin=0.0,
     )
 
 

@@ -28,6 +28,7 @@ def problem() -> ng.GraspProblem:
         task=ng.TaskEllipsoid([1.0] * 6),
         constraints=[ng.Constraint("mid-height", lambda p, n: [q[2] for q in p], 0.0, 0.0)],
         name="hexagon, Example 3-3",
+        edge_margin=0.0,
     )
 
 

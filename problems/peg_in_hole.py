@@ -25,6 +25,7 @@ def problem() -> ng.GraspProblem:
         task=ng.TaskEllipsoid(axes, center=[0.5, 0.0, -3.0, 0.0, 0.0, 0.0]),
         constraints=[ng.Forbid(ng.HalfSpace([0.0, 0.0, -1.0], 0.0))],
         name="peg in hole, Example 3-4",
+        edge_margin=0.0,
     )
 
 

@@ -35,6 +35,7 @@ def writing(least: float, most: float = LENGTH) -> ng.GraspProblem:
         ],
         torque_origin=lead,
         name="pencil, Example 3-5",
+        edge_margin=0.0,
     )
 
 

@@ -14,6 +14,7 @@ def problem(weight: float = 0.5, friction: float = 0.5) -> ng.GraspProblem:
         contacts=[ng.FrictionContact(friction)] * 2,
         task=ng.TaskEllipsoid([1.0, 1.0, 1.0], center=[0.0, weight, 0.0]),
         name="rectangle, Example 3-10",
+        edge_margin=0.0,
     )
 
 

@@ -64,6 +64,11 @@ class Body(StatedPart):
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0]) / 2.0)
 
     @property
+    def cramped(self) -> bool:
+        """Whether round fingertips that touch the body somewhere may cut it elsewhere, as far as ``distance`` tells."""
+        return False
+
+    @property
     def symbol(self) -> type[ca.SX] | type[ca.MX]:
         """CasADi type that the surface is stated in: ``casadi.SX``, or ``casadi.MX`` for splines."""
         return ca.SX

@@ -59,7 +59,7 @@ class Face:
 
 
 def turning(corners: FloatArray) -> FloatArray:
-    """Return by how much a polygon turns at each of its vertices (m, 2), (m,), radians, at least zero."""
+    """Return by how much a polygon turns at each of its vertices (m, 2), (m,), radians, to the left."""
     before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    return np.asarray(np.abs(np.arctan2(cross, np.sum(before * after, axis=1))))
+    return np.asarray(np.arctan2(cross, np.sum(before * after, axis=1)))

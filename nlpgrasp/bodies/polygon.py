@@ -54,6 +54,11 @@ class Polygon(Body):
         """Centre of the polygon's area, (2,), metres."""
         return polygon_centroid(self.corners)
 
+    @property
+    def cramped(self) -> bool:
+        """Whether some corner points inwards."""
+        return bool(np.any(turning(self.corners) < -1e-9))
+
     def make_faces(self) -> tuple[Face, ...]:
         """Return one face for each edge."""
         return tuple(edge_face(f"edge{i}", self.corners, i) for i in range(len(self.corners)))
@@ -135,7 +140,7 @@ def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> 
         limits = [-position, position - length]
         return limits if height is None else [*limits, p[2] - height / 2.0, -p[2] - height / 2.0]
 
-    sharp = [bool(turn > SHARP) for turn in turning(v)[[i, (i + 1) % len(v)]]]
+    sharp = [bool(turn > SHARP) for turn in np.abs(turning(v))[[i, (i + 1) % len(v)]]]
     room = length / sum(sharp) if any(sharp) else np.inf
     if height is not None:
         sharp, room = [*sharp, True, True], min(room, height / 2.0)

@@ -43,6 +43,11 @@ class Torus(CentredBody):
         outer = self.major_radius + self.minor_radius
         return np.array([outer, outer, self.minor_radius])
 
+    @property
+    def cramped(self) -> bool:
+        """True: there is the hole."""
+        return True
+
     def make_faces(self) -> tuple[Face, ...]:
         """Return the one face, the distance to the tube's centre line less the minor radius, squared."""
         major, minor = self.major_radius, self.minor_radius

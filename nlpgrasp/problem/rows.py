@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from nlpgrasp.bodies import Body
-from nlpgrasp.common.rows import CLEARANCE, Clearance, LinkSphere, Placement, Row
+from nlpgrasp.common.rows import CLEARANCE, ROOM, Clearance, LinkSphere, Placement, Row
 from nlpgrasp.common.types import Expression
 from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.hands import Hand
+
+FITS = 0.99  # of a fingertip's radius: the least distance of its centre from the body
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def given_rows(
     """Return the rows of each constraint, then those of the hand, then those of the links' clearance."""
     given = [c.rows(placement) for c in constraints]
     if hand is not None:
-        given.append(hand.rows(placement, variables))
+        given.append([*hand.rows(placement, variables), *_rooms(body, hand, placement)])
         given.append([_clear(body, sphere) for sphere in placement.spheres])
     return given
 
@@ -106,6 +108,18 @@ def collected(given: Sequence[Sequence[Row | Clearance]], shared: bool) -> Place
     sources = tuple(tuple(i if scalar else len(rows) + i for scalar, i in part) for part in places)
     found = _shared(rows, clearances) if shared else PlacementRows(tuple(rows), tuple(clearances))
     return replace(found, sources=sources)
+
+
+def _rooms(body: Body, hand: Hand, placement: Placement) -> list[Clearance]:
+    """Return that round fingertips that are where their contacts are cut the body nowhere.
+
+    On a mesh, which is as rough as it is, this is asked of each place by itself.
+    """
+    if not hand.follows_contacts or not body.cramped or body.symbol is ca.MX:
+        return []
+    each = enumerate(zip(placement.tips, placement.radii, strict=True))
+    distance, size = body.distance_function, body.size
+    return [Clearance(ROOM, distance, tip, FITS * r, size, fingers=(i,)) for i, (tip, r) in each if r > 0.0]
 
 
 def _clear(body: Body, sphere: LinkSphere) -> Clearance:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from nlpgrasp.common.rows import CLEARANCE, ON_FINGERTIP, SELF_COLLISION, UNIT_QUATERNION
+from nlpgrasp.common.rows import CLEARANCE, ON_FINGERTIP, ROOM, SELF_COLLISION, UNIT_QUATERNION
 from nlpgrasp.common.types import Json
 
 Owner = Callable[[str], bool]
@@ -54,6 +54,11 @@ def links_owner(contacts: int) -> Owner:
 def margin_owner(contacts: int) -> Owner:
     """Return which rows the margin from sharp edges may own."""
     return _beginning(("edge margin, ",), contacts)
+
+
+def room_owner(contacts: int) -> Owner:
+    """Return which rows the room for fingertips may own."""
+    return _beginning((f"{ROOM}, ",), contacts)
 
 
 def anything(row: str) -> bool:

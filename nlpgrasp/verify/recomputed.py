@@ -17,15 +17,16 @@ from nlpgrasp.verify.bodies.edges import margin_rows
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, guarded, no_sense
 from nlpgrasp.verify.claims.drawing import drawing_check
 from nlpgrasp.verify.claims.torques import torque_checks
+from nlpgrasp.verify.hands.room import room_rows
 from nlpgrasp.verify.hands.unknown import UnknownHand
-from nlpgrasp.verify.ownership import Owner, constraint_owner, hand_owner, links_owner, margin_owner
+from nlpgrasp.verify.ownership import Owner, constraint_owner, hand_owner, links_owner, margin_owner, room_owner
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
 from nlpgrasp.verify.rows import PROMISE, RowValue, StatedRows, compare, kept
 from nlpgrasp.verify.sources import Sources
 from nlpgrasp.verify.surface import face_check, size_of, surface_checks
 
-MARGIN = "edge margin"
+MARGIN, FITTING = "edge margin", "room for fingertips"
 ON_MESH = 10.0  # times the promise: steps over a mesh end there
 
 
@@ -49,10 +50,12 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
         f"constraint {i}, {data['type']}": partial(_constraint_rows, data, placement)
         for i, data in enumerate(solution.problem["constraints"])
     }
-    if solution.problem.get("edge_margin"):
+    if "edge_margin" in solution.problem:
         parts[MARGIN] = partial(margin_rows, solution.problem, solution.faces, grasp, surface)
     if hand is not None:
         parts["hand"] = partial(hand.rows, placement)
+    if hand is not None and not hand.linked and "edge_margin" in solution.problem:
+        parts[FITTING] = partial(room_rows, solution.body, surface, placement)
     if hand is not None and hand.linked:
         parts["links"] = partial(link_rows, hand, surface, placement)
     owners = _owners(solution, len(grasp))
@@ -126,7 +129,7 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
     """Return which rows each part of the problem may own, by the part's name."""
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
     found = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
-    found[MARGIN] = margin_owner(contacts)
+    found[MARGIN], found[FITTING] = margin_owner(contacts), room_owner(contacts)
     return found if hand is None else {**found, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
 
 

@@ -74,7 +74,7 @@ def _prism(body: Prism, margin: float) -> Faces:
 def _edges(corners: FloatArray, margin: float) -> list[tuple[FloatArray | None, FloatArray]]:
     """Return both ends, None without room, and the inward unit normal of each edge of a polygon, counter-clockwise."""
     result: list[tuple[FloatArray | None, FloatArray]] = []
-    back = margin * (turning(corners) > SHARP)
+    back = margin * (np.abs(turning(corners)) > SHARP)
     following = zip(np.roll(corners, -1, axis=0), np.roll(back, -1), strict=True)
     for start, here, (end, there) in zip(corners, back, following, strict=True):
         length = np.linalg.norm(end - start)

@@ -113,6 +113,11 @@ class Mesh(Body):
         """``casadi.MX``, because a spline has no scalar expression graph."""
         return ca.MX
 
+    @property
+    def cramped(self) -> bool:
+        """True: a mesh may have any hollow."""
+        return True
+
     def make_faces(self) -> tuple[Face, ...]:
         """Return the one face, the smoothed spline's zero set."""
         return (Face("surface", self._spline.expression),)
@@ -130,8 +135,12 @@ class Mesh(Body):
         return distance_spline(vertices, np.asarray(self.mesh.faces), max(int(cells), 8), 0.0, margin)
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, 3) to the mesh itself, negative inside, metres."""
+        """Return the signed distance of points (m, 3) to the mesh itself, negative inside, metres, to a hundredth."""
         return self._tree.signed_distance(points)
+
+    def clearance(self, points: FloatArray) -> FloatArray:
+        """Return the distance of points (m, 3) from the mesh, (m,), metres, negative inside: of the nearest point."""
+        return np.asarray(np.where(self.signed_distance(points) < 0.0, -1.0, 1.0) * self.closest(points)[2])
 
     def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the nearest points of the mesh, the outward normals there and the distances.

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from nlpgrasp.common.rows import Label
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solve.surface.on_body import OnBody
@@ -28,14 +25,8 @@ def constraint_reports(bench: Workbench, found: OnBody, multipliers: FloatArray)
         price = float(multiplier) / (bench.scaling.beta * row.scale) if active else 0.0
         limits = row.lower, row.upper
         reports.append(ConstraintReport(row.name, float(value), *limits, price, active, row.kind, row.fingers))
-    return (*reports, *_margins(bench, found))
-
-
-def _margins(bench: Workbench, found: OnBody) -> Iterator[ConstraintReport]:
-    """Yield how far contacts are from sharp edges; what the margin costs is among the prices."""
-    margin, size = bench.problem.margin, bench.problem.body.size
-    for i, value in enumerate(bench.edge_distances(found.placed) if margin > 0.0 else ()):
-        if np.isfinite(value):
-            label = Label("edge margin", fingers=(i,))
-            active = bool(value - margin <= ACTIVE * size)
-            yield ConstraintReport(label.name, float(value), margin, np.inf, 0.0, active, label.kind, label.fingers)
+    for beside in found.beside:  # what they cost is among the prices
+        label, limits = beside.label, (beside.lower, np.inf)
+        active = bool(beside.value - beside.lower <= ACTIVE * bench.problem.body.size)
+        reports.append(ConstraintReport(label.name, beside.value, *limits, 0.0, active, label.kind, label.fingers))
+    return tuple(reports)

@@ -119,6 +119,6 @@ def _nearest_plain(bench: Workbench, points: FloatArray) -> tuple[FloatArray, Fl
     """Return the nearest points of the mesh away from sharp edges, and the mesh's inward normals there."""
     body, cloud = bench.surface.mesh, bench.surface.mesh_cloud
     positions, outward, _ = body.closest(points)
-    kept = plain(body, positions, outward, bench.problem.margin)[:, None]
+    kept = plain(bench.problem, positions, outward)[:, None]
     nearest = cloud.tree.query(points)[1]
     return np.where(kept, positions, cloud.points[nearest]), np.where(kept, -outward, cloud.normals[nearest])

@@ -46,12 +46,11 @@ class PlainFace(MeshFace):
 class AllowedAndPlain(Allowed):
     """Where one contact may be on a mesh: not on its sharp edges either."""
 
-    body: Mesh = field(kw_only=True)
-    margin: float = field(kw_only=True)
+    problem: GraspProblem = field(kw_only=True)
 
     def each(self, points: FloatArray, normals: FloatArray, slack: float = 0.0) -> NDArray[np.bool_]:
         """Return which of the points (m, space) are allowed, but for a slack in metres."""
-        return super().each(points, normals, slack) & plain(self.body, points, -normals, self.margin)
+        return super().each(points, normals, slack) & plain(self.problem, points, -normals)
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,7 @@ def plain_mesh(problem: GraspProblem, body: Mesh, cloud: Cloud, own: Sequence[Pl
     groups = []
     for slots in alike(problem, own):
         where = own[slots[0]].allowed
-        allowed = AllowedAndPlain(where.inside, where.outside, where.away, body=body, margin=problem.margin)
+        allowed = AllowedAndPlain(where.inside, where.outside, where.away, problem=problem)
         groups.append(
             Alike(tuple(slots), (face,), allowed, Supports(problem.models[slots[0]], measure, problem.origin))
         )

@@ -13,6 +13,7 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.problem.rows import FITS
 
 CLOUD = 600  # sample points a face that contacts are drawn from
 MESH_SAMPLES = 20000  # points of a mesh that contacts may slide to
@@ -40,14 +41,27 @@ class Cloud:
     tree: cKDTree
 
 
-def plain(body: Mesh, points: FloatArray, outward: FloatArray, margin: float) -> NDArray[np.bool_]:
-    """Return which points (m, 3) of a mesh, where its outward normals (m, 3) are given, a contact may use.
+def mesh_of(problem: GraspProblem) -> Mesh:
+    """Return a problem's body, which has to be a mesh."""
+    if not isinstance(problem.body, Mesh):
+        raise InputError("GraspProblem.body", type(problem.body).__name__, "a mesh")
+    return problem.body
 
-    They are a margin, metres, away from sharp edges, and the normals there are near those of the smooth surface.
+
+def plain(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
+    """Return which points (m, 3) of a problem's mesh, where its outward normals (m, 3) are given, a contact may use.
+
+    They are the margin away from sharp edges, the normals there are near those of the smooth surface, and the largest
+    fingertip that is where its contact is cuts the mesh nowhere.
     """
-    face = body.face_names[0]
-    smooth = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
-    return np.asarray(smooth & (body.edge_distance(face, points) >= margin)) if margin > 0.0 else np.asarray(smooth)
+    body, face, hand = mesh_of(problem), problem.body.face_names[0], problem.hand
+    kept = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
+    if problem.margin > 0.0:
+        kept &= body.edge_distance(face, points) >= problem.margin
+    radius = 0.0 if hand is None or not hand.follows_contacts else max(hand.tip_radii)
+    if radius > 0.0:
+        kept[kept] = body.clearance((points + radius * outward)[kept]) >= FITS * radius
+    return np.asarray(kept)
 
 
 class SurfaceSamples:
@@ -94,17 +108,14 @@ class SurfaceSamples:
     @property
     def mesh(self) -> Mesh:
         """The body, which has to be a mesh."""
-        body = self._problem.body
-        if not isinstance(body, Mesh):
-            raise InputError("GraspProblem.body", type(body).__name__, "a mesh")
-        return body
+        return mesh_of(self._problem)
 
     @cached_property
     def mesh_cloud(self) -> Cloud:
         """Points of the mesh itself, away from sharp edges, with its triangles' inward normals."""
         body = self.mesh
         points, normals = body.surface_samples(MESH_SAMPLES, np.random.default_rng(0))
-        kept = plain(body, points, normals, self._problem.margin)
+        kept = plain(self._problem, points, normals)
         if kept.any():
             points, normals = points[kept], normals[kept]
         return Cloud(np.full(len(points), body.face_names[0], dtype=object), points, -normals, cKDTree(points))

@@ -185,6 +185,22 @@ class Workbench:
         short = (self.problem.margin - self.edge_distances(placed)) / self.problem.body.size
         return np.asarray(np.maximum(short, 0.0))
 
+    def rooms(self, placed: Placed, normals: FloatArray) -> FloatArray:
+        """Return the distance of each fingertip's centre from the mesh over its radius, (k,).
+
+        Infinite where a fingertip is a point, of a hand that has a pose, and of other bodies: their rows say it.
+        """
+        problem, hand = self.problem, self.problem.hand
+        rooms = np.full(len(placed.points), np.inf)
+        if not isinstance(problem.body, Mesh) or hand is None or not hand.follows_contacts:
+            return rooms
+        radii = np.asarray(hand.tip_radii, dtype=float)
+        round_tips = radii > 0.0
+        if round_tips.any():
+            centres = (placed.points - radii[:, None] * normals)[round_tips]
+            rooms[round_tips] = problem.body.clearance(centres) / radii[round_tips]
+        return rooms
+
     def row_values(self, placed: Placed, normals: FloatArray) -> FloatArray:
         """Return the values of the rows with these inward normals (k, space), (rows,) in their own units.
 

@@ -58,10 +58,8 @@ def from_segments(segments: FloatArray) -> Distance:
 
 
 def margin_rows(problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: Surface | None) -> Iterator[RowValue]:
-    """Yield the distance of each contact from its face's sharp edges, where the problem has a margin."""
-    margin = number("edge_margin", problem.get("edge_margin", 0.0), at_least=0.0)
-    if margin == 0.0:
-        return
+    """Yield the distance of each contact from its face's sharp edges, where the problem states a margin."""
+    margin = number("edge_margin", problem["edge_margin"], at_least=0.0)
     if surface is None:
         raise NotMadeError("the body is not there")
     size = float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0

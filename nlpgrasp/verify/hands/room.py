@@ -1,0 +1,39 @@
+"""Whether round fingertips that are where their contacts are cut the body somewhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import array
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.placement import StatedPlacement, Surface
+from nlpgrasp.verify.rows import RowValue
+
+FITS = 0.99  # of a fingertip's radius: the least distance of its centre
+TURNED = 1e-9  # radians to the right, from which on a corner points inwards
+HOLLOW = ("torus", "mesh")  # and polygons with a corner that points inwards
+
+
+def room_rows(body: Json, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the distance of each round fingertip's centre from a body that may be in its way."""
+    if not (body["type"] in HOLLOW or (body["type"] == "polygon" and _points_inwards(body))):
+        return
+    round_tips = [i for i, radius in enumerate(placement.radii) if radius > 0.0]
+    if not round_tips:
+        return
+    if surface is None:
+        raise NotMadeError("the body is not there")
+    for i in round_tips:
+        value = float(surface.distance(placement.tips[i][None])[0])
+        yield RowValue(f"room for the fingertip, finger {i}", value, FITS * placement.radii[i], scale=placement.size)
+
+
+def _points_inwards(body: Json) -> bool:
+    v = array("vertices", body["vertices"], (None, 2))
+    along = np.roll(v, -1, axis=0) - v
+    angles = np.arctan2(along[:, 1], along[:, 0])
+    turns = (np.roll(angles, -1) - angles + np.pi) % (2.0 * np.pi) - np.pi
+    return bool(np.any(turns < -TURNED))

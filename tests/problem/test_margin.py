@@ -1,0 +1,99 @@
+"""Contacts stay away from sharp edges: how far, where there is room for it, and what it costs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+
+QUICK = ng.SolveOptions(workers=1, extras=False)
+TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
+FLAT_TASK = ng.TaskEllipsoid([1, 1, 0.03])
+BODIES = {
+    "box": ng.Box([0.08, 0.04, 0.04]),
+    "cylinder": ng.Cylinder(0.03, 0.1),
+    "prism": ng.Prism([[0, 0], [0.05, 0], [0.03, 0.04]], 0.06),
+    "polygon": ng.Polygon([[0, 0], [0.05, 0], [0.03, 0.04]]),
+}
+
+
+def problem(body, margin=None, **more):
+    task = TASK if body.space == 3 else FLAT_TASK
+    return ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, edge_margin=margin, **more)
+
+
+def test_the_default_is_a_twentieth_of_the_shortest_extent_or_half_a_fingertips_radius():
+    box = ng.Box([0.08, 0.04, 0.02])
+    assert problem(box).margin == pytest.approx(0.001)
+    assert problem(box, hand=ng.Fingertips(4)).margin == pytest.approx(0.001)
+    assert problem(box, hand=ng.Fingertips(4, radius=0.003)).margin == pytest.approx(0.0015)
+    assert problem(box, hand=ng.Fingertips(4, radius=0.02)).margin == pytest.approx(0.002)  # a tenth of the extent
+    assert problem(ng.Sphere(0.04)).margin == 0.0
+    assert problem(box, 0.0).margin == 0.0
+
+
+def test_edges_that_hardly_turn_have_no_margin():
+    around = 2.0 * np.pi * np.arange(16) / 16
+    rim = 0.03 * np.column_stack([np.cos(around), np.sin(around)])  # 22.5 degrees at each corner
+    assert problem(ng.Polygon(rim)).margin == 0.0
+    prism = ng.Prism(rim, 0.1)
+    assert problem(prism).margin == pytest.approx(0.05 * 0.06)
+    middle = 0.5 * (rim[0] + rim[1])
+    beside = 0.99 * rim[0] + 0.01 * rim[1]
+    heights = prism.edge_distance("side0", np.array([[*middle, 0.02], [*beside, 0.02]]))
+    np.testing.assert_allclose(heights, 0.03, atol=1e-12)  # to the rims above and below alone
+
+
+def test_a_margin_without_room_names_the_roomiest_face():
+    box = ng.Box([0.08, 0.04, 0.02])
+    with pytest.raises(ng.InputError, match=r"edge_margin.*leaves some contact no face.*less than 0.02 m.*[+-]z"):
+        problem(box, 0.03)
+    with pytest.raises(ng.InputError, match=r"edge_margin"):
+        problem(box, -0.001)
+    with pytest.raises(ng.InputError, match=r"SolveOptions\.edge_margin"):
+        ng.SolveOptions(edge_margin=-1.0)
+    wide = problem(box, 0.015)  # the thin sides are left out
+    assert set(wide.allowed_faces(0)) == {"+z", "-z"}
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_no_contact_is_nearer_to_an_edge(kind):
+    asked = problem(BODIES[kind])
+    solution = ng.solve(asked, starts=2, options=QUICK)
+    each = zip(solution.faces, solution.grasp.points, strict=True)
+    distances = [asked.body.edge_distance(face, point[None])[0] for face, point in each]
+    assert min(distances) >= asked.margin - 1e-5 * asked.body.size
+    assert min(distances) <= asked.margin + 1e-4 * asked.body.size  # the task asks for the edges
+    reports = [c for c in solution.constraints if c.kind == "edge margin"]
+    assert [c.value for c in reports] == pytest.approx(distances)
+    assert solution.problem["edge_margin"] == asked.margin
+    assert solution.bound.upper >= solution.mu.lower
+    found = ng.verify(solution)
+    assert found.passed, str(found)
+    exact = ng.solve(asked, starts=2, options=replace(QUICK, edge_margin=0.0))
+    assert exact.mu.lower > solution.mu.upper
+    assert exact.problem["edge_margin"] == 0.0
+    assert exact.mu.lower > solution.bound.upper or kind in ("cylinder", "prism")  # the bound is of the margin's places
+
+
+def test_verify_fails_where_a_contact_is_nearer_than_the_margin_that_is_stated():
+    solution = ng.solve(problem(BODIES["box"]), starts=1, options=QUICK)
+    wider = {**solution.problem, "edge_margin": 0.003}
+    failed = [c.name for c in ng.verify(replace(solution, problem=wider)).checks if c.failed]
+    assert "edge margin" in failed
+    larger = {**solution.problem, "body": {"type": "box", "extents": [0.5, 0.5, 0.5]}}
+    failed = [c.name for c in ng.verify(replace(solution, problem=larger)).checks if c.failed]
+    assert "edge margin" in failed
+
+
+@pytest.mark.parametrize("kind", ["box", "polygon"])
+def test_the_price_is_what_solving_with_another_margin_changes(kind):
+    asked, options = problem(BODIES[kind], 0.004), replace(QUICK, extras=True, final_rtol=1e-4)
+    solution = ng.solve(asked, starts=2, options=options)
+    price = next(p for p in solution.prices if p.name == "GraspProblem.edge_margin")
+    near = [
+        ng.solve(replace(asked, edge_margin=margin), starts=2, options=replace(options, extras=False)).mu.lower
+        for margin in (0.0038, 0.0042)
+    ]
+    assert price.gain == pytest.approx((near[1] - near[0]) / 0.4, rel=0.02)
