@@ -228,5 +228,6 @@ def solver_record(
             "numpy": np.__version__,
             "scipy": scipy.__version__,
             "trimesh": version("trimesh"),
+            "manifold3d": version("manifold3d"),
         },
     }

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.metadata import version
 
 import numpy as np
-import trimesh
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
@@ -77,10 +77,11 @@ def _on_another_mesh(
 ) -> tuple[Surface | None, list[Check]]:
     """Return what to say of a mesh with another fingerprint than the one recorded.
 
-    Where contacts and normals fit it all the same, and the same version of trimesh read it, it is the recorded
-    fingerprint that is wrong. Otherwise it may well be another mesh, which says nothing of the file.
+    Where contacts and normals fit it all the same, and it was read by the same versions, it is the recorded fingerprint
+    that is wrong. Otherwise it may well be another mesh, which says nothing of the file.
     """
-    same_reader = solution.solver.get("versions", {}).get("trimesh") == trimesh.__version__
+    versions = solution.solver.get("versions", {})
+    same_reader = all(versions.get(name) == version(name) for name in other.readers)
     for surface in other.readings if same_reader else ():
         checks = _fitted(solution, grasp, tips, surface)
         if all(check.passed for check in checks):

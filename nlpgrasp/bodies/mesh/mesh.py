@@ -27,7 +27,7 @@ CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of li
 
 
 class Mesh(Body):
-    """A body given by a closed triangle mesh; one face, ``surface``.
+    """A body given by a closed triangle mesh; one face, ``surface``: the outer surface of the union of its parts.
 
     The solver sees a smoothed signed-distance B-spline of the mesh; contacts of an answer are put back onto
     the mesh itself before their quality is certified.
@@ -56,7 +56,8 @@ class Mesh(Body):
     Raises
     ------
     InputError
-        When the mesh has no volume, is open beyond repair, has NaN, or is 1000 times too large or small.
+        When the mesh has no volume, is open or crosses itself beyond repair, has NaN, or is 1000 times too large or
+        small.
     """
 
     kind: ClassVar[str] = "mesh"

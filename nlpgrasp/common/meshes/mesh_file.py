@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlpgrasp.common.meshes.outer import outer_surface
+from nlpgrasp.common.meshes.parts import Parts, without_doubles
+from nlpgrasp.common.meshes.winding import OPEN_SHARE, unclear_share
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,7 +22,6 @@ if TYPE_CHECKING:
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 SMALLEST, LARGEST = 1e-3, 10.0  # metres: outside, the unit is wrong by a factor of about 1000
-OPEN_SHARE = 0.01
 
 
 def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
@@ -53,20 +55,26 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
 
 
 def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
-    """Return a closed copy of the mesh and what was mended, or refuse it in one sentence.
+    """Return the closed outer surface of the mesh and what was mended, or refuse it in one sentence.
 
-    Small holes are filled and an inside-out mesh is turned; both are listed. What stays open is accepted
-    only if its winding number tells inside from outside almost everywhere (scans with a few bad triangles).
+    Small holes are filled, what is inside out is turned, parts that overlap are joined; all of it is listed. What stays
+    open is accepted only if its winding number tells inside from outside almost everywhere (scans with a few bad
+    triangles). A mesh that needs nothing keeps its vertices and triangles as they are.
     """
+    import trimesh
+
     given = _of_likely_size(mesh)
     result, notes = _closed(given)
+    vertices, faces, more = outer_surface(np.asarray(result.vertices, dtype=float), np.asarray(result.faces))
+    if more:
+        result = trimesh.Trimesh(vertices, faces, process=False)
     volume = _volume(result)
     box, longest = float(np.prod(np.ptp(result.vertices, axis=0))), _longest_side(given)
     if abs(volume) <= 1e-6 * max(box, 1e-3 * longest**3):
         raise InputError("Mesh.mesh", f"volume {abs(volume):.3g} m^3", "a mesh with volume")
-    if volume < 0.0:
-        result.invert()
-        notes.append("turned inside out: the triangles faced inwards")
+    notes.extend(more)
+    if not _is_plain(result) and (open_edges := _parts(result).open_edges):
+        notes.append(f"not watertight ({open_edges} open edges); the winding number decides what is inside")
     return result, tuple(notes)
 
 
@@ -98,29 +106,53 @@ def _longest_side(mesh: trimesh.Trimesh) -> float:
 
 def _closed(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
     """Return a copy with its small holes filled and what was mended, refusing one whose inside is unclear."""
-    import trimesh
-
     result = mesh.copy()
-    notes = []
     result.merge_vertices()
     result.update_faces(result.nondegenerate_faces())
-    if not result.is_watertight:
-        before = _open_edges(result)
-        result.fill_holes()
-        trimesh.repair.fix_normals(result)
-        after = _open_edges(result)
-        if after < before:
-            notes.append(f"filled holes: {before} open edges before, {after} after")
-    if not result.is_watertight:
-        share = _ambiguous_share(result)
+    notes = [] if _is_plain(result) else _mend(result)
+    if not _is_plain(result) and (open_edges := _parts(result).open_edges):
+        share = unclear_share(np.asarray(result.vertices), np.asarray(result.faces))
         if share > OPEN_SHARE:
             raise InputError(
                 "Mesh.mesh",
-                f"an open surface ({_open_edges(result)} open edges, inside unclear for {share:.0%} of its box)",
+                f"an open surface ({open_edges} open edges, inside unclear for {share:.0%} of its box)",
                 "a closed mesh, or one with small holes only",
             )
-        notes.append(f"not watertight ({_open_edges(result)} open edges); the winding number decides what is inside")
     return result, notes
+
+
+def _is_plain(mesh: trimesh.Trimesh) -> bool:
+    """Return whether every edge belongs to two triangles, which go along it in opposite directions."""
+    return bool(mesh.is_watertight and mesh.is_winding_consistent)
+
+
+def _parts(mesh: trimesh.Trimesh) -> Parts:
+    return Parts(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces))
+
+
+def _mend(mesh: trimesh.Trimesh) -> list[str]:
+    """Leave out triangles that are there twice, fill holes, turn triangles as their neighbours are; return notes."""
+    import trimesh
+
+    notes = []
+    kept, copies, walls = without_doubles(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    if not np.all(kept):
+        mesh.update_faces(kept)
+    if copies:
+        notes.append(f"triangles left out that were there more than once: {copies}")
+    if walls:
+        notes.append(f"triangles left out that lay back to back and bound nothing: {walls}")
+    before, count, ways = _parts(mesh).open_edges, len(mesh.faces), np.array(mesh.faces)
+    if before:
+        mesh.fill_holes()
+        trimesh.repair.fix_normals(mesh)
+        turned = int(np.sum(np.any(np.asarray(mesh.faces)[:count] != ways, axis=1)))
+        after, filled = _parts(mesh).open_edges, len(mesh.faces) > count
+        if filled:
+            notes.append(f"filled holes: {before} open edges before, {after} after")
+        if turned:
+            notes.append(f"triangles turned round to face as those beside them do: {turned}")
+    return notes
 
 
 def mesh_digest(mesh: trimesh.Trimesh) -> str:
@@ -134,19 +166,3 @@ def _volume(mesh: trimesh.Trimesh) -> float:
     """Return the signed volume, as a sum of tetrahedra about the mean vertex."""
     a, b, c = (np.asarray(mesh.triangles)[:, i] - np.mean(mesh.vertices, axis=0) for i in range(3))
     return float(np.sum(np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6.0
-
-
-def _open_edges(mesh: trimesh.Trimesh) -> int:
-    """Return the number of edges that do not belong to exactly two triangles."""
-    counts = np.bincount(mesh.edges_unique_inverse)
-    return int(np.sum(counts != 2))
-
-
-def _ambiguous_share(mesh: trimesh.Trimesh, samples: int = 4000) -> float:
-    """Return the share of the bounding box where the winding number is far from a whole number."""
-    import igl
-
-    rng = np.random.default_rng(0)
-    points = rng.uniform(mesh.bounds[0], mesh.bounds[1], (samples, 3))
-    winding = np.asarray(igl.fast_winding_number(np.asarray(mesh.vertices), np.asarray(mesh.faces), points))
-    return float(np.mean(np.abs(winding - np.round(winding)) > 0.2))

@@ -33,7 +33,7 @@ from nlpgrasp.version import __version__
 SETTING = "NLPGRASP_CACHE"  # environment variable: a folder, or "off"
 MOST = 512 * 2**20  # bytes of all entries together; the oldest go
 DIGEST = 32  # bytes
-LIBRARIES = ("numpy", "scipy", "libigl", "trimesh")
+LIBRARIES = ("numpy", "scipy", "libigl", "trimesh", "manifold3d")
 ENTRY = re.compile(r"[a-z-]+-[0-9a-f]{64}")
 
 Arrays = Mapping[str, FloatArray]

@@ -98,11 +98,13 @@ class OtherMeshError(NotMadeError):
     why : str
     readings : sequence of MeshSurface
         What the file holds, in each unit that may be meant.
+    readers : sequence of str
+        The libraries that its triangles come from.
     """
 
-    def __init__(self, why: str, readings: Sequence[MeshSurface]) -> None:
+    def __init__(self, why: str, readings: Sequence[MeshSurface], readers: Sequence[str]) -> None:
         super().__init__(why)
-        self.readings = readings
+        self.readings, self.readers = readings, readers
 
 
 def mesh(data: Json, sources: Sources) -> MeshSurface:
@@ -120,26 +122,29 @@ def mesh(data: Json, sources: Sources) -> MeshSurface:
     """
     place = sources.find(data.get("source"))
     known = data.get("unit")
-    readings = []
+    readings: list[MeshSurface] = []
+    readers: set[str] = {"trimesh"}
     for unit in UNITS if known is None else (str(known), *(u for u in UNITS if u != known)):
         reading = _read(place, unit)
         if reading is not None:
-            surface, digest = reading
+            surface, digest, repairs = reading
             if digest == data.get("sha256"):
                 if known not in (None, unit):
                     raise InputError("problem.body.unit", known, f"{unit}, in which {place.name} has the sha256 stated")
                 return surface
             readings.append(surface)
+            readers |= {"manifold3d"} if repairs else set()
     if not readings:
         raise NotMadeError(f"{place.name} is not a mesh that can be read")
-    raise OtherMeshError(f"{place.name} has another sha256 than the file records", readings)
+    raise OtherMeshError(f"{place.name} has another sha256 than the file records", readings, sorted(readers))
 
 
-def _read(place: Path, unit: str) -> tuple[MeshSurface, str] | None:
-    """Return the mesh with its fingerprint, None where it cannot be used in this unit."""
+def _read(place: Path, unit: str) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
+    """Return the mesh with its fingerprint and repairs, None where it cannot be used in this unit."""
     try:
-        found, _ = usable_mesh(read_mesh(place, unit))
+        found, repairs = usable_mesh(read_mesh(place, unit))
     except InputError:
         return None
     vertices = np.asarray(found.vertices, dtype=float)
-    return MeshSurface(TriangleSurface(vertices, np.asarray(found.faces, dtype=np.int64))), mesh_digest(found)
+    surface = MeshSurface(TriangleSurface(vertices, np.asarray(found.faces, dtype=np.int64)))
+    return surface, mesh_digest(found), repairs

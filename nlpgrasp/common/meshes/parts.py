@@ -1,0 +1,155 @@
+"""The parts that a triangle mesh falls into, which way round each is, and triangles that are there more than once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from nlpgrasp.common.meshes.search_tree import IntArray
+from nlpgrasp.common.meshes.winding import winding_numbers
+from nlpgrasp.common.validation import FloatArray
+
+FLAT = 1e-9  # of the volume of the bounding box: a part with less is a sheet
+NEGLIGIBLE = 1e-4  # of the area: so few triangles back to back are left as they are
+LOOKED_AT = 16  # corners of a part that tell whether it is inside another
+
+
+@dataclass(frozen=True)
+class Parts:
+    """A mesh and its parts: triangles that hang together by edges.
+
+    Where more than two triangles share an edge, those that follow each other in the mesh belong together: files hold
+    one part after the other.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres.
+    faces : (f, 3) int array
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+
+    @cached_property
+    def _edges(self) -> NDArray[np.int64]:
+        """A number for each undirected edge of each triangle, (f, 3), the same for the same edge."""
+        ends = np.sort(np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2), axis=2)
+        keys = ends[..., 0] * np.int64(len(self.vertices)) + ends[..., 1]
+        return np.asarray(np.unique(keys, return_inverse=True)[1]).reshape(self.faces.shape)
+
+    @cached_property
+    def _ways(self) -> NDArray[np.int64]:
+        """Which way the triangles go along their edges, (f, 3): 1 from the smaller vertex, -1 from the larger."""
+        return np.where(self.faces < np.roll(self.faces, -1, axis=1), 1, -1)
+
+    @cached_property
+    def open_edges(self) -> int:
+        """The number of edges that triangles do not go along as often one way as the other."""
+        return int(np.count_nonzero(np.bincount(self._edges.ravel(), self._ways.ravel())))
+
+    @cached_property
+    def labels(self) -> NDArray[np.int64]:
+        """The number of the part that each triangle is of, (f,)."""
+        edges, ways = self._edges.ravel(), self._ways.ravel()
+        order = np.argsort(edges, kind="stable")
+        starts = np.flatnonzero(np.diff(edges[order], prepend=-1))
+        place = np.arange(len(edges)) - np.repeat(starts, np.diff(starts, append=len(edges)))  # among those of its edge
+        one, other = order[:-1], order[1:]
+        beside = (edges[one] == edges[other]) & (place[:-1] % 2 == 0) & (ways[one] != ways[other])
+        one, other, count = one[beside] // 3, other[beside] // 3, len(self.faces)
+        graph = coo_matrix((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count))
+        return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+    @cached_property
+    def volumes(self) -> FloatArray:
+        """Signed volume of each part, about the mean vertex of the mesh, m^3."""
+        a, b, c = (self.vertices[self.faces[:, i]] - self.vertices.mean(axis=0) for i in range(3))
+        return np.asarray(np.bincount(self.labels, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0))
+
+    @cached_property
+    def solid(self) -> IntArray:
+        """The parts that have no open edge and a volume."""
+        edges, ways = self._edges, self._ways
+        count = edges.max() + 1
+        keys, key = np.unique((self.labels[:, None] * count + edges).ravel(), return_inverse=True)
+        whole = np.ones(len(self.volumes), dtype=bool)
+        whole[keys[np.bincount(np.asarray(key).ravel(), ways.ravel()) != 0] // count] = False
+        box = float(np.prod(np.ptp(self.vertices, axis=0)))
+        return np.flatnonzero(whole & (np.abs(self.volumes) > FLAT * box))
+
+    @cached_property
+    def _order(self) -> tuple[IntArray, IntArray]:
+        """The triangles sorted by part, and where each part begins among them."""
+        order = np.argsort(self.labels, kind="stable")
+        return order, np.searchsorted(self.labels[order], np.arange(len(self.volumes) + 1))
+
+    def mesh_of(self, part: int) -> tuple[FloatArray, IntArray]:
+        """Return the vertices (v, 3) and triangles (f, 3) of a part alone."""
+        order, starts = self._order
+        return with_own_vertices(self.vertices, self.faces[order[starts[part] : starts[part + 1]]])
+
+    def boxes(self) -> tuple[FloatArray, FloatArray]:
+        """Return the lower and upper corners of the boxes around all parts, (p, 3) each."""
+        order, starts = self._order
+        corners = self.vertices[self.faces[order]]
+        lower = np.minimum.reduceat(corners.min(axis=1), starts[:-1], axis=0)
+        return lower, np.maximum.reduceat(corners.max(axis=1), starts[:-1], axis=0)
+
+    def cavities(self) -> IntArray:
+        """Return the solid parts that wall in a hollow: wholly inside others, and turned against them."""
+        signs = np.sign(self.volumes)
+        if len(signs) < 2 or np.all(signs[self.solid] == signs[self.solid[:1]]):
+            return np.zeros(0, dtype=np.int64)
+        lower, upper = self.boxes()
+        found = []
+        for part in self.solid:
+            around = [
+                other
+                for other in self.solid
+                if other != part and np.all(lower[other] <= lower[part]) and np.all(upper[part] <= upper[other])
+            ]
+            corners = self.mesh_of(part)[0][:: max(1, self._size(part) // LOOKED_AT)]
+            outside = sum(
+                signs[other] for other in around if np.all(np.abs(winding_numbers(*self.mesh_of(other), corners)) > 0.5)
+            )
+            if abs(outside + signs[part]) < abs(outside):
+                found.append(part)
+        return np.array(found, dtype=np.int64)
+
+    def _size(self, part: int) -> int:
+        starts = self._order[1]
+        return int(starts[part + 1] - starts[part])
+
+
+def with_own_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return the vertices (v, 3) that some triangles use, and those triangles (f, 3) by their numbers among them."""
+    used, numbers = np.unique(faces, return_inverse=True)
+    return vertices[used], np.asarray(numbers).reshape(-1, 3).astype(np.int64)
+
+
+def without_doubles(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
+    """Return which triangles (f, 3) to keep, and how many go: as copies of another, and back to back with another.
+
+    Triangles back to back bound nothing. They go unless they are hardly anything, or all there is.
+    """
+    ordered = np.argsort(faces, axis=1, kind="stable")
+    way = np.where(np.isin(ordered @ np.array([9, 3, 1]), (5, 15, 19)), 1, -1)  # 012, 120, 201: even permutations
+    _, group = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
+    group = np.asarray(group).ravel()
+    net = np.bincount(group, way)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    balanced = net[group] == 0
+    if area[balanced].sum() <= NEGLIGIBLE * area.sum() or np.all(balanced):
+        balanced[:] = False
+    first = np.full(len(net), len(faces), dtype=np.int64)
+    wanted = np.flatnonzero((net[group] == 0) | (way == np.sign(net[group])))
+    np.minimum.at(first, group[wanted], wanted)
+    copies = (net[group] != 0) & (first[group] != np.arange(len(faces)))
+    return ~(copies | balanced), int(copies.sum()), int(balanced.sum())

@@ -1,0 +1,63 @@
+"""Winding numbers of a triangle mesh: where its inside is unclear, and how much of it is buried in itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.meshes.search_tree import IntArray
+from nlpgrasp.common.validation import FloatArray
+
+BESIDE = 1e-6  # of the size: how far before and behind a triangle one looks; STL files round to about a tenth of it
+SAMPLES = 4000  # of the bounding box
+SPREAD = 2000  # points over the surface
+UNCLEAR = 0.2  # from a whole number
+OPEN_SHARE = 0.01  # of the bounding box, at most, where the inside may be unclear
+
+
+def winding_numbers(vertices: FloatArray, faces: IntArray, points: FloatArray) -> FloatArray:
+    """Return the fast winding numbers (Barill et al. 2018) of a mesh about points (m, 3), (m,).
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres.
+    faces : (f, 3) int array
+    points : (m, 3) array
+        Metres.
+    """
+    import igl
+
+    if not len(points):
+        return np.zeros(0)
+    mesh = np.ascontiguousarray(vertices, dtype=float), np.ascontiguousarray(faces, dtype=np.int64)
+    return np.asarray(igl.fast_winding_number(*mesh, np.ascontiguousarray(points, dtype=float)))
+
+
+def unclear_share(vertices: FloatArray, faces: IntArray) -> float:
+    """Return the share of the bounding box where the winding number is far from a whole number."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(vertices.min(axis=0), vertices.max(axis=0), (SAMPLES, 3))
+    winding = winding_numbers(vertices, faces, points)
+    return float(np.mean(np.abs(winding - np.round(winding)) > UNCLEAR))
+
+
+def buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+    """Return which points (m, 3) of triangles with outward unit normals (m, 3) have the inside on both sides, (m,)."""
+    step = BESIDE * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normals
+    result = winding_numbers(vertices, faces, points + step) > 0.5
+    behind = np.flatnonzero(result)
+    result[behind] = winding_numbers(vertices, faces, points[behind] - step[behind]) > 0.5
+    return result
+
+
+def buried_share(vertices: FloatArray, faces: IntArray) -> float:
+    """Return the share of the mesh's area that is buried, from points evenly over the area."""
+    corners = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    total = np.cumsum(area)
+    which = np.searchsorted(total, (np.arange(SPREAD) + 0.5) / SPREAD * total[-1])
+    shares = np.random.default_rng(0).dirichlet(np.ones(3), SPREAD)
+    points = np.einsum("ij,ijk->ik", shares, corners[which])
+    return float(np.mean(buried(vertices, faces, points, across[which] / area[which, None])))
