@@ -16,6 +16,11 @@ def _contacts(count, friction=0.5):
     return [ng.FrictionContact(friction)] * count
 
 
+def _problem(body, contacts, task, **more):
+    """Return a problem whose contacts may be on edges: what tables of earlier versions are about."""
+    return ng.GraspProblem(body, contacts, task, edge_margin=0.0, **more)
+
+
 def gap_problems():
     """Yield name, problem, the gap aimed at, and the seconds of CPU time until then."""
     square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -23,7 +28,7 @@ def gap_problems():
     convex = ng.Polygon(np.stack([np.cos(angles), 0.7 * np.sin(angles)], axis=1))
     for name, body in (("square", square), ("triangle", ng.Polygon(TRIANGLE)), ("convex polygon", convex)):
         for k in (2, 3, 4):
-            yield f"{name}, {k} contacts", ng.GraspProblem(body, _contacts(k), PLANE), 0.01, 10.0
+            yield f"{name}, {k} contacts", _problem(body, _contacts(k), PLANE), 0.01, 10.0
     boxes = {
         "box 2:1:1": ng.Box([2, 1, 1]),
         "box 3:2:1": ng.Box([3, 2, 1]),
@@ -33,23 +38,23 @@ def gap_problems():
     }
     for name, body in boxes.items():
         for k in (3, 4):
-            yield f"{name}, {k} contacts", ng.GraspProblem(body, _contacts(k), BALL), 0.01, 10.0
+            yield f"{name}, {k} contacts", _problem(body, _contacts(k), BALL), 0.01, 10.0
     box, four = boxes["box 2:1:1"], _contacts(4)
     for name, task in (("off-centre", OFF), ("flat", FLAT)):
-        yield f"box 2:1:1, 4 contacts, {name} task", ng.GraspProblem(box, four, task), 0.01, 10.0
+        yield f"box 2:1:1, 4 contacts, {name} task", _problem(box, four, task), 0.01, 10.0
     for friction in (0.2, 1.0):
-        problem = ng.GraspProblem(box, _contacts(4, friction), BALL)
+        problem = _problem(box, _contacts(4, friction), BALL)
         yield f"box 2:1:1, 4 contacts, friction {friction:g}", problem, 0.01, 10.0
     limits = {"a table": [ng.Table(-0.5)], "a forbidden face": [ng.Forbid("+z")]}
     for name, constraints in limits.items():
-        problem = ng.GraspProblem(box, four, BALL, constraints=constraints)
+        problem = _problem(box, four, BALL, constraints=constraints)
         yield f"box 2:1:1, 4 contacts, {name}", problem, 0.01, 10.0
     for k in (3, 4):
-        yield f"sphere, {k} contacts", ng.GraspProblem(ng.Sphere(1.0), _contacts(k), BALL), 0.01, 10.0
+        yield f"sphere, {k} contacts", _problem(ng.Sphere(1.0), _contacts(k), BALL), 0.01, 10.0
     ellipsoid = ng.Ellipsoid([2, 1, 1])
-    yield "ellipsoid 2:1:1, 3 contacts", ng.GraspProblem(ellipsoid, _contacts(3), BALL), 0.01, 10.0
-    yield "ellipsoid 2:1:1, 4 contacts", ng.GraspProblem(ellipsoid, four, BALL), 0.05, 60.0
-    yield "cylinder, 3 contacts", ng.GraspProblem(ng.Cylinder(1.0, 2.0), _contacts(3), BALL), 0.02, 30.0
+    yield "ellipsoid 2:1:1, 3 contacts", _problem(ellipsoid, _contacts(3), BALL), 0.01, 10.0
+    yield "ellipsoid 2:1:1, 4 contacts", _problem(ellipsoid, four, BALL), 0.05, 60.0
+    yield "cylinder, 3 contacts", _problem(ng.Cylinder(1.0, 2.0), _contacts(3), BALL), 0.02, 30.0
 
 
 BODIES = {
@@ -71,7 +76,7 @@ def hit_problem(number):
     body, count, friction = BODIES[body_name], int(rng.integers(3, 6)), float(rng.choice([0.3, 0.6, 0.9]))
     task = _task(task_name, body, rng)
     name = f"{body_name}, {task_name}, {count} contacts, friction {friction}"
-    return name, ng.GraspProblem(body, [ng.FrictionContact(friction)] * count, task, name=name)
+    return name, _problem(body, [ng.FrictionContact(friction)] * count, task, name=name)
 
 
 def _task(name, body, rng):

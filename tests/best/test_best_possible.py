@@ -16,7 +16,9 @@ SQUARE = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
 def square(contacts, budget="l2", **more):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0])
-    return ng.GraspProblem(ng.Polygon(SQUARE), [ng.FrictionContact(0.5)] * contacts, task, force_budget=budget, **more)
+    return ng.GraspProblem(
+        ng.Polygon(SQUARE), [ng.FrictionContact(0.5)] * contacts, task, force_budget=budget, edge_margin=0.0, **more
+    )
 
 
 @pytest.mark.parametrize(("contacts", "known"), [(2, 0.44721), (3, 0.71556)])

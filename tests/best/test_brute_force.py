@@ -39,7 +39,7 @@ def test_no_grasp_of_brute_force_is_above_the_bound_in_many_problems():
 
 def square():
     body = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0, 1.0]))
+    return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0, 1.0]), edge_margin=0.0)
 
 
 def test_brute_force_and_verify_see_a_bound_that_is_a_thousandth_too_low(tmp_path):

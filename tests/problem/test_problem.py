@@ -37,7 +37,7 @@ def test_constraints_in_any_unit_are_judged_by_distance():
 def test_a_least_distance_that_just_fits_is_accepted():
     wedge = ng.Prism([[0, 0], [1, 0], [1, 0.1]], 0.1)
     contacts = [ng.FrictionContact(0.5, faces="top")] * 2
-    assert ng.GraspProblem(wedge, contacts, BALL, constraints=[ng.Spread(min=0.97)])
+    assert ng.GraspProblem(wedge, contacts, BALL, constraints=[ng.Spread(min=0.97)], edge_margin=0.0)
 
 
 def test_problems_are_frozen():

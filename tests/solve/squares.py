@@ -15,5 +15,5 @@ BEST_OF_TWO, BEST_OF_THREE = 1.0 / np.sqrt(5.0), 0.715591  # with friction 0.5; 
 
 
 def square_bench(k, **fields):
-    problem = ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * k, BALL, **fields)
+    problem = ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * k, BALL, edge_margin=0.0, **fields)
     return Workbench(problem, ng.SolveOptions(workers=1))

@@ -14,7 +14,7 @@ OPTIONS = ng.SolveOptions(workers=1)
 def pushed(angle):
     middle = [0.6 * np.cos(angle), 0.6 * np.sin(angle), 0.0]
     task = ng.TaskEllipsoid([1.0, 0.7, 0.4], center=middle)
-    return ng.GraspProblem(SIDES, [ng.FrictionContact(0.6)] * 3, task)
+    return ng.GraspProblem(SIDES, [ng.FrictionContact(0.6)] * 3, task, edge_margin=0.0)
 
 
 def certified(bench, state):

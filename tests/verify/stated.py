@@ -8,6 +8,8 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.solution.records import ConstraintReport
+from nlpgrasp.solve.surface.beside import beside
+from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.verify.recomputed import recomputed
 from nlpgrasp.verify.sources import Sources
@@ -16,7 +18,9 @@ from nlpgrasp.verify.sources import Sources
 def problem_of(body, count, **fields):
     """Return a problem whose task plays no part."""
     d = 6 if body.space == 3 else 3
-    return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * count, ng.TaskEllipsoid([1.0] * d), **fields)
+    return ng.GraspProblem(
+        body, [ng.FrictionContact(0.5)] * count, ng.TaskEllipsoid([1.0] * d), **{"edge_margin": 0.0, **fields}
+    )
 
 
 def contacts_on(body, faces, rng):
@@ -41,6 +45,11 @@ def stated_file(problem, faces, points, normals, hand=None):
     reports = [
         ConstraintReport(r.name, float(v), r.lower, r.upper, 0.0, bool(min(v - r.lower, r.upper - v) <= 1e-4 * r.scale))
         for r, v in zip(rows.named, values, strict=True)
+    ]
+    placed = Placed(tuple(faces), np.asarray(points, dtype=float))
+    reports += [
+        ConstraintReport(r.label.name, r.value, r.lower, np.inf, 0.0, r.value - r.lower <= 1e-4 * problem.body.size)
+        for r in beside(problem, placed, np.asarray(normals, dtype=float))
     ]
     solution = ng.GraspSolution(
         status=ng.Status.SOLVED,

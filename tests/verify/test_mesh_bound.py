@@ -54,7 +54,9 @@ def bound_data(place, name, nodes):
     certificate["leaves"].sort(key=lambda leaf: -leaf[2])
     kept = {"asked": 0.01, **certificate}
     found = search.best.grasp, search.best.mu, search.best.faces
-    return json.dumps(ng.BestPossible(upper, *found, False, nodes, 1.0, (), kept, problem.to_dict()).to_dict())
+    return json.dumps(
+        ng.BestPossible(upper, *found, False, nodes, 1.0, search.scope.dropped, kept, problem.to_dict()).to_dict()
+    )
 
 
 def verified(folder, data, name="bar.bound.json"):

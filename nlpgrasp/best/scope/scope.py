@@ -27,6 +27,8 @@ from nlpgrasp.tasks import Task
 KINDS = ("point", "friction", "soft")  # contacts without a direction along the surface, on which curved cells rest
 MOST_ROOTS = 300  # nodes that a tree begins with; of more, first cells are bundled
 
+EDGES = "the edge margin"  # what is left out of a bound on a mesh
+
 
 @dataclass(frozen=True)
 class Scope:
@@ -68,6 +70,11 @@ class Scope:
     def group_of(self) -> tuple[tuple[Pieces, slice], ...]:
         """Of each slot of nodes the pieces, and the slots that these have."""
         return tuple(group for group in self.groups for _ in group[0].slots)
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing was left out that says which contacts go together."""
+        return set(self.dropped) <= {EDGES}
 
     @property
     def slots(self) -> tuple[int, ...]:
@@ -116,7 +123,7 @@ def _left_out(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...]]:
     """Return the places of each contact, and what of the problem the bound leaves out: of a mesh its margin too."""
     own, dropped = places(problem)
     near_edges = isinstance(problem.body, Mesh) and problem.margin > 0.0
-    return own, (*dropped, "the edge margin") if near_edges else dropped
+    return own, (*dropped, EDGES) if near_edges else dropped
 
 
 def _covered(problem: GraspProblem) -> tuple[Measure, Sequence[Surface]]:

@@ -98,8 +98,8 @@ class Outlook:
 
     @property
     def complete(self) -> bool:
-        """Whether it looks at the whole problem: nothing was left out."""
-        return not self._search.scope.dropped
+        """Whether it looks at the whole problem: nothing was left out but a mesh's margin, which starts keep."""
+        return self._search.scope.complete
 
     @property
     def searched(self) -> bool:

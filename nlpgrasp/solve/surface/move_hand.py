@@ -21,6 +21,7 @@ from nlpgrasp.solve.ascent.newton import NewtonRules, restore
 from nlpgrasp.solve.ascent.quadratic import Linearised, step_bounds
 from nlpgrasp.solve.ascent.slack import RowSlack
 from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
+from nlpgrasp.solve.surface.beside import near_edges
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
 from nlpgrasp.solve.surface.walk import OFF_EDGES, Held, walk
 from nlpgrasp.solve.workbench.placed import Placed
@@ -74,7 +75,7 @@ def hand_onto_mesh(bench: Workbench, smooth: Placed, wanted: float, stop: Stop) 
     def value(touching: TouchingHand) -> float:
         budget = bench.budget(touching.placed)
         found = weakest_directions(touching.grasp, bench.problem.task, budget, rng, descents=QUICK).value
-        near = float(np.sum(bench.near_edges(touching.placed)))
+        near = float(np.sum(near_edges(bench.problem, touching.placed)))
         return found - OFF_EDGES * near if touching.gap <= TOUCHED else -OFF_EDGES - touching.gap
 
     best = touch_mesh(bench, smooth)
@@ -82,7 +83,7 @@ def hand_onto_mesh(bench: Workbench, smooth: Placed, wanted: float, stop: Stop) 
     for reach in SLIDES:
         if reached >= GOOD * wanted or stop.requested():
             break
-        if reach == 0.0 and not np.any(bench.near_edges(best.placed)):
+        if reach == 0.0 and not np.any(near_edges(bench.problem, best.placed)):
             continue
         slid = slide_onto_mesh(bench, smooth, rng, stop, reach, constrained=False)
         trial = touch_mesh(bench, Placed(smooth.faces, slid.points, smooth.hand), slid.normals)

@@ -2,34 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
-from nlpgrasp.common.rows import ROOM, Label
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.problem.rows import FITS
 from nlpgrasp.solution.placed import SurfaceMatch
+from nlpgrasp.solve.surface.beside import AtLeast, beside
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
-
-
-@dataclass(frozen=True)
-class AtLeast:
-    """A length that is asked to be at least as large as another.
-
-    Parameters
-    ----------
-    label : Label
-    value, lower : float
-        Metres.
-    """
-
-    label: Label
-    value: float
-    lower: float
 
 
 @dataclass(frozen=True)
@@ -63,23 +43,11 @@ class OnBody:
     def of(cls, bench: Workbench, placed: Placed, grasp: Grasp, surface: SurfaceMatch | None = None) -> OnBody:
         """Return a grasp with the values of its rows, and how well they are kept."""
         values = bench.row_values(placed, grasp.normals)
-        beside = tuple(_beside(bench, placed, grasp.normals))
-        short = max((row.lower - row.value for row in beside), default=0.0) / bench.problem.body.size
-        return cls(placed, grasp, values, max(float(bench.rows.excess(values[None])[0]), short), surface, beside)
+        own = tuple(beside(bench.problem, placed, grasp.normals))
+        short = max((row.lower - row.value for row in own), default=0.0) / bench.problem.body.size
+        return cls(placed, grasp, values, max(float(bench.rows.excess(values[None])[0]), short), surface, own)
 
     @property
     def allowed(self) -> bool:
         """Whether the rows are kept: on a mesh to ten times the tolerance, as its steps end there."""
         return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)
-
-
-def _beside(bench: Workbench, placed: Placed, normals: FloatArray) -> Iterator[AtLeast]:
-    """Yield what is asked of each contact beside the rows."""
-    margin, hand = bench.problem.margin, bench.problem.hand
-    for i, value in enumerate(bench.edge_distances(placed)):
-        if np.isfinite(value):
-            yield AtLeast(Label("edge margin", fingers=(i,)), float(value), margin)
-    for i, share in enumerate(bench.rooms(placed, normals)):
-        if hand is not None and np.isfinite(share):
-            radius = hand.tip_radii[i]
-            yield AtLeast(Label(ROOM, fingers=(i,)), float(share) * radius, FITS * radius)

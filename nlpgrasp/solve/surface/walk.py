@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
+from nlpgrasp.solve.surface.beside import near_edges
 from nlpgrasp.solve.surface.scored import Scored
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
@@ -94,7 +95,7 @@ class _Walking:
 
     def score(self, held: Held) -> float:
         """Return how well a hand resists the task in all directions known by now."""
-        near = float(np.sum(self.bench.near_edges(held.placed)))
+        near = float(np.sum(near_edges(self.bench.problem, held.placed)))
         return float(self._scored.of(held.placed.points[None], held.normals[None])[0]) - OFF_EDGES * near
 
     def sweep(self, reach: float) -> None:
@@ -113,7 +114,7 @@ class _Walking:
             near = self.rng.choice(near, TRIALS, replace=False)
         points, normals = (np.repeat(v[None], near.size, axis=0) for v in (held.placed.points, held.normals))
         points[:, i], normals[:, i] = cloud.points[near], cloud.normals[near]
-        others = np.delete(self.bench.near_edges(held.placed), i)
+        others = np.delete(near_edges(self.bench.problem, held.placed), i)
         scores = self._scored.of(points, normals) - OFF_EDGES * float(np.sum(others))
         least = _enough(self.score(held))
         for j in np.argsort(-scores, kind="stable")[:TRIED]:

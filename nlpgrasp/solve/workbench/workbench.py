@@ -173,34 +173,6 @@ class Workbench:
             return np.inf
         return float(self.rows.violations(placed.points[None], normals[None], placed.repeated_hand(1))[0])
 
-    def edge_distances(self, placed: Placed) -> FloatArray:
-        """Return the distance of each contact from its face's sharp edges, (k,), metres; inf where there are none."""
-        each = zip(placed.faces, placed.points, strict=True)
-        return np.concatenate([self.problem.body.edge_distance(face, point[None]) for face, point in each])
-
-    def near_edges(self, placed: Placed) -> FloatArray:
-        """Return by how much each contact is nearer to a sharp edge than the margin, (k,), over the body's size."""
-        if self.problem.margin == 0.0:
-            return np.zeros(len(placed.points))
-        short = (self.problem.margin - self.edge_distances(placed)) / self.problem.body.size
-        return np.asarray(np.maximum(short, 0.0))
-
-    def rooms(self, placed: Placed, normals: FloatArray) -> FloatArray:
-        """Return the distance of each fingertip's centre from the mesh over its radius, (k,).
-
-        Infinite where a fingertip is a point, of a hand that has a pose, and of other bodies: their rows say it.
-        """
-        problem, hand = self.problem, self.problem.hand
-        rooms = np.full(len(placed.points), np.inf)
-        if not isinstance(problem.body, Mesh) or hand is None or not hand.follows_contacts:
-            return rooms
-        radii = np.asarray(hand.tip_radii, dtype=float)
-        round_tips = radii > 0.0
-        if round_tips.any():
-            centres = (placed.points - radii[:, None] * normals)[round_tips]
-            rooms[round_tips] = problem.body.clearance(centres) / radii[round_tips]
-        return rooms
-
     def row_values(self, placed: Placed, normals: FloatArray) -> FloatArray:
         """Return the values of the rows with these inward normals (k, space), (rows,) in their own units.
 

@@ -11,6 +11,7 @@ import nlpgrasp as ng
 from nlpgrasp.bodies import Body
 
 PLANAR_SHARE = 0.65
+MARGIN = 0.06  # of the shortest extent, in a third of the problems
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,19 @@ def random_case(number):
     origin = None if rng.random() < 0.7 else (body.centroid + 0.2 * body.size * rng.standard_normal(body.space))
     task = _task(body, rng)
     budget = str(rng.choice(["l2", "l2", "per_finger", "per_finger_size", "shared"]))
+    margin = MARGIN * float(np.min(np.ptp(body.bounds, axis=0))) if number % 3 == 0 and type(body) in INSIDE else 0.0
     problem = ng.GraspProblem(
-        body, contacts, task, constraints=constraints, force_budget=budget, torque_origin=origin, name=f"case {number}"
+        body,
+        contacts,
+        task,
+        constraints=constraints,
+        force_budget=budget,
+        torque_origin=origin,
+        name=f"case {number}",
+        edge_margin=margin,
     )
+    if margin > 0.0:
+        tests.append(lambda i, points: INSIDE[type(body)](body, points) >= margin)
 
     def usable(i):
         own = body.face_names if contacts[i].faces is None else contacts[i].faces
@@ -43,6 +54,25 @@ def random_case(number):
         return np.all([np.ones(len(points), dtype=bool), *(test(i, points) for test in tests)], axis=0)
 
     return Case(problem, usable, allowed)
+
+
+def _from_corners(body, points):
+    """Return distances of points (m, 2) of a polygon from the corners at which it turns by more than 30 degrees."""
+    v = body.corners
+    before, after = v - np.roll(v, 1, axis=0), np.roll(v, -1, axis=0) - v
+    cosines = np.sum(before * after, axis=1) / np.linalg.norm(before, axis=1) / np.linalg.norm(after, axis=1)
+    apart = np.linalg.norm(points[:, None] - v[None], axis=2)[:, cosines < np.cos(np.pi / 6)]
+    return np.min(apart, axis=1, initial=np.inf)
+
+
+INSIDE = {
+    ng.Polygon: _from_corners,
+    ng.Box: lambda body, points: np.sort(body.half_size - np.abs(points), axis=1)[:, 1],
+    ng.Cylinder: lambda body, points: np.maximum(
+        body.height / 2.0 - np.abs(points[:, 2]), body.radius - np.hypot(points[:, 0], points[:, 1])
+    ),
+}
+"""Of points of a body how far they are from its sharp edges."""
 
 
 def _planar(rng) -> Body:

@@ -19,7 +19,7 @@ MESH = ng.Mesh(trimesh.creation.cylinder(radius=0.025, height=0.07, sections=24)
 
 @pytest.fixture(scope="module")
 def bench():
-    problem = ng.GraspProblem(MESH, ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
+    problem = ng.GraspProblem(MESH, ng.FrictionContact(0.7), TASK, hand=four_finger_hand(), edge_margin=0.0)
     return Workbench(problem, ng.SolveOptions(workers=1))
 
 

@@ -1,0 +1,61 @@
+"""What is asked of each contact by itself, beside the rows: the margin from sharp edges, on a mesh room for its tip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.rows import ROOM, Label
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.problem.rows import FITS
+from nlpgrasp.solve.workbench.placed import Placed
+
+
+@dataclass(frozen=True)
+class AtLeast:
+    """A length that is asked to be at least as large as another.
+
+    Parameters
+    ----------
+    label : Label
+    value, lower : float
+        Metres.
+    """
+
+    label: Label
+    value: float
+    lower: float
+
+
+def beside(problem: GraspProblem, placed: Placed, normals: FloatArray) -> Iterator[AtLeast]:
+    """Yield how far contacts with these inward normals (k, space) are from sharp edges, and tips' centres from a mesh.
+
+    Nothing is said of a face without sharp edges, of a fingertip that is a point or belongs to a hand with a pose, and
+    of the room on bodies whose distance is an expression: rows of the program say it.
+    """
+    for i, value in enumerate(edge_distances(problem, placed)):
+        if np.isfinite(value):
+            yield AtLeast(Label("edge margin", fingers=(i,)), float(value), problem.margin)
+    body, hand = problem.body, problem.hand
+    if isinstance(body, Mesh) and hand is not None and hand.follows_contacts:
+        for i, radius in enumerate(hand.tip_radii):
+            if radius > 0.0:
+                centre = placed.points[i] - radius * normals[i]
+                yield AtLeast(Label(ROOM, fingers=(i,)), float(body.clearance(centre[None])[0]), FITS * radius)
+
+
+def edge_distances(problem: GraspProblem, placed: Placed) -> FloatArray:
+    """Return the distance of each contact from its face's sharp edges, (k,), metres; inf where there are none."""
+    each = zip(placed.faces, placed.points, strict=True)
+    return np.concatenate([problem.body.edge_distance(face, point[None]) for face, point in each])
+
+
+def near_edges(problem: GraspProblem, placed: Placed) -> FloatArray:
+    """Return by how much each contact is nearer to a sharp edge than the margin, (k,), over the body's size."""
+    if problem.margin == 0.0:
+        return np.zeros(len(placed.points))
+    return np.asarray(np.maximum((problem.margin - edge_distances(problem, placed)) / problem.body.size, 0.0))
