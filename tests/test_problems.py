@@ -22,7 +22,7 @@ VALUES = {
     "screwdriver": (2, 0.03563),
     "odd_object_on_table": (2, 0.3012),
     "power_grasp": (1, 0.7301),
-    "fingers_and_bodies": (2, 0.2854),
+    "fingers_and_bodies": (2, 0.2693),
     "filling_cup": (8, 0.1651),
     "hammer": (2, 0.02199),
     "how_many_fingers": (2, 0.278),

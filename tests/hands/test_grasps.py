@@ -27,7 +27,7 @@ def task(body):
 
 def solved(body, hand, contact=None, starts=1, seed=0, **fields):
     contact = ng.FrictionContact(0.7) if contact is None else contact
-    problem = ng.GraspProblem(body, contact, task(body), hand=hand, **fields)
+    problem = ng.GraspProblem(body, contact, task(body), hand=hand, **{"edge_margin": 0.0, **fields})
     return ng.solve(problem, starts=starts, seed=seed, options=OPTIONS)
 
 

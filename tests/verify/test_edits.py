@@ -1,0 +1,133 @@
+"""Thirty edits of good files, each of which verify sees; the file whole passes."""
+
+import json
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.verify.check import Verification
+from tests.hands.urdf import FOLDER
+from tests.verify import honest
+from tests.verify.edits import put, row
+from tests.verify.stated import edited, recomputed_file
+
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """A box on a table between fingertips, as a solve writes it."""
+    problem = ng.GraspProblem(
+        ng.Box([0.08, 0.04, 0.04]),
+        [ng.FrictionContact(0.6)] * 3,
+        TASK,
+        hand=ng.Fingertips(3, radius=0.004),
+        constraints=[ng.Table(-0.018), ng.Spread(min=0.02)],
+    )
+    return json.loads(json.dumps(ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1)).to_dict()))
+
+
+def times(factor):
+    return lambda value: (np.asarray(value) * factor).tolist()
+
+
+def first(name, change):
+    return put(["grasp", "contacts", 0, name], change)
+
+
+def shifted(axis, by):
+    def change(value):
+        result = list(value)
+        result[axis] += by
+        return result
+
+    return change
+
+
+def certificate(change):
+    """Return an edit of the bound's certificate: of its leaf of the largest bound."""
+
+    def edit(data):
+        leaves = data["quality"]["best_possible"]["certificate"]["leaves"]
+        leaf = max(leaves, key=lambda item: item[3])
+        leaf[3] = change(leaf[3])
+
+    return edit
+
+
+EDITS = {
+    "body's length": put(["problem", "body", "extents", 0], 0.5),
+    "body's height": put(["problem", "body", "extents", 2], 0.5),
+    "body's width": put(["problem", "body", "extents", 1], 0.0400002),
+    "another body": put(["problem", "body"], {"type": "sphere", "radius": 0.04}),
+    "position along the face": first("position", shifted(2, 1e-3)),
+    "position off the face": first("position", lambda p: (1.0001 * np.asarray(p)).tolist()),
+    "normal turned": first("normal", lambda n: [n[0], n[1] * np.cos(0.01), np.sin(0.01)]),
+    "normal outwards": first("normal", times(-1.0)),
+    "face": first("face", "+z"),
+    "face that is not there": first("face", "lid"),
+    "friction of the problem": put(["problem", "contacts", 0, "friction"], 0.9),
+    "friction of the grasp": put(["grasp", "contacts", 0, "friction"], 0.9),
+    "task": put(["problem", "task", "axes"], times(0.5)),
+    "task's centre": put(["problem", "task", "center", 0], 0.3),
+    "torque origin": put(["grasp", "torque_origin", 2], 0.01),
+    "force budget": put(["problem", "force_budget"], "per_finger"),
+    "edge margin": put(["problem", "edge_margin"], 0.003),
+    "a stated edge distance": row("edge margin, finger 0", "value", 0.005),
+    "table's height": put(["problem", "constraints", 0, "height"], -0.03),
+    "limit of a stated row": row("spread, fingers 0 and 1", "bound", [0.0, None]),
+    "value of a stated row": row("table, finger 0", "value", lambda v: v + 1e-3),
+    "radius of the fingertips": put(["problem", "hand", "radius"], 0.006),
+    "lower bound of mu": put(["quality", "mu", "lower"], lambda v: 1.05 * v),
+    "mu": put(["quality", "mu"], lambda mu: {**mu, "lower": 1.5 * mu["lower"], "upper": 1.5 * mu["upper"]}),
+    "delta": put(["quality", "delta"], lambda b: {**b, "lower": 0.5 * b["lower"], "upper": 0.5 * b["lower"]}),
+    "what is left at worst": put(
+        ["quality", "robust", "mu"], lambda b: {**b, "lower": b["upper"], "upper": 1.2 * b["upper"]}
+    ),
+    "finger forces": put(["forces", 0, "forces", 0], times(0.5)),
+    "bound over all placements": put(["quality", "best_possible", "upper"], lambda v: 0.99 * v),
+    "certificate of the bound": certificate(lambda bound: 0.9 * bound),
+    "drawing": put(["drawing", "body", "vertices"], times(1.5)),
+}
+
+
+def test_the_file_passes_as_it_is(solved, tmp_path):
+    assert len(EDITS) == 30
+    assert checked(solved, tmp_path).passed
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_an_edit_is_seen(name, solved, tmp_path):
+    data = edited(solved, EDITS[name])
+    assert data != solved
+    assert seen(data, tmp_path)
+
+
+def test_a_hand_that_is_elsewhere_is_seen():
+    data = honest.fingers()
+    assert not any(check.failed for check in recomputed_file(data, FOLDER).values())
+    moved = edited(data, put(["hand", "palm_pose", "position", 0], lambda x: x + 1e-3))
+    assert any(check.failed for check in recomputed_file(moved, FOLDER).values())
+
+
+def test_another_fingerprint_of_a_mesh_is_seen(tmp_path):
+    data = honest.block(tmp_path)
+    assert not any(check.failed for check in recomputed_file(data, tmp_path).values())
+    other = edited(data, put(["problem", "body", "sha256"], lambda text: text[::-1]))
+    assert recomputed_file(other, tmp_path)["mesh file"].failed
+
+
+def seen(data, folder):
+    """Return whether a file with these data is refused when it is read, or fails."""
+    try:
+        return not checked(data, folder).passed
+    except ng.InputError as error:
+        return "grasp.json" in str(error)
+
+
+def checked(data, folder) -> Verification:
+    """Return what verify says of a file with these data."""
+    path = folder / "grasp.json"
+    path.write_text(json.dumps(data))
+    return ng.verify(path)
