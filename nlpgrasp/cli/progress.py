@@ -94,6 +94,7 @@ def done(solution: ng.GraspSolution, path: str | None) -> dict[str, object]:
         "kind": solution.kind,
         "mu": pair(solution.mu),
         "best_possible": solution.best_possible if math.isfinite(solution.best_possible) else None,
+        "forces_needed": None if solution.needed is None else solution.needed.to_dict(),
         "seconds": solution.solver["seconds"]["total"],
         "file": path,
     }

@@ -38,6 +38,7 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
         constraints=[constraint_from_dict(constraint) for constraint in data["constraints"]],
         force_budget=budget_from_dict(data["force_budget"]),
         torque_origin=torque_origin,
+        max_force=data.get("max_force"),
     )
 
 

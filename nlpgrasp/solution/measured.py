@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.asked import Asked
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.quality import Quality
 from nlpgrasp.solution.records import Status
 
@@ -26,6 +28,7 @@ class Measured(Asked):
     nu: Volume | None
     robust: Robustness | None
     bound: GlobalBound | None
+    needed: ForcesNeeded | None
 
     @property
     def success(self) -> bool:
@@ -65,7 +68,25 @@ class Measured(Asked):
         paper = "" if self.task.paper_beta in (None, 1.0) else f", beta of the paper in {self.beta}"
         why = f": {self.mu.limit}" if self.mu.limit else ""
         lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}"]
-        return lines if self.bound is None else [*lines, f"  {self.bound.line(self.mu.lower)}"]
+        if self.bound is not None:
+            lines.append(f"  {self.bound.line(self.mu.lower)}")
+        return [*lines, *(f"  {line}" for line in self.needed_lines())]
+
+    def needed_lines(self) -> list[str]:
+        """Return what the fingers press for the task as it was given, in words; nothing where it is not known."""
+        return [] if self.needed is None else self.needed.lines(self.budget, self.max_force)
+
+    def require_grasp(self) -> Grasp:
+        """Return the grasp that was found.
+
+        Raises
+        ------
+        InputError
+            Where none was found.
+        """
+        if self.grasp is None:
+            raise InputError("solution", "no grasp", "a solution with a grasp")
+        return self.grasp
 
     @property
     def _measured(self) -> Bounds:
@@ -74,4 +95,4 @@ class Measured(Asked):
 
     @property
     def _quality(self) -> Quality:
-        return Quality(self._measured, self.kind, self.delta, self.nu, self.robust, self.bound)
+        return Quality(self._measured, self.kind, self.delta, self.nu, self.robust, self.bound, self.needed)

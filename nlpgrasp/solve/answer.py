@@ -14,16 +14,16 @@ import scipy
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import Volume, delta, finger_forces, mu, nu
+from nlpgrasp.quality import Volume, delta, mu, nu
 from nlpgrasp.solution.findings import WhyNot
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.schema.types import SolverData
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solve.after.least_forces import least_forces
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
@@ -31,7 +31,6 @@ from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.programs import budget_at
-from nlpgrasp.tasks import Task
 from nlpgrasp.version import __version__
 
 CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
@@ -133,7 +132,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         bounds = mu(grasp, problem.task, rtol, force_budget=budget, seed=search.seed, deadline=limit)
     lower, upper = max(bounds.lower, best.record.mu.lower), min(bounds.upper, best.record.mu.upper)
     search.clock.mark("certificate")
-    forces, moments = _forces(problem.task, grasp, budget, lower)
+    exerted = least_forces(problem, grasp, budget, replace(bounds, lower=lower, upper=upper))
     search.clock.mark("forces")
     scale, timely = grasp.mean_arm, limit is None and search.options.extras
     small = delta(grasp, scale, OTHER_RTOL, force_budget=budget) if timely else None
@@ -151,8 +150,9 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         kind=problem.task.measure,
         delta=small,
         nu=volume,
-        forces=forces,
-        moments=moments,
+        forces=exerted.forces,
+        moments=exerted.moments,
+        needed=exerted.needed,
         constraints=best.constraints,
         prices=after.prices,
         robust=after.robust,
@@ -192,19 +192,6 @@ def volume_of(grasp: Grasp, budget: ForceBudget) -> Volume | None:
         return nu(grasp, grasp.mean_arm, OTHER_RTOL, force_budget=budget)
     except NlpgraspError:
         return None
-
-
-def _forces(
-    task: Task, grasp: Grasp, budget: ForceBudget, share: float
-) -> tuple[tuple[tuple[FloatArray, FloatArray], ...], tuple[FloatArray, ...]]:
-    """Return least finger forces, and moments if any, for some of the task's extreme wrenches times the quality."""
-    wrenches = share * task.ends()
-    found = finger_forces(grasp, wrenches, force_budget=budget)
-    each = [grasp.contact_wrenches(x) for x in found.forces[found.feasible]]
-    space = grasp.space
-    forces = tuple((w, c[:, :space]) for w, c in zip(wrenches[found.feasible], each, strict=True))
-    turning = any(axis >= space for m in grasp.contacts for axis in m.axes(space))
-    return forces, tuple(c[:, space:] for c in each) if turning else ()
 
 
 def solver_record(
