@@ -56,12 +56,25 @@ class Measured(Asked):
         return math.inf if self.bound is None else self.bound.gap(self.mu.lower)
 
     @property
-    def title(self) -> str:
-        """Name and status in a line; where the gap is closed, how close."""
+    def is_fragile(self) -> bool:
+        """Whether next to nothing of the quality is left when contacts are a little off; false where none is known."""
+        return self.robust is not None and self.robust.is_fragile(self.mu)
+
+    @property
+    def told(self) -> str:
+        """The status in words; where the gap is closed, how close, and of a fragile grasp what is left."""
         told = self.status.value
         if self.status is Status.OPTIMAL:
             told = f"Optimal within {self.gap:.2%}: {told.removeprefix('Optimal: ')}"
-        return f"{self.name}: {told}"
+        if self.robust is None or not self.is_fragile:
+            return told
+        head, _, rest = told.partition(": ")
+        return f"{head}, but {self.robust.fragile_words(self.mu, self.label)}; {rest}"
+
+    @property
+    def title(self) -> str:
+        """Name and status in a line."""
+        return f"{self.name}: {self.told}"
 
     def quality_lines(self) -> list[str]:
         """Return the certified quality in words, and how far it is from the best possible."""

@@ -21,7 +21,7 @@ from nlpgrasp.solution.measured import Measured
 from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality import Quality, check_beta
-from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of, winner_of
+from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, passed_over, starts_of, winner_of
 from nlpgrasp.solution.schema import SCHEMA_NAME
 from nlpgrasp.solution.schema.types import SolutionData, SolverData
 
@@ -232,7 +232,7 @@ class GraspSolution(Measured):
         elif self.bound is not None:
             lines.append(f"  {self.bound.line(0.0)}")
         if self.robust is not None:
-            lines.append(f"  {self.robust}")
+            lines += [f"  {self.robust}", *passed_over(self.starts, self.winner)]
         lines += [f"  {price}" for price in self.prices[:3]]
         if self.why_not is not None:
             lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]

@@ -56,6 +56,8 @@ class Search:
         On mu over all placements.
     clock : Clock
         Of the solve.
+    chosen : StartGrasp or None
+        The start that is the answer; the best one where none is named.
     """
 
     problem: GraspProblem
@@ -66,6 +68,7 @@ class Search:
     deadline: float | None = None
     bound: GlobalBound | None = None
     clock: Clock = field(default_factory=Clock)
+    chosen: StartGrasp | None = None
 
     @property
     def effort(self) -> Effort:
@@ -104,7 +107,7 @@ def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
 
 def answer(search: Search, after: Aftermath) -> GraspSolution:
     """Return the best start's grasp with its certificate, measures and forces, or what there is without one."""
-    best = best_of(search.results)
+    best = search.chosen or best_of(search.results)
     return _without_grasp(search, after.why_not) if best is None else _of_best(search, best, after)
 
 
@@ -131,8 +134,9 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     if bounds.gap > rtol:
         bounds = mu(grasp, problem.task, rtol, force_budget=budget, seed=search.seed, deadline=limit)
     lower, upper = max(bounds.lower, best.record.mu.lower), min(bounds.upper, best.record.mu.upper)
+    certified = replace(bounds, lower=lower, upper=upper)
     search.clock.mark("certificate")
-    exerted = least_forces(problem, grasp, budget, replace(bounds, lower=lower, upper=upper))
+    exerted = least_forces(problem, grasp, budget, certified)
     search.clock.mark("forces")
     scale, timely = grasp.mean_arm, limit is None and search.options.extras
     small = delta(grasp, scale, OTHER_RTOL, force_budget=budget) if timely else None
@@ -146,7 +150,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,
         faces=found.placed.faces,
-        mu=replace(bounds, lower=lower, upper=upper),
+        mu=certified,
         kind=problem.task.measure,
         delta=small,
         nu=volume,
@@ -155,7 +159,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         needed=exerted.needed,
         constraints=best.constraints,
         prices=after.prices,
-        robust=after.robust,
+        robust=None if after.robust is None else after.robust.beside(certified),
         bound=bound,
         hand=_hand_data(problem, found, after),
         surface=found.surface,

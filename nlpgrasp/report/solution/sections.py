@@ -32,8 +32,8 @@ def comparison(compared: Comparison) -> str:
 
 def status(solution: GraspSolution) -> str:
     """Return how the solve ended, in words."""
-    kind = "status" if solution.success else "status failed"
-    lines = [solution.status.value]
+    kind = "status" if solution.success and not solution.is_fragile else "status failed"
+    lines = [solution.told]
     if solution.why_not is not None:
         lines += [*solution.why_not.reasons, *solution.why_not.advice]
     if solution.robust is not None:

@@ -30,6 +30,8 @@ class RobustData(TypedDict):
     mu: Measure
     positions: list[Vector]
     normals: list[Vector]
+    share: NotRequired[float]
+    fragile: NotRequired[bool]
 
 
 class GlobalBoundData(TypedDict):
