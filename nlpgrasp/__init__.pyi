@@ -75,6 +75,7 @@ from nlpgrasp.quality import (
 from nlpgrasp.report.fit import draw_fit
 from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve import SolveOptions, solve, with_extras
@@ -141,6 +142,7 @@ __all__ = [
     "FirstChoice",
     "FlatTip",
     "Forbid",
+    "ForcesNeeded",
     "FrictionContact",
     "Grasp",
     "GraspProblem",

@@ -28,6 +28,9 @@ class ForceBudget(ABC):
     limited: ClassVar[str] = ""  # what it limits, where that leaves bilateral contacts without a bound
     by_name: ClassVar[bool] = True  # whether its name alone states it, with the default of every parameter
     absolute: ClassVar[bool] = False  # whether it is all that the hand has, not a unit of it
+    amount: ClassVar[str] = "the force budget"  # what ``1 / mu`` is, in words
+    unit: ClassVar[str] = "N"  # of that amount
+    bounds_fingers: ClassVar[bool] = False  # whether no finger's force is larger than that amount
     largest: ClassVar[float] = 50.0  # bound on the program's force variables, in units of ``force_scale``
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:

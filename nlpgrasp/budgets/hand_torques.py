@@ -37,6 +37,8 @@ class HandTorques(ForceBudget):
     follows_hand: ClassVar[bool] = True
     depends_on_frames: ClassVar[bool] = True
     absolute: ClassVar[bool] = True
+    amount: ClassVar[str] = "share of the joints' torque limits"
+    unit: ClassVar[str] = "of the torque limits"
     limited: ClassVar[str] = "joint-torque limits"
 
     def __init__(self, force_limit: float = MOST_FORCE) -> None:

@@ -17,6 +17,8 @@ class L2Budget(ForceBudget):
     """``|x| <= 1`` over all force components together. Torsion counts as force through the unit of length."""
 
     kind: ClassVar[str] = "l2"
+    amount: ClassVar[str] = "L2 norm of all finger forces"
+    bounds_fingers: ClassVar[bool] = True
     largest: ClassVar[float] = 1.1
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> L2Set:

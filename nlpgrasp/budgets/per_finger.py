@@ -17,6 +17,7 @@ class PerFingerBudget(ForceBudget):
     """``f_n <= 1`` for every contact: the Minkowski sum of the contacts' wrenches (Ferrari and Canny's L-infinity)."""
 
     kind: ClassVar[str] = "per_finger"
+    amount: ClassVar[str] = "largest normal force"
     limited: ClassVar[str] = "limits on normal force"
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> PerFingerSet:

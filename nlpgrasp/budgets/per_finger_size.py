@@ -17,6 +17,8 @@ class PerFingerSizeBudget(ForceBudget):
     """``|x_i| <= 1`` for every contact i: its gauge is the largest finger force (Lobo et al. 1998)."""
 
     kind: ClassVar[str] = "per_finger_size"
+    amount: ClassVar[str] = "largest finger force"
+    bounds_fingers: ClassVar[bool] = True
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> PerFingerSizeSet:
         """Return the forces that it allows contacts with these frames."""

@@ -20,6 +20,7 @@ class SharedBudget(ForceBudget):
     """
 
     kind: ClassVar[str] = "shared"
+    amount: ClassVar[str] = "sum of the normal forces"
     limited: ClassVar[str] = "limits on normal force"
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> SharedSet:

@@ -43,6 +43,8 @@ class SharedJointTorqueLimits(ForceBudget):
     depends_on_frames: ClassVar[bool] = True
     by_name: ClassVar[bool] = False
     absolute: ClassVar[bool] = True
+    amount: ClassVar[str] = "share of the joints' torque limits"
+    unit: ClassVar[str] = "of the torque limits"
     limited: ClassVar[str] = "joint-torque limits"
 
     def __init__(self, jacobians: Sequence[ArrayLike], limits: ArrayLike, force_limit: float | None = None) -> None:

@@ -51,6 +51,9 @@ def solve_command(
     workers: Annotated[int | None, typer.Option("--workers", help="Processes; one a core by default.")] = None,
     gap: Annotated[float | None, typer.Option("--gap", help="Search until this close to the best possible.")] = None,
     time_limit: Annotated[float | None, typer.Option("--time-limit", help="Seconds of wall time.")] = None,
+    rank: Annotated[
+        str, typer.Option("--rank", help="robust: pass over a fragile best start; mu: the best mu, whatever is left.")
+    ] = "robust",
     quick: Annotated[
         bool, typer.Option("--quick", help="Leave out prices, robustness, delta, nu and drawing.")
     ] = False,
@@ -59,7 +62,7 @@ def solve_command(
     """Solve a problem script and write the grasp found to a file. Ctrl-C keeps the best so far."""
     integer("--starts", starts, at_least=1)
     integer("--seed", seed, at_least=0)
-    options = ng.SolveOptions(workers=workers, gap=gap, time_limit=time_limit, extras=not quick)
+    options = ng.SolveOptions(workers=workers, gap=gap, time_limit=time_limit, rank=rank, extras=not quick)
     target = Path(f"{script.stem}.json") if out is None else out
     place = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():

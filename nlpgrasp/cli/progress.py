@@ -90,10 +90,12 @@ def done(solution: ng.GraspSolution, path: str | None) -> dict[str, object]:
     return {
         "event": "done",
         "status": solution.status.name.lower(),
-        "message": solution.status.value,
+        "message": solution.told,
+        "fragile": solution.is_fragile,
         "kind": solution.kind,
         "mu": pair(solution.mu),
         "best_possible": solution.best_possible if math.isfinite(solution.best_possible) else None,
+        "forces_needed": None if solution.needed is None else solution.needed.to_dict(),
         "seconds": solution.solver["seconds"]["total"],
         "file": path,
     }

@@ -39,6 +39,7 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
         force_budget=budget_from_dict(data["force_budget"]),
         torque_origin=torque_origin,
         edge_margin=data.get("edge_margin", 0.0),
+        max_force=data.get("max_force"),
     )
 
 

@@ -13,7 +13,7 @@ from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.common.frozen import unchecked
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -52,6 +52,9 @@ class GraspProblem:
     torque_origin : (space,) array, optional
         Point about which task and grasp map take moments, metres, body frame; the body's centroid when left out.
     name : str
+    max_force : float, optional
+        Limit of each finger's force, newtons: the answer says whether the task as it is given stays within it. The
+        search does not go by it.
 
     Attributes
     ----------
@@ -74,6 +77,7 @@ class GraspProblem:
     torque_origin: ArrayLike | None = None
     name: str = "grasp"
     edge_margin: float | None = None
+    max_force: float | None = None
     margin: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
@@ -93,6 +97,8 @@ class GraspProblem:
         if self.torque_origin is not None:
             origin = array("GraspProblem.torque_origin", self.torque_origin, (self.body.space,))
             object.__setattr__(self, "torque_origin", tuple(origin.tolist()))
+        if self.max_force is not None:
+            object.__setattr__(self, "max_force", number("GraspProblem.max_force", self.max_force, above=0.0))
         if self.task.about is not None:
             object.__setattr__(self, "task", self.task.at(self.origin))
         if (
@@ -186,7 +192,7 @@ class GraspProblem:
 
     def to_dict(self) -> Json:
         """Return the problem as JSON data (docs/json.md)."""
-        return {
+        data: Json = {
             "body": self.body.to_dict(),
             "contacts": [{**m.to_dict(), "faces": None if m.faces is None else list(m.faces)} for m in self.models],
             "task": self.task.to_dict(),
@@ -195,3 +201,4 @@ class GraspProblem:
             "force_budget": self.budget.to_dict(),
             "edge_margin": self.margin,
         }
+        return data if self.max_force is None else {**data, "max_force": self.max_force}

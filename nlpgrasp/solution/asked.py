@@ -34,6 +34,11 @@ class Asked:
         return dict(self.problem["body"])
 
     @property
+    def max_force(self) -> float | None:
+        """Limit of each finger's force that was stated, newtons; None without one."""
+        return self.problem.get("max_force")
+
+    @property
     def palm(self) -> str:
         """The link at the root of the hand that was asked for; ``"palm"`` where it is not stated."""
         hand = self.problem.get("hand")

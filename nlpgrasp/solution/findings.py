@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.solution.schema.types import ConflictData, PriceData, RobustData, WhyNotData
+
+FRAGILE = 0.2  # share of mu: where less is left, the task takes more than five times the force once contacts slip
+LEAST_SHARE = 1e-4  # shares below are all said alike
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,9 @@ class Robustness:
         Certified, of the worst placement found with the least friction: its upper bound is one on the worst there is.
     points, normals : (k, space) array
         That placement: contacts, metres, and unit inward normals, body frame.
+    stated : tuple or None
+        What the solution says of the share of mu that is left, and whether the grasp is fragile; None in files of
+        earlier versions.
     """
 
     offset: float
@@ -70,16 +76,40 @@ class Robustness:
     mu: Bounds
     points: FloatArray
     normals: FloatArray
+    stated: tuple[float, bool] | None = field(default=None, repr=False, compare=False)
+
+    def share(self, mu: Bounds) -> float:
+        """Return how much is left of a grasp's certified quality, as a share: of both, the upper bound."""
+        return min(self.mu.upper / mu.upper, 1.0) if mu.upper > 0.0 else 0.0
+
+    def is_fragile(self, mu: Bounds) -> bool:
+        """Return whether less than a fifth of a grasp's certified quality is left (``FRAGILE``)."""
+        return self.share(mu) < FRAGILE
+
+    def fragile_words(self, mu: Bounds, label: str) -> str:
+        """Return how fragile a grasp of this certified quality is, a measure of this name."""
+        share = self.share(mu)
+        little = f"less than {100.0 * LEAST_SHARE:g} %" if share > 0.0 else "nothing"
+        left = f"{100.0 * share:.2g} %" if share >= LEAST_SHARE else little
+        off = f"contacts are {1e3 * self.offset:g} mm off and friction {100.0 * self.friction_share:g} % less"
+        return f"fragile: {left} of {label} is left when {off}"
+
+    def beside(self, mu: Bounds) -> Robustness:
+        """Return the finding with what it says of a grasp of this certified quality."""
+        return replace(self, stated=(self.share(mu), self.is_fragile(mu)))
 
     def to_dict(self) -> RobustData:
         """Return the finding as JSON data."""
-        return {
+        data: RobustData = {
             "offset": self.offset,
             "friction_share": self.friction_share,
             "mu": self.mu.to_dict(),
             "positions": self.points.tolist(),
             "normals": self.normals.tolist(),
         }
+        if self.stated is not None:
+            data["share"], data["fragile"] = self.stated
+        return data
 
     @classmethod
     def from_dict(cls, data: RobustData, name: str) -> Robustness:
@@ -93,7 +123,8 @@ class Robustness:
         bounds = Bounds.from_dict(data["mu"], f"{name}.mu")
         points = array(f"{name}.positions", data["positions"], (None, None))
         normals = array(f"{name}.normals", data["normals"], points.shape)
-        return cls(data["offset"], data["friction_share"], bounds, points, normals)
+        stated = (data["share"], data["fragile"]) if "share" in data and "fragile" in data else None
+        return cls(data["offset"], data["friction_share"], bounds, points, normals, stated)
 
     def __str__(self) -> str:
         friction = f"{self.friction_share:.0%} less friction"

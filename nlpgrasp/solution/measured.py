@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.asked import Asked
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.quality import Quality
 from nlpgrasp.solution.records import Status
 
@@ -26,6 +28,7 @@ class Measured(Asked):
     nu: Volume | None
     robust: Robustness | None
     bound: GlobalBound | None
+    needed: ForcesNeeded | None
 
     @property
     def success(self) -> bool:
@@ -53,19 +56,50 @@ class Measured(Asked):
         return math.inf if self.bound is None else self.bound.gap(self.mu.lower)
 
     @property
-    def title(self) -> str:
-        """Name and status in a line; where the gap is closed, how close."""
+    def is_fragile(self) -> bool:
+        """Whether next to nothing of the quality is left when contacts are a little off; false where none is known."""
+        return self.robust is not None and self.robust.is_fragile(self.mu)
+
+    @property
+    def told(self) -> str:
+        """The status in words; where the gap is closed, how close, and of a fragile grasp what is left."""
         told = self.status.value
         if self.status is Status.OPTIMAL:
             told = f"Optimal within {self.gap:.2%}: {told.removeprefix('Optimal: ')}"
-        return f"{self.name}: {told}"
+        if self.robust is None or not self.is_fragile:
+            return told
+        head, _, rest = told.partition(": ")
+        return f"{head}, but {self.robust.fragile_words(self.mu, self.label)}; {rest}"
+
+    @property
+    def title(self) -> str:
+        """Name and status in a line."""
+        return f"{self.name}: {self.told}"
 
     def quality_lines(self) -> list[str]:
         """Return the certified quality in words, and how far it is from the best possible."""
         paper = "" if self.task.paper_beta in (None, 1.0) else f", beta of the paper in {self.beta}"
         why = f": {self.mu.limit}" if self.mu.limit else ""
         lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}"]
-        return lines if self.bound is None else [*lines, f"  {self.bound.line(self.mu.lower)}"]
+        if self.bound is not None:
+            lines.append(f"  {self.bound.line(self.mu.lower)}")
+        return [*lines, *(f"  {line}" for line in self.needed_lines())]
+
+    def needed_lines(self) -> list[str]:
+        """Return what the fingers press for the task as it was given, in words; nothing where it is not known."""
+        return [] if self.needed is None else self.needed.lines(self.budget, self.max_force)
+
+    def require_grasp(self) -> Grasp:
+        """Return the grasp that was found.
+
+        Raises
+        ------
+        InputError
+            Where none was found.
+        """
+        if self.grasp is None:
+            raise InputError("solution", "no grasp", "a solution with a grasp")
+        return self.grasp
 
     @property
     def _measured(self) -> Bounds:
@@ -74,4 +108,4 @@ class Measured(Asked):
 
     @property
     def _quality(self) -> Quality:
-        return Quality(self._measured, self.kind, self.delta, self.nu, self.robust, self.bound)
+        return Quality(self._measured, self.kind, self.delta, self.nu, self.robust, self.bound, self.needed)

@@ -13,6 +13,8 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.schema.types import ContactData, GraspData
 
+FAR = 1e-3  # metres: a contact that moved farther is worth a word
+
 
 @dataclass(frozen=True)
 class SurfaceMatch:
@@ -32,6 +34,12 @@ class SurfaceMatch:
     distances: FloatArray
     angles: FloatArray
     moved: FloatArray
+
+    def lines(self) -> list[str]:
+        """Return in words how far contacts moved, where that is more than a millimetre."""
+        far, most = int(np.argmax(self.moved)), float(np.max(self.moved, initial=0.0))
+        told = f"contacts moved by up to {1e3 * most:.2g} mm (contact {far})"
+        return [f"  {told} from the solver's smooth surface to the mesh"] if most > FAR else []
 
     def at(self, i: int) -> dict[str, float]:
         """Return what contact ``i``'s entry says of it."""
@@ -76,7 +84,7 @@ class PlacedGrasp:
         for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
             position, normal = (np.array2string(v, precision=5, suppress_small=True) for v in (p, n))
             result.append(f"  contact {i} on {face}: position {position} m, inward normal {normal}")
-        return result
+        return result if self.surface is None else [*result, *self.surface.lines()]
 
     def to_dict(self) -> GraspData:
         """Return the grasp as JSON data, contact by contact."""

@@ -13,6 +13,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.records import UNKNOWN
 from nlpgrasp.solution.schema.types import MuData, QualityData
 
@@ -32,6 +33,8 @@ class Quality:
     robust : Robustness or None
     bound : GlobalBound or None
         On mu over all placements.
+    needed : ForcesNeeded or None
+        For the task as it was given.
     """
 
     mu: Bounds
@@ -40,6 +43,7 @@ class Quality:
     nu: Volume | None = None
     robust: Robustness | None = None
     bound: GlobalBound | None = None
+    needed: ForcesNeeded | None = None
 
     def to_dict(self) -> QualityData:
         """Return the measures as JSON data, None for what is not known."""
@@ -61,6 +65,8 @@ class Quality:
             "nu": None if self.nu is None else self.nu.to_dict(),
             "robust": None if self.robust is None else self.robust.to_dict(),
         }
+        if self.needed is not None:
+            data["forces_needed"] = self.needed.to_dict()
         return data if self.bound is None else {**data, "best_possible": self.bound.to_dict(self.mu.lower)}
 
     @classmethod
@@ -81,7 +87,7 @@ class Quality:
             On an empty interval, or arrays that do not fit the dimension or each other.
         """
         mu, delta, nu, robust = data["mu"], data.get("delta"), data.get("nu"), data.get("robust")
-        bound = data.get("best_possible")
+        bound, needed = data.get("best_possible"), data.get("forces_needed")
         return cls(
             UNKNOWN if mu is None else _mu_of(mu, dimension, f"{name}.mu"),
             "mu" if mu is None else mu["kind"],
@@ -89,6 +95,7 @@ class Quality:
             None if nu is None else Volume.from_dict(nu, f"{name}.nu"),
             None if robust is None else Robustness.from_dict(robust, f"{name}.robust"),
             None if bound is None else GlobalBound.from_dict(bound, f"{name}.best_possible"),
+            None if needed is None else ForcesNeeded.from_dict(needed, f"{name}.forces_needed"),
         )
 
 

@@ -187,3 +187,14 @@ def winner_of(starts: Sequence[StartRecord], best_start: int | None) -> StartRec
         return next((s for s in starts if s.index == best_start), None)
     solved = [s for s in starts if s.status is Status.SOLVED and s.mu != UNKNOWN]
     return max(solved, key=lambda s: s.mu.upper, default=None)
+
+
+def passed_over(starts: Sequence[StartRecord], winner: StartRecord | None) -> list[str]:
+    """Return in words which start found a grasp with more mu than the answer, that keeps less of it."""
+    if winner is None:
+        return []
+    more = [s for s in starts if s.status is Status.SOLVED and s.mu.lower > winner.mu.upper]
+    best = max(more, key=lambda s: s.mu.lower, default=None)
+    if best is None:
+        return []
+    return [f"  start {best.index} found mu in {best.mu}: passed over, as less of it is left when contacts are off"]

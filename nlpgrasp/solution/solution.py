@@ -18,9 +18,10 @@ from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.forces import forces_and_moments, held_wrenches
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.measured import Measured
+from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality import Quality, check_beta
-from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of, winner_of
+from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, passed_over, starts_of, winner_of
 from nlpgrasp.solution.schema import SCHEMA_NAME
 from nlpgrasp.solution.schema.types import SolutionData, SolverData
 
@@ -58,6 +59,8 @@ class GraspSolution(Measured):
         What is left of mu when contacts are off and friction is less.
     bound : GlobalBound or None
         On mu over all placements; None for a problem that it does not cover.
+    needed : ForcesNeeded or None
+        What the fingers press for the task as it was given; None in files of earlier versions.
     why_not : WhyNot or None
         Where no grasp was found.
     hand : mapping or None
@@ -89,6 +92,7 @@ class GraspSolution(Measured):
     prices: tuple[ShadowPrice, ...] = ()
     robust: Robustness | None = None
     bound: GlobalBound | None = None
+    needed: ForcesNeeded | None = None
     why_not: WhyNot | None = None
     hand: Json | None = None
     surface: SurfaceMatch | None = None
@@ -104,18 +108,6 @@ class GraspSolution(Measured):
         Files of earlier versions do not say which: then the start with the largest certified upper bound.
         """
         return winner_of(self.starts, self.best_start)
-
-    def require_grasp(self) -> Grasp:
-        """Return the grasp that was found.
-
-        Raises
-        ------
-        InputError
-            Where none was found.
-        """
-        if self.grasp is None:
-            raise InputError("solution", "no grasp", "a solution with a grasp")
-        return self.grasp
 
     def require_drawing(self) -> Drawing:
         """Return the drawing of the grasp.
@@ -194,6 +186,7 @@ class GraspSolution(Measured):
             prices=tuple(map(ShadowPrice.from_dict, data.get("shadow_prices", []))),
             robust=quality.robust,
             bound=quality.bound,
+            needed=quality.needed,
             why_not=None if why_not is None else WhyNot.from_dict(why_not),
             hand=data.get("hand"),
             surface=None if placed is None else placed.surface,
@@ -239,7 +232,7 @@ class GraspSolution(Measured):
         elif self.bound is not None:
             lines.append(f"  {self.bound.line(0.0)}")
         if self.robust is not None:
-            lines.append(f"  {self.robust}")
+            lines += [f"  {self.robust}", *passed_over(self.starts, self.winner)]
         lines += [f"  {price}" for price in self.prices[:3]]
         if self.why_not is not None:
             lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]

@@ -14,16 +14,16 @@ import scipy
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import Volume, delta, finger_forces, mu, nu
+from nlpgrasp.quality import Volume, delta, mu, nu
 from nlpgrasp.solution.findings import WhyNot
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.schema.types import SolverData
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solve.after.least_forces import least_forces
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
@@ -31,7 +31,6 @@ from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.programs import budget_at
-from nlpgrasp.tasks import Task
 from nlpgrasp.version import __version__
 
 CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
@@ -57,6 +56,8 @@ class Search:
         On mu over all placements.
     clock : Clock
         Of the solve.
+    chosen : StartGrasp or None
+        The start that is the answer; the best one where none is named.
     """
 
     problem: GraspProblem
@@ -67,6 +68,7 @@ class Search:
     deadline: float | None = None
     bound: GlobalBound | None = None
     clock: Clock = field(default_factory=Clock)
+    chosen: StartGrasp | None = None
 
     @property
     def effort(self) -> Effort:
@@ -105,7 +107,7 @@ def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
 
 def answer(search: Search, after: Aftermath) -> GraspSolution:
     """Return the best start's grasp with its certificate, measures and forces, or what there is without one."""
-    best = best_of(search.results)
+    best = search.chosen or best_of(search.results)
     return _without_grasp(search, after.why_not) if best is None else _of_best(search, best, after)
 
 
@@ -132,8 +134,9 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     if bounds.gap > rtol:
         bounds = mu(grasp, problem.task, rtol, force_budget=budget, seed=search.seed, deadline=limit)
     lower, upper = max(bounds.lower, best.record.mu.lower), min(bounds.upper, best.record.mu.upper)
+    certified = replace(bounds, lower=lower, upper=upper)
     search.clock.mark("certificate")
-    forces, moments = _forces(problem.task, grasp, budget, lower)
+    exerted = least_forces(problem, grasp, budget, certified)
     search.clock.mark("forces")
     scale, timely = grasp.mean_arm, limit is None and search.options.extras
     small = delta(grasp, scale, OTHER_RTOL, force_budget=budget) if timely else None
@@ -147,15 +150,16 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,
         faces=found.placed.faces,
-        mu=replace(bounds, lower=lower, upper=upper),
+        mu=certified,
         kind=problem.task.measure,
         delta=small,
         nu=volume,
-        forces=forces,
-        moments=moments,
+        forces=exerted.forces,
+        moments=exerted.moments,
+        needed=exerted.needed,
         constraints=best.constraints,
         prices=after.prices,
-        robust=after.robust,
+        robust=None if after.robust is None else after.robust.beside(certified),
         bound=bound,
         hand=_hand_data(problem, found, after),
         surface=found.surface,
@@ -192,19 +196,6 @@ def volume_of(grasp: Grasp, budget: ForceBudget) -> Volume | None:
         return nu(grasp, grasp.mean_arm, OTHER_RTOL, force_budget=budget)
     except NlpgraspError:
         return None
-
-
-def _forces(
-    task: Task, grasp: Grasp, budget: ForceBudget, share: float
-) -> tuple[tuple[tuple[FloatArray, FloatArray], ...], tuple[FloatArray, ...]]:
-    """Return least finger forces, and moments if any, for some of the task's extreme wrenches times the quality."""
-    wrenches = share * task.ends()
-    found = finger_forces(grasp, wrenches, force_budget=budget)
-    each = [grasp.contact_wrenches(x) for x in found.forces[found.feasible]]
-    space = grasp.space
-    forces = tuple((w, c[:, :space]) for w, c in zip(wrenches[found.feasible], each, strict=True))
-    turning = any(axis >= space for m in grasp.contacts for axis in m.axes(space))
-    return forces, tuple(c[:, space:] for c in each) if turning else ()
 
 
 def solver_record(

@@ -68,7 +68,7 @@ def with_extras(solution: GraspSolution, problem: GraspProblem | None = None) ->
     return replace(
         measured,
         prices=solution.prices or found.prices,
-        robust=solution.robust or found.robust,
+        robust=solution.robust or (found.robust and found.robust.beside(solution.mu)),
         drawing=solution.drawing or found.drawing,
         hand=hand,
     )

@@ -8,6 +8,7 @@ from math import inf
 from nlpgrasp.common.validation import integer, number, share
 from nlpgrasp.errors import InputError
 
+RANKS = ("robust", "mu")
 TRANSCRIPTIONS = ("vertex", "support")
 NARROW = 0.2  # of a gap asked for: what certificates may take of it
 
@@ -45,6 +46,11 @@ class SolveOptions:
         How far contacts may be off in the robustness stated of every solution, metres.
     robust_friction : float
         By which share friction may be less there, below 1.
+    rank : {"robust", "mu"}
+        Which start is the answer. ``"mu"``: the one with the best mu. ``"robust"``: the same, but where less than a
+        fifth of that mu is left at the worst placement, the best of the next two grasps that is not so fragile, has at
+        least half its mu and leaves more. Takes ``extras``; without them, with a ``gap`` asked for, with
+        ``maximise_robust``, or with the time limit over, mu alone counts.
     maximise_robust : bool
         Move the contacts to where the worst placement is best (on smooth bodies, without a hand that has a pose), and
         take the start whose worst placement is best instead of the one with the best mu.
@@ -77,6 +83,7 @@ class SolveOptions:
     extras: bool = True
     robust_offset: float = 0.001
     robust_friction: float = 0.1
+    rank: str = "robust"
     maximise_robust: bool = False
     global_bound: bool = True
     gap: float | None = None
@@ -88,6 +95,8 @@ class SolveOptions:
     def __post_init__(self) -> None:
         if not isinstance(self.transcription, str) or self.transcription not in TRANSCRIPTIONS:
             raise InputError("SolveOptions.transcription", self.transcription, " or ".join(map(repr, TRANSCRIPTIONS)))
+        if not isinstance(self.rank, str) or self.rank not in RANKS:
+            raise InputError("SolveOptions.rank", self.rank, " or ".join(map(repr, RANKS)))
         if self.shells is not None and (type(self.shells) is not int or self.shells not in (0, 1, 2)):
             raise InputError("SolveOptions.shells", self.shells, "0, 1 or 2")
         for name in ("exchange_rounds", "candidates", "max_iterations"):
@@ -116,6 +125,11 @@ class SolveOptions:
         for name in ("shadow_prices", "extras", "maximise_robust", "global_bound"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
+
+    @property
+    def weighs_fragility(self) -> bool:
+        """Whether a fragile grasp may lose to one with less mu."""
+        return self.rank == "robust" and self.extras and self.gap is None and not self.maximise_robust
 
     def narrow(self, starts: int) -> SolveOptions:
         """Return the options with certificates as narrow as the gap that is asked for needs, or a start alone."""

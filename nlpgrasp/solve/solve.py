@@ -121,11 +121,14 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
                 close_gap(runner, results, options.gap, stop)
                 clock.mark("closing the gap")
             cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
-            search = Search(runner.problem, options, seed, results, cut_short, deadline, runner.bound(stop), clock)
+            best = runner.chosen(best_of(results), results, stop)
+            clock.mark("choice")
+            bound = runner.bound(stop)
+            search = Search(runner.problem, options, seed, results, cut_short, deadline, bound, clock, best)
             clock.mark("bound")
             after = Aftermath()
             if not stop.requested() and any(isinstance(r, StartGrasp) for r in results):
-                after = runner.look_back(best_of(results), results, seed, stop)
+                after = runner.look_back(best, results, seed, stop)
             clock.mark_with(after.seconds, "programs")
             solution = answer(search, after)
     clock.mark("answer")

@@ -21,6 +21,7 @@ from nlpgrasp.verify.bound.beside import beside_checks
 from nlpgrasp.verify.bound.file import bound_file, verify_bound
 from nlpgrasp.verify.check import BROKEN, Check, Verification, guarded, no_sense
 from nlpgrasp.verify.claims.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
+from nlpgrasp.verify.claims.needed import needed_checks
 from nlpgrasp.verify.claims.outcome import outcome_checks
 from nlpgrasp.verify.claims.quality import OTHER_SEED, interval, other_measures, overlap, robustness, widths
 from nlpgrasp.verify.recomputed import recomputed
@@ -95,6 +96,7 @@ def _quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds
         "worst direction": lambda: direction_checks(solution, grasp, task, force_set),
         "forces": lambda: force_checks(solution, grasp, force_set),
         "wrenches": lambda: wrench_checks(solution, grasp, task),
+        "forces needed": lambda: needed_checks(solution, grasp, task, force_set),
         "delta and nu": lambda: other_measures(solution, grasp, budget, rtol),
         "robustness": lambda: robustness(solution, grasp, task, budget, rtol),
         "contact models": lambda: model_checks(solution, grasp, task),

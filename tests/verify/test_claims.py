@@ -75,7 +75,13 @@ OUTCOMES = {
     "a winner on other faces": start("faces", ["side"] * 4),
     "a winner that is better": start("mu", {"lower": 0.9, "upper": 0.95}),
     "a winner that is worse": start("mu", {"lower": 0.1, "upper": 0.2}),
-    "a start that is better": another_start(mu={"lower": 0.9, "upper": 0.95}),
+    "a start that is better": together(
+        another_start(mu={"lower": 0.9, "upper": 0.95}), put(("solver", "options", "rank"), "mu")
+    ),
+    "a start that is more than twice as good": another_start(mu={"lower": 20.0, "upper": 20.5}),
+    "a better start than a fragile one": together(
+        another_start(mu={"lower": 0.9, "upper": 0.95}), put(("quality", "robust", "mu"), {"lower": 0.0, "upper": 0.0})
+    ),
     "two of one index": another_start(index=0),
 }
 

@@ -50,7 +50,8 @@ class Experiment:
     starts : int
         Of each solve.
     options : SolveOptions, optional
-        ``workers`` plays no part: solves run side by side, each in one process.
+        ``workers`` plays no part: solves run side by side, each in one process. Nor does ``rank``: variations are
+        compared by mu, and so are their starts.
     name : str, optional
         The base problem's when left out.
 

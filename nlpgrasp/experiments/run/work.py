@@ -136,7 +136,10 @@ def work(job: Job) -> Outcome:
 
 
 def _made(maker: Callable[[], Case]) -> Case:
-    """Return the case that is made, with options as a solve takes them, refusing one whose result cannot be written."""
+    """Return the case that is made, with options as a solve takes them, refusing one whose result cannot be written.
+
+    Variations are compared by mu, so their starts are too.
+    """
     case = maker()
     check_json(case.problem.to_dict())
-    return replace(case, options=case.options.narrow(case.starts))
+    return replace(case, options=replace(case.options.narrow(case.starts), rank="mu"))

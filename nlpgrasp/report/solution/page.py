@@ -13,6 +13,7 @@ from nlpgrasp.experiments.found.compare import compare
 from nlpgrasp.report.frame import page
 from nlpgrasp.report.solution import sections
 from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches, force_words
+from nlpgrasp.report.solution.needed import forces_needed
 from nlpgrasp.report.solution.scene import scene
 from nlpgrasp.report.solution.worth import worth_colours
 from nlpgrasp.solution.solution import GraspSolution
@@ -60,6 +61,7 @@ def _solution(name: str, solution: GraspSolution, number: int) -> str:
         f'<h2 id="name{number}">{escape(name)}: {escape(solution.name)}</h2>',
         sections.status(solution),
         sections.interval(solution),
+        forces_needed(solution),
         sections.stage(solution, labels, fingers, number, worth=bool(worth)),
         sections.wrench_space(solution),
         sections.constraints(solution),

@@ -32,8 +32,8 @@ def comparison(compared: Comparison) -> str:
 
 def status(solution: GraspSolution) -> str:
     """Return how the solve ended, in words."""
-    kind = "status" if solution.success else "status failed"
-    lines = [solution.status.value]
+    kind = "status" if solution.success and not solution.is_fragile else "status failed"
+    lines = [solution.told]
     if solution.why_not is not None:
         lines += [*solution.why_not.reasons, *solution.why_not.advice]
     if solution.robust is not None:
@@ -48,16 +48,11 @@ def interval(solution: GraspSolution) -> str:
     most = 1.15 * solution.mu.upper or 1.0
     left, width = 100.0 * solution.mu.lower / most, 100.0 * (solution.mu.upper - solution.mu.lower) / most
     words = f"{solution.label} is certified in {solution.mu}, a gap of {solution.mu.gap:.1%}"
-    effort = (
-        f": the task as given needs finger forces of {1.0 / solution.mu.lower:.4g} in total"
-        if solution.mu.lower
-        else ""
-    )
     unit = f" (force budget {escape(solution.budget.kind)})"
     span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
     bar = f'<div class="bar" role="img" aria-label="{escape(words)}">{span}</div>'
     best = "" if solution.bound is None else f"<p>{escape(_sentence(solution.bound.line(solution.mu.lower)))}</p>"
-    return f"<h3>Certified quality</h3><p>{escape(words + effort)}{unit}.</p>{bar}{best}"
+    return f"<h3>Certified quality</h3><p>{escape(words)}{unit}.</p>{bar}{best}"
 
 
 def stage(

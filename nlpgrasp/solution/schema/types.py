@@ -30,6 +30,8 @@ class RobustData(TypedDict):
     mu: Measure
     positions: list[Vector]
     normals: list[Vector]
+    share: NotRequired[float]
+    fragile: NotRequired[bool]
 
 
 class GlobalBoundData(TypedDict):
@@ -42,6 +44,28 @@ class GlobalBoundData(TypedDict):
     certificate: NotRequired[Json]
 
 
+class FingerForceData(TypedDict):
+    """One of ``quality.forces_needed.fingers``."""
+
+    force: Vector
+    normal: float
+    size: float
+    largest: float
+    moment: NotRequired[Vector]
+
+
+class NeededData(TypedDict):
+    """The entry ``quality.forces_needed``."""
+
+    wrench: Vector
+    fingers: list[FingerForceData]
+    largest: float
+    finger: int
+    total: float
+    budget: Measure
+    within_max_force: NotRequired[bool]
+
+
 class QualityData(TypedDict):
     """The entry ``quality``."""
 
@@ -50,6 +74,7 @@ class QualityData(TypedDict):
     delta: NotRequired[Measure | None]
     nu: NotRequired[Measure | None]
     robust: NotRequired[RobustData | None]
+    forces_needed: NotRequired[NeededData | None]
 
 
 class ContactData(TypedDict):

@@ -17,6 +17,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solve.after.choice import chosen
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.ascent.steps.registry import model_of
 from nlpgrasp.solve.options import SolveOptions
@@ -121,6 +122,17 @@ class Runner:
         except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
             return Aftermath()
 
+    def chosen(self, best: StartGrasp | None, results: Sequence[StartResult], stop: Stop) -> StartGrasp | None:
+        """Return the start that is the answer: the best, or one that is not fragile where the options weigh that."""
+        if best is None or not self.options.weighs_fragility or stop.requested():
+            return best
+        if self._parcel is None:
+            return chosen(self.bench, best, results, stop)
+        try:
+            return Processes(self.workers).submit(_chosen, self._parcel, best, list(results), stop).result()
+        except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
+            return best
+
     @property
     def bench(self) -> Workbench:
         """The workbench in this process, built where it is first asked for."""
@@ -169,6 +181,11 @@ def _look_back(
 ) -> Aftermath:
     """Look back at the starts in a worker."""
     return look_back(parcel.unpacked().bench, best, results, seed, stop)
+
+
+def _chosen(parcel: Parcel[LazyBench[_Asked]], best: StartGrasp, results: list[StartResult], stop: Stop) -> StartGrasp:
+    """Choose the answer in a worker."""
+    return chosen(parcel.unpacked().bench, best, results, stop)
 
 
 def _result(future: Future[StartResult | None], index: int) -> StartResult:

@@ -76,23 +76,38 @@ def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> 
         moments = solution.moments[i] if len(solution.moments) else np.zeros((k, d - space))
         if forces.shape != (k, space) or moments.shape != (k, d - space) or wrench.shape != (d,):
             return [Check("forces", False, f"shapes {forces.shape} and {moments.shape} for {k} contacts")]
-        total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces) + moments.sum(axis=0)])
-        arm = max(float(np.max(np.abs(grasp.points - grasp.torque_origin))), 1e-300)
-        units = np.concatenate([np.ones(space), np.full(d - space, 1.0 / arm)])
-        scale = max(float(np.linalg.norm(forces)), float(np.linalg.norm(moments)) / arm, 1e-300)
-        worst_balance = max(worst_balance, float(np.linalg.norm((total - wrench) * units)) / scale)
-        inside = []
-        for force, moment, frame, model in zip(forces, moments, grasp.frames, grasp.contacts, strict=True):
-            local = np.concatenate([frame.T @ force, frame.T @ moment if space == 3 else moment])
-            allowed = np.zeros(d)
-            components = model.project(local[None, list(model.axes(space))])[0]
-            allowed[list(model.axes(space))] = components
-            inside.append(components)
-            worst_cone = max(worst_cone, float(np.linalg.norm(local - allowed)) / scale)
-        most = max(most, float(force_set.used(np.concatenate(inside)[None, :])[0]))
+        balance, cone, used = put_back(grasp, force_set, wrench, forces, moments)
+        worst_balance, worst_cone, most = max(worst_balance, balance), max(worst_cone, cone), max(most, used)
     good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and most <= 1.0 + FORCE_TOLERANCE
     residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
     return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}, {most:.4g} of the force budget")]
+
+
+def put_back(
+    grasp: Grasp, force_set: ForceSet, wrench: FloatArray, forces: FloatArray, moments: FloatArray
+) -> tuple[float, float, float]:
+    """Return how far forces (k, space) and moments (k, d - space) are from a wrench (d,) and from the cones.
+
+    Returns
+    -------
+    balance, cone, used : float
+        Both distances relative to the forces, and how much of the force budget they use.
+    """
+    space, d = grasp.space, grasp.dimension
+    total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces) + moments.sum(axis=0)])
+    arm = max(float(np.max(np.abs(grasp.points - grasp.torque_origin))), 1e-300)
+    units = np.concatenate([np.ones(space), np.full(d - space, 1.0 / arm)])
+    scale = max(float(np.linalg.norm(forces)), float(np.linalg.norm(moments)) / arm, 1e-300)
+    balance, cone = float(np.linalg.norm((total - wrench) * units)) / scale, 0.0
+    inside = []
+    for force, moment, frame, model in zip(forces, moments, grasp.frames, grasp.contacts, strict=True):
+        local = np.concatenate([frame.T @ force, frame.T @ moment if space == 3 else moment])
+        allowed = np.zeros(d)
+        components = model.project(local[None, list(model.axes(space))])[0]
+        allowed[list(model.axes(space))] = components
+        inside.append(components)
+        cone = max(cone, float(np.linalg.norm(local - allowed)) / scale)
+    return balance, cone, float(force_set.used(np.concatenate(inside)[None, :])[0])
 
 
 def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:

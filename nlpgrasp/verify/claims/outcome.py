@@ -11,6 +11,7 @@ from nlpgrasp.verify.check import Check
 WITH_GRASP = (Status.SOLVED, Status.OPTIMAL)
 WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
 SAME = 1e-9  # relative
+KEPT = 0.5  # of the best start's mu: what a grasp that is not fragile has at least, to win over a fragile one
 
 
 def outcome_checks(solution: GraspSolution) -> list[Check]:
@@ -43,7 +44,7 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
     """Yield what the winning start says that is not so.
 
     The answer's certificate is made anew and keeps the better ends of both; without a search for robustness no other
-    start is better for certain.
+    start is better for certain, but for fragile ones, which a grasp of half their mu wins over that is not fragile.
     """
     indices = [start.index for start in solution.starts]
     if len(set(indices)) < len(indices):
@@ -59,7 +60,14 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
     low, high = solution.mu.lower * (1.0 + SAME), solution.mu.upper * (1.0 - SAME)
     if best.mu.lower > low or best.mu.upper < high:
         yield f"{name} won with mu in {best.mu}, stated {solution.mu}"
-    if not solution.solver.get("options", {}).get("maximise_robust", False):
-        better = [s.index for s in solution.starts if s.status is Status.SOLVED and s.mu.lower > best.mu.upper]
+    options = solution.solver.get("options", {})
+    if not options.get("maximise_robust", False):
+        most = best.mu.upper / (KEPT if options.get("rank") == "robust" and _is_steady(solution) else 1.0)
+        better = [s.index for s in solution.starts if s.status is Status.SOLVED and s.mu.lower > most]
         if better:
             yield f"start {better[0]} is better than start {best.index}, which won"
+
+
+def _is_steady(solution: GraspSolution) -> bool:
+    """Return whether a grasp states that it is not fragile: it may win over one with up to twice its mu."""
+    return solution.robust is not None and not solution.is_fragile

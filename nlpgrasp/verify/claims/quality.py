@@ -22,6 +22,7 @@ SMALL = 1e-9  # of unit force: upper bounds below are as good as zero
 ANY_GAP = 1.0  # relative, where the file does not say how narrow its certificate was to be
 ERROR_BAR = 0.1  # of nu: solves state less
 NOTHING = 1e-3  # of the quality of the grasp: an upper bound below this says that next to nothing is left
+SAME = 1e-9  # of shares, which follow from other numbers of the file
 OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not along its tangent
 
 
@@ -85,5 +86,8 @@ def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceB
     nothing = stated.mu.upper <= NOTHING * solution.mu.upper
     good = overlap("", stated.mu, found).passed and (nothing or width("", stated.mu, found, ANY_GAP).passed)
     good = good and off <= OFF_BY * stated.offset + 1e-9 and stated.mu.lower <= solution.mu.upper
-    text = f"stated {stated.mu}, recomputed {found}; contacts at most {1e3 * off:.3g} mm off"
+    share, fragile = stated.stated or (stated.share(solution.mu), stated.is_fragile(solution.mu))
+    good = good and abs(share - stated.share(solution.mu)) <= SAME and fragile == stated.is_fragile(solution.mu)
+    told = f"{share:.3g} of mu left, {'' if fragile else 'not '}fragile"
+    text = f"stated {stated.mu}, recomputed {found}; contacts at most {1e3 * off:.3g} mm off; {told}"
     return [Check("robustness", good, text)]

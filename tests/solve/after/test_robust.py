@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.report import write_report
+from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.placed import SurfaceMatch
 
 ONE = ng.SolveOptions(workers=1, shadow_prices=False)
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
@@ -108,3 +111,64 @@ def test_the_file_carries_it_and_verify_recomputes_it(ellipsoid, tmp_path):
 def test_bad_options(options, message):
     with pytest.raises(ng.InputError, match=message):
         ng.SolveOptions(**options)
+
+
+TINY = ng.GraspProblem(ng.Ellipsoid([0.006, 0.003, 0.002]), [ng.FrictionContact(0.3)] * 3, TASK)
+
+
+@pytest.fixture(scope="module")
+def fragile():
+    """A body of a few millimetres: contacts that are 1 mm off hold nothing."""
+    return ng.solve(TINY, 1, options=ONE)
+
+
+def test_fragile_is_said(fragile, ellipsoid, tmp_path):
+    words = "fragile: nothing of mu is left when contacts are 1 mm off and friction 10 % less"
+    assert str(fragile).startswith(f"grasp: Solved, but {words}; a grasp with")
+    data = fragile.to_dict()
+    assert (data["quality"]["robust"]["share"], data["quality"]["robust"]["fragile"]) == (0.0, True)
+    assert (
+        f'<p class="status failed">Solved, but {words}' in write_report({"f": fragile}, tmp_path / "f.html").read_text()
+    )
+    assert not ellipsoid.is_fragile
+    assert "fragile" not in str(ellipsoid)
+    stated = ellipsoid.to_dict()["quality"]["robust"]
+    assert stated["share"] == ellipsoid.robust.mu.upper / ellipsoid.mu.upper
+    assert stated["fragile"] is False
+
+
+@pytest.mark.parametrize(("left", "words"), [(0.1, "10 %"), (0.0007, "0.07 %"), (1e-6, "less than 0.01 %")])
+def test_the_share_in_words(left, words):
+    worst = Robustness(0.002, 0.25, ng.Bounds(0.0, 0.5 * left), np.zeros((1, 3)), np.zeros((1, 3)))
+    expected = f"fragile: {words} of mu-tilde is left when contacts are 2 mm off and friction 25 % less"
+    assert worst.fragile_words(ng.Bounds(0.4, 0.5), "mu-tilde") == expected
+
+
+@pytest.mark.parametrize(("share", "fragile"), [(0.19, True), (0.21, False), (2.0, False)])
+def test_less_than_a_fifth_is_fragile(share, fragile):
+    worst = Robustness(0.001, 0.1, ng.Bounds(0.0, 0.5 * share), np.zeros((1, 3)), np.zeros((1, 3)))
+    assert worst.is_fragile(ng.Bounds(0.49, 0.5)) is fragile
+    assert worst.share(ng.Bounds(0.49, 0.5)) == pytest.approx(min(share, 1.0))
+
+
+@pytest.mark.parametrize(("key", "value"), [("share", 0.5), ("fragile", False)])
+def test_verify_finds_lies_about_it(fragile, key, value):
+    data = fragile.to_dict()
+    data["quality"]["robust"][key] = value
+    found = ng.verify(ng.GraspSolution.from_dict(data))
+    assert [c.name for c in found.checks if c.failed] == ["robustness"]
+
+
+def test_earlier_files_do_not_say_it(fragile):
+    data = fragile.to_dict()
+    del data["quality"]["robust"]["share"], data["quality"]["robust"]["fragile"]
+    old = ng.GraspSolution.from_dict(data)
+    assert old.is_fragile
+    assert ng.verify(old).passed
+
+
+@pytest.mark.parametrize(("moved", "lines"), [([0.0, 0.0009], 0), ([0.0, 0.0023], 1)])
+def test_contacts_that_moved_far_are_told(moved, lines):
+    found = SurfaceMatch(np.zeros(2), np.zeros(2), np.array(moved)).lines()
+    words = "  contacts moved by up to 2.3 mm (contact 1) from the solver's smooth surface to the mesh"
+    assert found == [words] * lines

@@ -1,0 +1,184 @@
+"""What the fingers press for the whole task as it was given, in newtons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.shown.words import FORCE_UNIT, wrench_words
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.solution.schema.types import FingerForceData, NeededData
+
+
+@dataclass(frozen=True)
+class ForcesNeeded:
+    """What the fingers press for the task as it was given, at its full size.
+
+    Certified is ``budget``: the least forces use no more of the budget than its upper bound, whatever wrench the task
+    asks for. The forces of single fingers are computed, of the hardest wrench found and of the task's extreme wrenches.
+
+    Parameters
+    ----------
+    wrench : (d,) array
+        The hardest wrench of the task that was found, newtons and newton-metres.
+    forces : (k, space) array
+        The least finger forces that produce it, body frame, newtons.
+    moments : (k, d - space) array or None
+        With them, about the contact points, newton-metres; None where no contact exerts any.
+    normal, size : (k,) array
+        Of each finger's force for that wrench: how hard it presses, and its length; newtons.
+    largest : (k,) array
+        The largest force of each finger over the hardest wrench and the task's extreme ones, newtons.
+    budget : Bounds
+        Certified, of what the hardest wrench takes of the force budget: ``1 / mu``; newtons, but of torque limits a
+        share.
+    within : bool or None
+        Whether no finger's largest force is above the problem's ``max_force``; None where none is stated.
+    stated_summary : tuple or None
+        What a file says that the summary is; None of forces that were computed.
+    """
+
+    wrench: FloatArray
+    forces: FloatArray
+    moments: FloatArray | None
+    normal: FloatArray
+    size: FloatArray
+    largest: FloatArray
+    budget: Bounds
+    within: bool | None = None
+    stated_summary: tuple[float, int, float] | None = field(default=None, repr=False, compare=False)
+
+    @classmethod
+    def of(
+        cls,
+        grasp: Grasp,
+        wrench: FloatArray,
+        forces: FloatArray,
+        moments: FloatArray | None,
+        others: Sequence[FloatArray],
+        mu: Bounds,
+    ) -> ForcesNeeded:
+        """Return what is needed, from the least forces of a grasp.
+
+        Parameters
+        ----------
+        grasp : Grasp
+            Of k contacts.
+        wrench : (d,) array
+            The hardest one.
+        forces : (k, space) array
+        moments : (k, d - space) array or None
+            For that wrench.
+        others : sequence of (k, space) array
+            Forces for other wrenches of the task.
+        mu : Bounds
+            Certified, with a lower bound above 0.
+        """
+        size = np.linalg.norm(forces, axis=1)
+        largest = np.max([size, *(np.linalg.norm(f, axis=1) for f in others)], axis=0)
+        budget = Bounds(1.0 / mu.upper, 1.0 / mu.lower)
+        return cls(wrench, forces, moments, np.sum(forces * grasp.normals, axis=1), size, largest, budget)
+
+    @property
+    def total(self) -> float:
+        """The fingers' forces for the hardest wrench together, newtons."""
+        return float(np.sum(self.size))
+
+    @property
+    def finger(self) -> int:
+        """The finger with the largest force."""
+        return int(np.argmax(self.largest))
+
+    @property
+    def summary(self) -> tuple[float, int, float]:
+        """The largest force of any finger, whose it is, and the forces for the hardest wrench together; newtons."""
+        return float(np.max(self.largest)), self.finger, self.total
+
+    def is_within(self, max_force: float | None) -> bool | None:
+        """Return whether no finger's largest force is above a limit, newtons; None without one."""
+        return None if max_force is None else bool(np.max(self.largest) <= max_force)
+
+    def finger_words(self) -> list[str]:
+        """Return what each finger presses for the hardest wrench."""
+        both = enumerate(zip(self.size, self.normal, strict=True))
+        return [f"finger {i} {s:.4g} {FORCE_UNIT} ({n:.4g} {FORCE_UNIT} normal)" for i, (s, n) in both]
+
+    def limit_words(self, max_force: float, budget: ForceBudget) -> str:
+        """Return how the largest force goes with a limit of each finger's force, newtons."""
+        limit, worst = f"{max_force:.4g} {FORCE_UNIT} stated", float(np.max(self.largest))
+        if not self.is_within(max_force):
+            return f"above the {limit}"
+        if budget.bounds_fingers and self.budget.upper <= max_force:
+            return f"within the {limit}, as every wrench of the task is (certified)"
+        how = "as large as" if worst == max_force else "within"
+        return f"{how} the {limit}, as far as the task's extreme wrenches tell"
+
+    def lines(self, budget: ForceBudget, max_force: float | None) -> list[str]:
+        """Return what is needed in words: what is certified, the hardest wrench, the largest force.
+
+        Parameters
+        ----------
+        budget : ForceBudget
+            That the forces are least in.
+        max_force : float or None
+            Limit of each finger's force, newtons.
+        """
+        low, high = (f"{bound:.4g}" for bound in (self.budget.lower, self.budget.upper))
+        both = high if low == high else f"{low} to {high}"
+        told = "" if max_force is None else f", {self.limit_words(max_force, budget)}"
+        return [
+            f"the task as given needs {both} {budget.unit} ({budget.amount}, certified)",
+            f"its hardest wrench found ({wrench_words(self.wrench)}): {', '.join(self.finger_words())}, "
+            f"together {self.total:.4g} {FORCE_UNIT}",
+            f"it needs {np.max(self.largest):.4g} {FORCE_UNIT} at finger {self.finger}, the most of any finger{told}",
+        ]
+
+    def to_dict(self) -> NeededData:
+        """Return what is needed as JSON data."""
+        fingers: list[FingerForceData] = []
+        for i, force in enumerate(self.forces):
+            entry: FingerForceData = {
+                "force": force.tolist(),
+                "normal": float(self.normal[i]),
+                "size": float(self.size[i]),
+                "largest": float(self.largest[i]),
+            }
+            fingers.append(entry if self.moments is None else {**entry, "moment": self.moments[i].tolist()})
+        largest, finger, total = self.stated_summary or self.summary
+        data: NeededData = {
+            "wrench": self.wrench.tolist(),
+            "fingers": fingers,
+            "largest": largest,
+            "finger": finger,
+            "total": total,
+            "budget": self.budget.to_dict(),
+        }
+        return data if self.within is None else {**data, "within_max_force": self.within}
+
+    @classmethod
+    def from_dict(cls, data: NeededData, name: str) -> ForcesNeeded:
+        """Return what ``to_dict`` wrote; ``name`` is shown in messages.
+
+        Raises
+        ------
+        InputError
+            On an empty interval, or arrays that do not fit each other.
+        """
+        fingers = data["fingers"]
+        moments = [f["moment"] for f in fingers if "moment" in f]
+        return cls(
+            array(f"{name}.wrench", data["wrench"], (None,)),
+            array(f"{name}.fingers.force", [f["force"] for f in fingers], (None, None)),
+            array(f"{name}.fingers.moment", moments, (len(fingers), None)) if moments else None,
+            array(f"{name}.fingers.normal", [f["normal"] for f in fingers], (None,)),
+            array(f"{name}.fingers.size", [f["size"] for f in fingers], (None,)),
+            array(f"{name}.fingers.largest", [f["largest"] for f in fingers], (None,)),
+            Bounds.from_dict(data["budget"], f"{name}.budget"),
+            data.get("within_max_force"),
+            (float(data["largest"]), int(data["finger"]), float(data["total"])),
+        )

@@ -1,0 +1,73 @@
+"""Which start is the answer, where the best of them is fragile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.solve.after.robust import robustness
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.one_thread import one_thread
+
+MOST = 3  # grasps looked at, the best one among them
+HALF = 0.5  # of the best mu: less is too much to give up
+APART = 0.1  # of the body's size: how far a contact is from all of another grasp's, where two grasps count as two
+
+
+def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], stop: Stop) -> StartGrasp:
+    """Return the start that is the answer, with its robustness where that was looked at.
+
+    That is the best one, unless it is fragile: then the first in the order of mu that is not, that has at least half
+    its mu and leaves more at its worst placement. Two others are looked at.
+
+    Parameters
+    ----------
+    bench : Workbench
+    best : StartGrasp
+        With the best mu.
+    results : sequence of StartResult
+        All of them.
+    stop : Stop
+    """
+    with one_thread():
+        first = _looked_at(bench, best)
+        if first.robust is None or not first.robust.is_fragile(first.record.mu):
+            return first
+        for other in _others(bench, best, results):
+            if stop.requested():
+                break
+            found = _looked_at(bench, other)
+            if found.robust is None or found.robust.is_fragile(found.record.mu):
+                continue
+            if found.robust.mu.lower > first.robust.mu.upper:
+                return found
+    return first
+
+
+def _looked_at(bench: Workbench, start: StartGrasp) -> StartGrasp:
+    """Return a start with its robustness; as it is where that fails numerically."""
+    try:
+        return replace(start, robust=robustness(bench, start.found.placed, start.found.grasp))
+    except (RuntimeError, ArithmeticError, ValueError):
+        return start
+
+
+def _others(bench: Workbench, best: StartGrasp, results: Sequence[StartResult]) -> Iterator[StartGrasp]:
+    """Yield the next best starts that ended with other grasps, the best first."""
+    least, taken = HALF * best.record.mu.upper, [best]
+    solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
+    for start in sorted(solved, key=lambda r: (-r.record.mu.upper, r.record.index)):
+        if len(taken) < MOST and all(_apart(start, other) > APART * bench.scaling.length for other in taken):
+            taken.append(start)
+            yield start
+
+
+def _apart(a: StartGrasp, b: StartGrasp) -> float:
+    """Return how far a contact of one grasp is from all of the other's, metres, at most."""
+    p, q = a.found.grasp.points, b.found.grasp.points
+    distances = np.linalg.norm(p[:, None] - q[None], axis=2)
+    return float(max(np.max(np.min(distances, axis=1)), np.max(np.min(distances, axis=0))))

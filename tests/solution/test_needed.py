@@ -1,0 +1,148 @@
+"""Forces in newtons for the task as given: in print, in files, against a stated limit, and checked by verify."""
+
+import json
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.problem.from_dict import problem_from_dict
+from nlpgrasp.report import write_report
+from tests.verify.edits import failed, put, together
+from tests.verify.stated import edited
+
+NEEDED = ("quality", "forces_needed")
+SQUARE = ng.Polygon([[-0.04, -0.02], [0.04, -0.02], [0.04, 0.02], [-0.04, 0.02]])
+TASK = ng.TaskEllipsoid([4.0, 4.0, 0.05])
+OPTIONS = ng.SolveOptions(workers=1, shadow_prices=False, global_bound=False)
+
+
+def solve(**fields):
+    return ng.solve(ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 3, TASK, **fields), 1, options=OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return solve(max_force=100.0)
+
+
+def test_print_says_it_with_units(found):
+    text = str(found)
+    assert f"the task as given needs {found.needed.budget.lower:.4g} to" in text
+    assert "N (L2 norm of all finger forces, certified)" in text
+    for i, size in enumerate(found.needed.size):
+        assert f"finger {i} {size:.4g} N (" in text
+    assert f"together {found.needed.total:.4g} N" in text
+    assert "within the 100 N stated, as every wrench of the task is (certified)" in text
+
+
+@pytest.mark.parametrize(("share", "words"), [(0.5, "above the"), (1.01, "as far as the task's extreme wrenches tell")])
+def test_a_limit_that_is_not_certified(found, share, words):
+    limit = share * found.needed.summary[0]
+    there = solve(max_force=limit)
+    assert words in str(there)
+    assert there.needed.within is (share > 1.0)
+    assert there.to_dict()["quality"]["forces_needed"]["within_max_force"] is (share > 1.0)
+    assert ng.verify(there).passed
+
+
+def test_without_a_limit_nothing_is_said_of_one():
+    there = solve()
+    assert "stated" not in str(there)
+    assert there.max_force is None
+    data = there.to_dict()
+    assert "max_force" not in data["problem"]
+    assert "within_max_force" not in data["quality"]["forces_needed"]
+
+
+def test_the_whole_task_takes_one_over_mu(found):
+    assert found.needed.budget.lower == 1.0 / found.mu.upper
+    assert found.needed.budget.upper == 1.0 / found.mu.lower
+
+
+def test_the_file_carries_it(found, tmp_path):
+    path = found.save(tmp_path / "f.json")
+    again = ng.GraspSolution.load(path)
+    assert again.to_dict() == json.loads(path.read_text())
+    assert str(again) == str(found)
+    assert again.max_force == 100.0
+    assert problem_from_dict(again.problem, again.grasp.torque_origin).max_force == 100.0
+
+
+def test_a_file_of_an_earlier_version_loads(found):
+    data = found.to_dict()
+    del data["quality"]["forces_needed"], data["problem"]["max_force"]
+    old = ng.GraspSolution.from_dict(data)
+    assert old.needed is None
+    assert "as given" not in str(old)
+    assert ng.verify(old).passed
+
+
+def test_the_report_says_it(found, tmp_path):
+    tight = solve(max_force=1.0)
+    page = write_report({"wide": found, "tight": tight}, tmp_path / "f.html").read_text()
+    assert page.count("Forces for the task as given") == 2
+    assert f"<td>{found.needed.size[1]:.4g} N</td>" in page
+    assert "above the 1 N stated." in page
+
+
+LIES = {
+    "another wrench": put((*NEEDED, "wrench", 0), lambda v: v + 0.1),
+    "an easier wrench": put((*NEEDED, "wrench"), lambda w: [0.5 * v for v in w]),
+    "an easier wrench with its forces": together(
+        put((*NEEDED, "wrench"), lambda w: [0.5 * v for v in w]),
+        put((*NEEDED, "fingers"), lambda f: [{**e, "force": [0.5 * v for v in e["force"]]} for e in f]),
+    ),
+    "a harder wrench": put((*NEEDED, "wrench"), lambda w: [2.0 * v for v in w]),
+    "a force": put((*NEEDED, "fingers", 0, "force", 0), lambda v: v + 0.1),
+    "a normal force": put((*NEEDED, "fingers", 1, "normal"), lambda v: 0.99 * v),
+    "the size of a force": put((*NEEDED, "fingers", 1, "size"), lambda v: 0.99 * v),
+    "a largest force": put((*NEEDED, "fingers", 1, "largest"), lambda v: 0.99 * v),
+    "the largest of all": put((*NEEDED, "largest"), lambda v: 0.99 * v),
+    "whose it is": put((*NEEDED, "finger"), lambda i: (i + 1) % 3),
+    "the total": put((*NEEDED, "total"), lambda v: 0.99 * v),
+    "the budget": put((*NEEDED, "budget", "upper"), lambda v: 1.01 * v),
+    "within the limit": put((*NEEDED, "within_max_force"), False),
+    "another limit": put(("problem", "max_force"), 1.0),
+    "the limit gone": put(("problem", "max_force"), 1e-3),
+    "a finger gone": put((*NEEDED, "fingers"), lambda f: f[1:]),
+}
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_verify_finds_lies(found, name):
+    assert failed(ng.verify(ng.GraspSolution.from_dict(found.to_dict()))) == []
+    data = edited(found.to_dict(), LIES[name])
+    assert failed(ng.verify(ng.GraspSolution.from_dict(data))) == ["forces needed"]
+
+
+def test_more_than_the_least_forces_are_a_lie(found):
+    """Two fingers that squeeze harder still produce the wrench from inside the cones."""
+    data, normals = found.to_dict(), found.grasp.normals
+    opposed = next(
+        (i, j) for i in range(3) for j in range(i) if normals[i] @ normals[j] < -0.99 and found.needed.size[i] > 0.0
+    )
+    i, j = opposed
+    apart = found.grasp.points[j] - found.grasp.points[i]
+    push = 0.3 * apart / (apart @ apart) ** 0.5
+    fingers = data["quality"]["forces_needed"]["fingers"]
+    for k, sign in ((i, 1.0), (j, -1.0)):
+        force = found.needed.forces[k] + sign * push
+        fingers[k] |= {
+            "force": force.tolist(),
+            "normal": float(force @ normals[k]),
+            "size": float(force @ force) ** 0.5,
+        }
+        fingers[k]["largest"] = max(fingers[k]["largest"], fingers[k]["size"])
+    block = data["quality"]["forces_needed"]
+    block["total"] = sum(f["size"] for f in fingers)
+    block["largest"] = max(f["largest"] for f in fingers)
+    block["finger"] = max(range(3), key=lambda n: fingers[n]["largest"])
+    (check,) = [c for c in ng.verify(ng.GraspSolution.from_dict(data)).checks if c.name == "forces needed"]
+    assert not check.passed
+    assert "is enough" in check.detail
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("inf"), float("nan"), "10 N", True])
+def test_bad_limits(value):
+    with pytest.raises(ng.InputError, match=r"GraspProblem\.max_force"):
+        ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 3, TASK, max_force=value)
