@@ -9,8 +9,11 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies.base import TINY, CentredBody, Face, intersection
+from nlpgrasp.bodies.shapes.extruded import IntArray, circle, extruded
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
+
+ROUND = 96  # sides of the prism that it is drawn as
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,10 @@ class Cylinder(CentredBody):
         """Return the exact signed distance of a CasADi point, metres, negative inside."""
         around = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.radius
         return intersection([around, ca.fabs(p[2]) - self.height / 2.0])
+
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """Return the prism inscribed, as vertices (n, 3), metres, and triangles (m, 3)."""
+        return extruded(circle(self.radius, ROUND), -self.height / 2.0, self.height / 2.0)
 
     def to_dict(self) -> Json:
         """Return radius and height as JSON data."""
