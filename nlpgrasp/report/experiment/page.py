@@ -10,21 +10,9 @@ from pathlib import Path
 from nlpgrasp.common.files import write_text
 from nlpgrasp.experiments.found.result import EXPLAINED, NOT_COMPARABLE, ExperimentResult
 from nlpgrasp.experiments.run.folder import PLAN
-from nlpgrasp.report.frame import page
+from nlpgrasp.report.frame import page, style
 from nlpgrasp.report.table import Html, table
 
-STYLE = """
-:root { color-scheme: light dark; }
-body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 72rem; padding: 1rem; }
-.wide { overflow-x: auto; }
-caption { text-align: left; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { border-bottom: 1px solid #8884; padding: .3rem .8rem .3rem 0; text-align: left; vertical-align: top; }
-.interval { background: #8883; height: .8rem; min-width: 8rem; position: relative; }
-.interval span { background: #1f77b4; height: 100%; min-width: 3px; position: absolute; }
-img { background: #fff; height: auto; max-width: 100%; }
-.warning { border-left: .3rem solid #d62728; padding-left: .7rem; }
-"""
 CAPTIONS = {
     "mu_by_variation": "Certified interval of each variation's best grasp (bar), lower bound of each seed (dots)",
     "mu_against_time": "Best certified lower bound against time, a line a seed",
@@ -50,7 +38,7 @@ def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -
         _prices(result),
         _inputs(result),
     ]
-    return write_text(path, page(result.name, STYLE, parts))
+    return write_text(path, page(result.name, style("experiment.css"), parts))
 
 
 def _warnings(result: ExperimentResult) -> list[str]:
