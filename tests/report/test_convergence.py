@@ -50,6 +50,14 @@ def test_the_highlighted_line_ends_above_all_others(box):
         assert svg.index('class="answer"') > svg.rindex('class="dot"')  # drawn last, on top
 
 
+def test_an_answer_that_no_exchange_led_to_is_seen_all_the_same(box):
+    met = tuple(replace(s, history=()) if s is box.winner else s for s in box.starts)
+    svg, _ = convergence(replace(box, starts=met))
+    (answer,), rest = marks(svg, "answer"), marks(svg, "dot")
+    assert curves(svg, "best") == []
+    assert all(answer[1] < y and answer[0] < x for x, y in rest)
+
+
 def test_every_start_has_a_dot_and_the_answer_a_ring(box):
     svg, caption = strip(box)
     (answer,), rest = marks(svg, "answer"), marks(svg, "dot")

@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 
 from nlpgrasp.common.files import write_text
+from nlpgrasp.common.shown.numbers import outwards, typeset
 from nlpgrasp.experiments.found.result import EXPLAINED, NOT_COMPARABLE, ExperimentResult
 from nlpgrasp.experiments.run.folder import PLAN
 from nlpgrasp.report.frame import page, style
@@ -56,11 +57,13 @@ def _table(result: ExperimentResult) -> str:
     for v, rank, tied in sorted(found, key=lambda row: (row[1], -row[0].mu.upper)):
         good, total = v.starts
         left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
-        span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
+        span = f'<span class="sure" style="width:{left:.2f}%"></span>'
+        span += f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
+        told = " to ".join(outwards(v.mu.lower, v.mu.upper)) if v.mu.lower > 0.0 else v.found
         bar = Html(f'<div class="interval" aria-hidden="true">{span}</div>')
         active = "; ".join(v.best.active) if v.best is not None else ""
         origin = v.best.origin if v.best is not None else ""
-        cells = [f"{rank}" if v.done else "", v.name, v.found, bar, v.gap_text]
+        cells = [f"{rank}" if v.done else "", v.name, told, bar, v.gap_text]
         cells += [f"{v.agreeing}/{len(v.solves)}", f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), origin]
         rows.append([*cells, active])
     caption = (
@@ -79,7 +82,7 @@ def _figure(picture: Path) -> str:
 
 def _prices(result: ExperimentResult) -> str:
     items = [
-        f"<dt>{escape(v.name)}</dt>" + "".join(f"<dd>{escape(str(p))}</dd>" for p in v.best.prices)
+        f"<dt>{escape(v.name)}</dt>" + "".join(f"<dd>{escape(typeset(str(p)))}</dd>" for p in v.best.prices)
         for v in result.variations
         if v.best is not None and v.best.prices
     ]

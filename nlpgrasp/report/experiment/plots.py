@@ -61,8 +61,7 @@ def draw_mu(variations: Sequence[VariationResult]) -> Figure:
         )
     ax.set_yticks(range(len(variations)), [_short(v.name) for v in variations])
     ax.invert_yaxis()
-    ax.set_xlim(left=0.0)
-    ax.margins(x=0.05)
+    ax.set_xlim(0.0, 1.05 * max(v.mu.upper for v in variations))
     ax.grid(axis="x", color="0.9")
     ax.set_xlabel(f"{_label(variations)}: certified interval of the best (bar), lower bound of each seed (dots)")
     return figure

@@ -12,7 +12,9 @@ from nlpgrasp.common.extras.pyplot import draw_triangles, pyplot, show_at_one_sc
 from nlpgrasp.common.shown.drawing import FORCE, NORMAL, drawn_size
 from nlpgrasp.common.shown.palette import COLOURS
 from nlpgrasp.common.spatial import in_space
+from nlpgrasp.report.scene.camera import first_view
 from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches
+from nlpgrasp.report.solution.starts import certified
 from nlpgrasp.report.solution.wrench_space import shadows
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -70,6 +72,8 @@ def draw_grasp(solution: GraspSolution) -> Figure:
             everything.append(points - forces)
         everything.append(points)
     show_at_one_scale(ax, np.vstack(everything))
+    azimuth, elevation = first_view(solution, flat=solution.task.dimension == 3)
+    ax.view_init(elev=elevation, azim=azimuth)
     return figure
 
 
@@ -96,7 +100,7 @@ def draw_wrenches(solution: GraspSolution) -> Figure:
 
 
 def draw_convergence(solution: GraspSolution) -> Figure:
-    """Draw how each start's exchange raised mu."""
+    """Draw how each start's exchange raised mu, and what is certified of where it ended."""
     figure: Figure
     ax: Axes
     figure, ax = pyplot(WHAT).subplots(figsize=(6.0, 3.5), layout="constrained")
@@ -104,7 +108,12 @@ def draw_convergence(solution: GraspSolution) -> Figure:
     for start in solution.starts:
         colour, width, order = (COLOURS["finger"], 2.0, 3) if start is best else ("0.6", 1.0, 2)
         ax.plot(start.history, color=colour, linewidth=width, zorder=order)
-    ax.set_xlabel("round of the exchange (best start in blue)")
+        mu, end = certified(solution, start), len(start.history)
+        if mu is not None:
+            last = [start.history[-1], mu.lower] if start.history else []
+            ax.plot([end - 1, end][: len(last)], last, ":", color=colour, linewidth=width, zorder=order)
+            ax.plot(end, mu.lower, "o", color=colour, markersize=6 if start is best else 4, zorder=order)
+    ax.set_xlabel("round of the exchange; dots: certified on the body (answer in blue)")
     ax.set_ylabel("mu, from above")
     ax.grid(color="0.9")
     return figure

@@ -19,7 +19,7 @@ from nlpgrasp.solution.solution import GraspSolution
 SCALE = ("#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838")  # cividis: even to colour-blind eyes
 EXCLUDED = "#b4b4b4"  # where no contact may be
 ENOUGH = 1500  # triangles: larger ones are cut
-TONES = 40  # of the scale: a multiple of its steps
+TONES = 100  # of the scale: a multiple of its steps
 
 
 def worth(solution: GraspSolution) -> Json | None:
