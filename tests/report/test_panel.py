@@ -11,6 +11,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.report.solution.gauge import gauge, is_fragile, share_left, words
 from nlpgrasp.report.solution.panel import facts, verdict
+from nlpgrasp.report.solution.sections import contacts
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.global_bound import GlobalBound
 
@@ -99,3 +100,15 @@ def test_nothing_is_minus_zero_or_infinite(box):
         assert not re.search(r"[-\N{MINUS SIGN}]0(?![.\d])", told)
         assert not re.search(r"\b(inf|nan|e-\d)", told)
         assert not re.search(r"\d\.\d{5,}", told)
+
+
+def test_contacts_are_in_millimetres_with_their_zeros(box):
+    placed = box.grasp
+    points = np.zeros((len(placed), 3))
+    points[:2] = [[0.04, -0.0199999, -1e-17], [-0.04, 0.02, 0.0]]
+    moved = ng.Grasp(points, placed.normals, placed.contacts, placed.torque_origin, placed.tangents)
+    html = contacts(replace(box, grasp=moved))
+    minus = "\N{MINUS SIGN}"
+    assert f"<td>40.0, {minus}20.0, 0.0</td>" in html
+    assert f"<td>{minus}40.0, 20.0, 0.0</td>" in html
+    assert "Position, mm" in html

@@ -115,14 +115,21 @@ def contacts(solution: GraspSolution) -> str:
     if grasp is None:
         return ""
     size = float(np.max(np.ptp(in_space(grasp.points), axis=0), initial=0.0))
-    scale, unit = (1e3, "mm") if size < SMALL_BODY else (1.0, "m")
+    scale, unit, least = (1e3, "mm", 1) if size < SMALL_BODY else (1.0, "m", 3)
     rows = []
     placed = zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
     for i, (p, n, face, model) in enumerate(placed):
         kind = model.to_dict().get("model", type(model).__name__)
         told = ", ".join(f"{name.replace('_', ' ')} {rounded(v)}" for name, v in model.coefficients.items())
         rows.append(
-            [f"{i}", face, _fixed(scale * p, size * scale), typeset(vector(n)), f"{kind}".replace("_", " "), told]
+            [
+                f"{i}",
+                face,
+                _fixed(scale * p, scale * size, least),
+                typeset(vector(np.round(n, 3))),
+                f"{kind}".replace("_", " "),
+                told,
+            ]
         )
     heads = ["Finger", "Face", f"Position, {unit}", "Inward normal", "Contact", "With"]
     return "<h3>Contacts</h3>" + table("In the body's frame.", heads, rows)
@@ -194,7 +201,7 @@ def inputs(name: str, solution: GraspSolution) -> str:
     )
 
 
-def _fixed(values: Sequence[float], size: float) -> str:
-    """Return coordinates with as many decimals each as three or four digits of the body's size take."""
-    decimals = max(0, 2 - math.floor(math.log10(size))) if size > 0.0 else 3
+def _fixed(values: Sequence[float], size: float, least: int) -> str:
+    """Return coordinates with as many decimals each as three digits of the contacts' spread take, and some at least."""
+    decimals = max(least, 2 - math.floor(math.log10(size))) if size > 0.0 else least
     return typeset(", ".join(f"{round(float(v), decimals) + 0.0:.{decimals}f}" for v in values))
