@@ -42,7 +42,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
     inside = {p.relative_to(ROOT).as_posix() for p in (ROOT / "nlpgrasp").rglob("*") if p.is_file()}
     inside = {name for name in inside if "__pycache__" not in name}
     assert inside <= set(names)
-    assert {"report.css", "report.js", "nlpgrasp-1.schema.json"} <= {Path(n).name for n in names}
+    assert {"report.css", "view.js", "nlpgrasp-1.schema.json"} <= {Path(n).name for n in names}
     assert {name.split("/")[0] for name in names} == {"nlpgrasp", f"nlpgrasp-{ng.__version__}.dist-info"}
     metadata = zipfile.ZipFile(built[0]).read(f"nlpgrasp-{ng.__version__}.dist-info/METADATA").decode()
     for extra in ("hands", "viz", "sim", "cluster", "tables"):

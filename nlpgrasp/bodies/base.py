@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.shapes.extruded import IntArray
 from nlpgrasp.common.registry import StatedPart
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
@@ -87,6 +88,13 @@ class Body(StatedPart):
             raise NotImplementedError(f"{type(self).__name__}.distance")
         h = self.faces[0].surface(p)
         return h / ca.sqrt(ca.sumsqr(ca.gradient(h, p)) + 1e-24)
+
+    def triangles(self) -> tuple[FloatArray, IntArray] | None:
+        """Return the closed surface as vertices (n, 3) on it, metres, and triangles (m, 3); None where only implied.
+
+        Triangles are counter-clockwise from outside. A planar body is a plate about z = 0, ``PLATE`` of its size thick.
+        """
+        return None
 
     @cached_property
     def distance_function(self) -> ca.Function:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import CentredBody, intersection
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.shapes.extruded import IntArray, extruded
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 
@@ -46,6 +47,11 @@ class Box(CentredBody):
         """Return the exact signed distance of a CasADi point, metres, negative inside."""
         half = np.asarray(self.extents, dtype=float) / 2.0
         return intersection([ca.fabs(p[i]) - half[i] for i in range(3)])
+
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """Return the six sides as vertices (n, 3), metres, and triangles (m, 3)."""
+        x, y, z = self.half_size
+        return extruded(np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), -z, z)
 
     def to_dict(self) -> Json:
         """Return the extents as JSON data."""

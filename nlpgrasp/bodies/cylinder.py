@@ -10,8 +10,11 @@ import numpy as np
 
 from nlpgrasp.bodies.base import TINY, CentredBody, intersection
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.shapes.extruded import IntArray, circle, extruded
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
+
+ROUND = 96  # sides of the prism that it is drawn as
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,10 @@ class Cylinder(CentredBody):
         """Return the exact signed distance of a CasADi point, metres, negative inside."""
         around = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.radius
         return intersection([around, ca.fabs(p[2]) - self.height / 2.0])
+
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """Return the prism inscribed, as vertices (n, 3), metres, and triangles (m, 3)."""
+        return extruded(circle(self.radius, ROUND), -self.height / 2.0, self.height / 2.0)
 
     def to_dict(self) -> Json:
         """Return radius and height as JSON data."""

@@ -11,8 +11,12 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import TINY, CentredBody
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.shapes import curved
+from nlpgrasp.bodies.shapes.extruded import IntArray
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
+
+ROWS = 15  # of the triangles it is drawn as, from a pole to the equator
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,11 @@ class Ellipsoid(CentredBody):
         axes = ca.DM(np.asarray(self.semi_axes, dtype=float))
         gauge = ca.sqrt(ca.sumsqr(p / axes) + TINY)
         return (gauge - 1.0) * gauge / ca.sqrt(ca.sumsqr(p / axes**2) + TINY)
+
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """Return vertices (n, 3) on it, metres, and triangles (m, 3)."""
+        points, faces = curved.sphere(ROWS)
+        return self.half_size * points, faces
 
     def to_dict(self) -> Json:
         """Return the semi-axes as JSON data."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import TINY, Body
 from nlpgrasp.bodies.face import SHARP, Face, turning
+from nlpgrasp.bodies.shapes.extruded import PLATE, IntArray, extruded
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
@@ -66,6 +67,11 @@ class Polygon(Body):
     def distance(self, p: Expression) -> Expression:
         """Return the exact signed distance of a CasADi point, metres, negative inside."""
         return polygon_distance(self.corners, p)
+
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """Return a plate as vertices (n, 3), metres, and triangles (m, 3)."""
+        half = PLATE / 2.0 * self.size
+        return extruded(self.corners, -half, half)
 
     def to_dict(self) -> Json:
         """Return the vertices as JSON data."""

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.bodies.base import Body, intersection
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.polygon import edge_face, inradius, polygon_centroid, polygon_distance, simple_polygon
+from nlpgrasp.bodies.shapes.extruded import IntArray, extruded
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
@@ -77,6 +78,10 @@ class Prism(Body):
     def distance(self, p: Expression) -> Expression:
         """Return the exact signed distance of a CasADi point, metres, negative inside."""
         return intersection([polygon_distance(self.corners, p), ca.fabs(p[2]) - self.height / 2.0])
+
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """Return sides and ends as vertices (n, 3), metres, and triangles (m, 3)."""
+        return extruded(self.corners, -self.height / 2.0, self.height / 2.0)
 
     def to_dict(self) -> Json:
         """Return polygon and height as JSON data."""

@@ -10,8 +10,12 @@ import numpy as np
 
 from nlpgrasp.bodies.base import TINY, CentredBody
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.shapes import curved
+from nlpgrasp.bodies.shapes.extruded import IntArray
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
+
+ROWS = 15  # of the triangles it is drawn as, from a pole to the equator
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,11 @@ class Sphere(CentredBody):
     def distance(self, p: Expression) -> Expression:
         """Return ``|p| - r``, the exact signed distance."""
         return ca.sqrt(ca.sumsqr(p) + TINY) - self.radius
+
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """Return vertices (n, 3) on it, metres, and triangles (m, 3)."""
+        points, faces = curved.sphere(ROWS)
+        return self.radius * points, faces
 
     def to_dict(self) -> Json:
         """Return the radius as JSON data."""

@@ -11,9 +11,13 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import CentredBody
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.shapes import curved
+from nlpgrasp.bodies.shapes.extruded import IntArray
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
+
+QUARTER = 11  # points that a quarter of each curve is drawn with
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,10 @@ class Superquadric(CentredBody):
             return axes.min() * ((flat + z ** (2.0 / e1)) ** (e1 / 2.0) - 1.0)
 
         return (Face("surface", surface),)
+
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """Return vertices (n, 3) on it, metres, and triangles (m, 3)."""
+        return curved.superquadric(self.half_size, np.asarray(self.exponents, dtype=float), QUARTER)
 
     def to_dict(self) -> Json:
         """Return semi-axes and exponents as JSON data."""

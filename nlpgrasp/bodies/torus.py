@@ -10,9 +10,13 @@ import numpy as np
 
 from nlpgrasp.bodies.base import TINY, CentredBody
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.shapes import curved
+from nlpgrasp.bodies.shapes.extruded import IntArray
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
+
+AROUND, ACROSS = 48, 20  # points that it is drawn with: about the axis, about the tube
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,10 @@ class Torus(CentredBody):
         """Return the exact signed distance of a CasADi point, metres, negative inside."""
         ring = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.major_radius
         return ca.sqrt(ring**2 + p[2] ** 2 + TINY) - self.minor_radius
+
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """Return vertices (n, 3) on it, metres, and triangles (m, 3)."""
+        return curved.torus(self.major_radius, self.minor_radius, AROUND, ACROSS)
 
     def to_dict(self) -> Json:
         """Return both radii as JSON data."""

@@ -12,9 +12,12 @@ from nlpgrasp.best import BestPossible
 from nlpgrasp.best.worth import ContactWorth
 from nlpgrasp.bodies.mesh.triangles import triangles
 from nlpgrasp.common.extras.pyplot import pyplot, show_at_one_scale, write_figure
+from nlpgrasp.common.shown.drawing import Triangles
+from nlpgrasp.common.shown.palette import COLOURS
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.report.scene.surfaces import cut
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 SIDES, ABOVE = ((25.0, -55.0), (25.0, 125.0)), (90.0, -90.0)  # elevation and azimuth of views, degrees
-BOUND, FINGER, GAP = "#D55E00", "#0072B2", "#E69F00"  # safe for colour-blind eyes
+BOUND, FINGER, GAP = COLOURS["force"], COLOURS["finger"], COLOURS["gap"]
 ENOUGH = 1500  # triangles, from which on a surface is drawn as it is
 SCALE = "cividis"  # even to colour-blind eyes, and in grey
 WHAT = "a picture"  # that needs matplotlib
@@ -112,13 +115,7 @@ def _fine(problem: GraspProblem) -> tuple[FloatArray, FloatArray]:
 
     Of a planar body's plate these are the triangles around it, with normals in the plane.
     """
-    vertices, faces = triangles(problem.body)
-    corners = np.asarray(vertices)[faces]
-    while len(corners) < ENOUGH:
-        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-        ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
-        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        corners = np.concatenate([np.stack(part, axis=1) for part in parts])
+    corners = cut(Triangles(*triangles(problem.body)), ENOUGH)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size, space = np.linalg.norm(across, axis=1), problem.body.space
     kept = size > 0.0 if space == 3 else np.abs(across[:, 2]) < 0.5 * size

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.extras.pyplot import pyplot
+from nlpgrasp.common.shown.palette import COLOURS
 from nlpgrasp.common.shown.words import axis_labels
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
@@ -51,8 +52,8 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
     for i, j in combinations(range(d), 2):
         ax = axes[j - 1, i]
         ax.scatter(*shown[inside][:, [i, j]].T, s=2, color="0.6", linewidths=0, rasterized=True)
-        ax.scatter(*shown[~inside][:, [i, j]].T, s=6, color="C3", linewidths=0, rasterized=True)
-        ax.plot(*_shadow(fit, i, j), color="C0", linewidth=1.2)
+        ax.scatter(*shown[~inside][:, [i, j]].T, s=6, color=COLOURS["warning"], linewidths=0, rasterized=True)
+        ax.plot(*_shadow(fit, i, j), color=COLOURS["task"], linewidth=1.2)
         if j == d - 1:
             ax.set_xlabel(labels[i])
         if i == 0:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from importlib.resources import files
+
+from nlpgrasp.common.shown.palette import COLOURS, DARK, css_variables
 
 
 def page(title: str, style: str, parts: Sequence[str], head: str = "", scripts: str = "") -> str:
@@ -29,3 +32,11 @@ def page(title: str, style: str, parts: Sequence[str], head: str = "", scripts: 
             f"</main>{scripts}</body></html>\n",
         ]
     )
+
+
+def style(*sheets: str) -> str:
+    """Return style sheets of this room, after the colours that all pages share, in light and in dark."""
+    root = files("nlpgrasp.report")
+    dark = f"@media (prefers-color-scheme: dark) {{ :root {{ {css_variables(DARK)} }} }}"
+    texts = [root.joinpath(name).read_text(encoding="utf-8") for name in ("frame.css", *sheets)]
+    return "\n".join([f":root {{ {css_variables(COLOURS)} }}", dark, *texts])

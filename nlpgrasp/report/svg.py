@@ -8,6 +8,7 @@ from html import escape
 
 import numpy as np
 
+from nlpgrasp.common.shown.numbers import rounded, typeset
 from nlpgrasp.common.validation import FloatArray
 
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 320, 240, 58, 38, 8
@@ -21,7 +22,7 @@ class Curve:
     ----------
     points : (m, 2) array
     kind : str
-        CSS class: ``grasp``, ``task``, ``limit``, ``other``.
+        CSS class: ``grasp``, ``task``, ``limit``, ``other``, ``best``, ``lost``.
     closed : bool
     """
 
@@ -30,9 +31,27 @@ class Curve:
     closed: bool = False
 
 
-def chart(title: str, x_label: str, y_label: str, curves: Sequence[Curve]) -> str:
-    """Return a chart; ``title`` says in words what is seen."""
-    everything = np.concatenate([c.points for c in curves])
+@dataclass(frozen=True)
+class Mark:
+    """A dot on a chart.
+
+    Parameters
+    ----------
+    x, y : float
+    kind : {"dot", "answer"}
+        CSS class; the answer has a ring.
+    """
+
+    x: float
+    y: float
+    kind: str
+
+
+def chart(
+    title: str, x_label: str, y_label: str, curves: Sequence[Curve], marks: Sequence[Mark] = (), counted: str = ""
+) -> str:
+    """Return a chart; ``title`` says in words what is seen, ``counted`` which axes count: "x", "y", "xy" or none."""
+    everything = np.concatenate([*(c.points for c in curves), *(np.array([[m.x, m.y]]) for m in marks)])
     low, high = everything.min(axis=0), everything.max(axis=0)
     span = np.where(high - low > 0.0, high - low, np.maximum(np.abs(high), 1e-9))
     low, high = low - 0.06 * span, high + 0.06 * span
@@ -45,17 +64,21 @@ def chart(title: str, x_label: str, y_label: str, curves: Sequence[Curve]) -> st
 
     parts = [f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">']
     parts.append(f'<rect class="frame" x="{LEFT}" y="{TOP}" width="{wide}" height="{tall}"/>')
-    for value in ticks(float(low[0]), float(high[0])):
+    for value in ticks(float(low[0]), float(high[0]), whole="x" in counted):
         x = place(np.array([[value, low[1]]]))[0, 0]
         parts.append(f'<line class="tick" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{TOP + tall}"/>')
-        parts.append(f'<text x="{x:.1f}" y="{TOP + tall + 13}" text-anchor="middle">{value:g}</text>')
-    for value in ticks(float(low[1]), float(high[1])):
+        parts.append(f'<text x="{x:.1f}" y="{TOP + tall + 13}" text-anchor="middle">{_label(value)}</text>')
+    for value in ticks(float(low[1]), float(high[1]), whole="y" in counted):
         y = place(np.array([[low[0], value]]))[0, 1]
         parts.append(f'<line class="tick" x1="{LEFT}" x2="{LEFT + wide}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{LEFT - 4}" y="{y + 3:.1f}" text-anchor="end">{value:g}</text>')
+        parts.append(f'<text x="{LEFT - 4}" y="{y + 3:.1f}" text-anchor="end">{_label(value)}</text>')
     for curve in curves:
         text = " ".join(f"{x:.1f},{y:.1f}" for x, y in place(curve.points))
         parts.append(f'<poly{"gon" if curve.closed else "line"} class="{curve.kind}" points="{text}"/>')
+    for mark in marks:
+        x, y = place(np.array([[mark.x, mark.y]]))[0]
+        ring = f'<circle class="ring" cx="{x:.1f}" cy="{y:.1f}" r="7"/>' if mark.kind == "answer" else ""
+        parts.append(f'{ring}<circle class="{mark.kind}" cx="{x:.1f}" cy="{y:.1f}" r="3.5"/>')
     middle = LEFT + wide / 2
     parts.append(f'<text x="{middle}" y="{HEIGHT - 6}" text-anchor="middle">{escape(x_label)}</text>')
     turned = f'transform="rotate(-90 11 {TOP + tall / 2})" x="11" y="{TOP + tall / 2}"'
@@ -63,10 +86,16 @@ def chart(title: str, x_label: str, y_label: str, curves: Sequence[Curve]) -> st
     return "".join(parts)
 
 
-def ticks(low: float, high: float, most: int = 5) -> list[float]:
-    """Return round values between two limits, about ``most`` of them."""
+def ticks(low: float, high: float, most: int = 5, whole: bool = False) -> list[float]:
+    """Return round values between two limits, about ``most`` of them; whole numbers on request."""
     raw = (high - low) / most
     power = 10.0 ** np.floor(np.log10(raw))
     step = float(power * min((m for m in (1.0, 2.0, 5.0, 10.0) if m * power >= raw), default=10.0))
+    step = max(step, 1.0) if whole else step
     first = np.ceil(low / step)
     return [float(f"{step * (first + i):.12g}") for i in range(int(np.floor(high / step) - first) + 1)]
+
+
+def _label(value: float) -> str:
+    """Return a tick's value, which is a round number already."""
+    return typeset(rounded(value, 8))

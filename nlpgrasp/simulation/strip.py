@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.common.extras.pyplot import draw_triangles, pyplot, show_at_one_scale, write_figure
-from nlpgrasp.common.shown.drawing import COLOURS, Triangles, drawn_size
+from nlpgrasp.common.shown.drawing import Triangles, drawn_size
+from nlpgrasp.common.shown.palette import COLOURS
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.mjcf.parts import TIP
 from nlpgrasp.mjcf.scales import scales

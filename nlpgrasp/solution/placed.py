@@ -7,6 +7,7 @@ from typing import cast
 
 import numpy as np
 
+from nlpgrasp.common.shown.numbers import vector
 from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
@@ -82,8 +83,7 @@ class PlacedGrasp:
         """Return the contacts in words, one a line."""
         result = []
         for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
-            position, normal = (np.array2string(v, precision=5, suppress_small=True) for v in (p, n))
-            result.append(f"  contact {i} on {face}: position {position} m, inward normal {normal}")
+            result.append(f"  contact {i} on {face}: position [{vector(p, 4)}] m, inward normal [{vector(n, 4)}]")
         return result if self.surface is None else [*result, *self.surface.lines()]
 
     def to_dict(self) -> GraspData:

@@ -1,36 +1,117 @@
-"""Triangles for pictures: closed, outward, near the surface."""
+"""Triangles for pictures: closed, outward, on the surface."""
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.special import beta
 
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.triangles import triangles
+from nlpgrasp.bodies.shapes.curved import quarter_of
+from nlpgrasp.bodies.shapes.extruded import ears
 from tests.samples import BODIES
 
+COMB = [[0, 0], [5, 0], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]  # area 11
+
+
+def barr(e1, e2):
+    """Volume of a superquadric of unit semi-axes (Barr 1981)."""
+    return 2.0 * e1 * e2 * beta(e1 / 2.0 + 1.0, e1) * beta(e2 / 2.0, e2 / 2.0)
+
+
+# exact volumes, and by how much those of the triangles, which are inscribed, may be less
 VOLUMES = {
-    "sphere": 4.0 / 3.0 * np.pi * 0.03**3,
-    "ellipsoid": 8.0 / 3.0 * np.pi,
-    "cylinder": 0.5 * np.pi,
-    "box": 6.0,
-    "prism": 0.25,
-    "torus": 2.0 * np.pi**2 * 0.3**2,
+    "box": (6.0, 1e-12),
+    "prism": (0.25, 1e-12),
+    "sphere": (4.0 / 3.0 * np.pi * 0.03**3, 0.01),
+    "ellipsoid": (8.0 / 3.0 * np.pi, 0.01),
+    "cylinder": (0.5 * np.pi, 0.001),
+    "torus": (2.0 * np.pi**2 * 0.3**2, 0.02),
+    "superquadric": (0.125 * barr(0.4, 0.8), 0.01),
+    "polygon": (None, 1e-12),
 }
+
+
+def closed(body, most=2000):
+    vertices, faces = triangles(body, most)
+    shape = trimesh.Trimesh(vertices, faces, process=False)
+    assert shape.is_watertight
+    assert shape.is_winding_consistent
+    assert shape.volume > 0.0  # outward
+    assert len(faces) <= most
+    return shape
 
 
 @pytest.mark.parametrize("name", BODIES)
 def test_triangles_close_around_the_body(name):
     body = BODIES[name]
-    vertices, faces = triangles(body, 2000)
-    shape = trimesh.Trimesh(vertices, faces, process=False)
-    assert shape.is_watertight
-    assert 100 < len(faces) <= 2000
-    assert shape.volume > 0.0  # outward
-    if name in VOLUMES:
-        assert shape.volume == pytest.approx(VOLUMES[name], rel=0.03)
-    distances = np.abs(body.distance_function.map(len(vertices))(vertices[:, : body.space].T).full())
-    on_surface = np.abs(vertices[:, 2]) < 0.9 * np.max(np.abs(vertices[:, 2])) if body.space == 2 else slice(None)
-    assert np.max(distances[0, on_surface]) < 0.03 * body.size
+    shape = closed(body)
+    assert len(shape.faces) >= 12
+    corners = shape.triangles[:, :, : body.space]
+    samples = np.concatenate([corners.reshape(-1, body.space), corners.mean(axis=1)])
+    heights = np.concatenate([shape.triangles[:, :, 2].ravel(), shape.triangles_center[:, 2]])
+    plate = body.space == 2
+    rim = np.abs(heights) < 0.4 * np.max(np.abs(heights)) if plate else np.ones(len(samples), dtype=bool)
+    distances = body.distance_function.map(int(np.sum(rim)))(samples[rim].T).full()[0]
+    assert np.max(np.abs(distances)) < (1e-9 if name in {"box", "prism", "polygon"} else 0.03) * body.size
+
+
+@pytest.mark.parametrize("name", VOLUMES)
+def test_volumes_are_those_of_closed_forms(name):
+    body = BODIES[name]
+    exact, less = VOLUMES[name]
+    if exact is None:
+        x, y = body.corners.T
+        area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+        exact = area * 0.08 * body.size
+    assert (1.0 - less) * exact <= closed(body).volume <= (1.0 + 1e-12) * exact
+
+
+@pytest.mark.parametrize("name", VOLUMES)
+def test_the_box_around_the_triangles_is_the_bodys(name):
+    body = BODIES[name]
+    np.testing.assert_allclose(closed(body).bounds[:, : body.space], body.bounds, atol=1e-12)
+
+
+def test_a_box_has_no_more_triangles_than_it_takes():
+    assert len(triangles(ng.Box([1, 2, 3]))[1]) == 16  # two a side, four an end
+    assert set(np.abs(np.round(closed(ng.Box([1, 2, 3])).face_normals, 12)).sum(axis=1)) == {1.0}
+
+
+@pytest.mark.parametrize("exponents", [(0.2, 0.2), (0.2, 1.0), (1.0, 1.0), (1.9, 0.3), (1.9, 1.9)])
+def test_superquadrics_of_all_shapes(exponents):
+    body = ng.Superquadric([0.05, 0.03, 0.1], exponents)
+    shape = closed(body)
+    assert shape.volume == pytest.approx(0.05 * 0.03 * 0.1 * barr(*exponents), rel=0.012)
+    h = body.evaluate("surface", np.asarray(shape.vertices))[0]
+    assert np.max(np.abs(h)) < 1e-6 * body.size
+
+
+@pytest.mark.parametrize("exponent", [0.2, 1.0, 1.9])
+def test_a_curve_turns_by_little_from_piece_to_piece(exponent):
+    steps = np.diff(quarter_of(exponent, 12), axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    assert np.min(np.sum(steps[1:] * steps[:-1], axis=1)) > np.cos(np.radians(30.0))  # seen as smooth
+
+
+def test_ears_of_a_polygon_that_is_not_convex():
+    corners = np.array(COMB, dtype=float)
+    found = ears(corners)
+    a, b, c = corners[found].transpose(1, 0, 2)
+    areas = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert len(found) == len(corners) - 2
+    assert np.all(areas > 0.0)
+    assert np.sum(areas) == pytest.approx(11.0)
+    assert closed(ng.Polygon(COMB)).volume == pytest.approx(11.0 * 0.08 * ng.Polygon(COMB).size)
+
+
+def test_ears_of_polygons_with_straight_corners():
+    corners = np.array([[0, 0], [1, 0], [2, 0], [3, 0], [3, 1], [1.5, 0.2], [0, 1]], dtype=float)
+    a, b, c = corners[ears(corners)].transpose(1, 0, 2)
+    areas = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert np.all(areas >= 0.0)
+    assert np.sum(areas) == pytest.approx(1.8)
+    closed(ng.Polygon(corners))
 
 
 def test_a_mesh_is_simplified(shared_meshes):
@@ -42,7 +123,4 @@ def test_a_mesh_is_simplified(shared_meshes):
 
 def test_a_mesh_that_cannot_be_simplified_is_remade(shared_meshes):
     body = ng.Mesh.load(shared_meshes / "ycb_048_hammer.stl")
-    vertices, faces = triangles(body, 2000)
-    shape = trimesh.Trimesh(vertices, faces, process=False)
-    assert shape.is_watertight
-    assert shape.volume == pytest.approx(body.mesh.volume, rel=0.1)
+    assert closed(body).volume == pytest.approx(body.mesh.volume, rel=0.1)

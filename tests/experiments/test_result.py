@@ -13,6 +13,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.cli.experiment import write_outputs
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.shown.numbers import outwards
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.found.columns import COLUMNS
@@ -155,7 +156,7 @@ def test_the_page_stands_alone_and_says_all(result):
     assert len(page.images) == 4
     assert all(image["alt"] and image["src"].startswith("data:image/png;base64,") for image in page.images)
     assert all(link.startswith("data:") for link in page.links)
-    assert str(result["rough"].mu) in page.cells
+    assert " to ".join(outwards(result["rough"].mu.lower, result["rough"].mu.upper)) in page.cells
     assert any("ZeroDivisionError" in cell for cell in page.cells)
     assert any('"nlpgrasp-experiment/1"' in cell for cell in page.cells)
 

@@ -1,4 +1,4 @@
-"""The picture of how mu rose: the start that became the answer stands out, not the one with the largest bound."""
+"""The plots of starts: the one that became the answer stands out, and where lines end is what is certified."""
 
 import re
 from dataclasses import replace
@@ -7,13 +7,18 @@ from pathlib import Path
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.report.solution.sections import convergence
+from nlpgrasp.report.solution.starts import NONE, RISING, convergence, starts, strip
+from nlpgrasp.report.svg import HEIGHT
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
 
 
-def curves(html, kind):
-    return re.findall(rf'<polyline class="{kind}" points="([^"]*)"', html)
+def curves(svg, kind):
+    return re.findall(rf'<polyline class="{kind}" points="([^"]*)"', svg)
+
+
+def marks(svg, kind):
+    return [(float(x), float(y)) for x, y in re.findall(rf'<circle class="{kind}" cx="([\d.]+)" cy="([\d.]+)"', svg)]
 
 
 @pytest.fixture(scope="module")
@@ -25,18 +30,52 @@ def box():
 
 
 def test_the_start_of_the_answer_is_the_best_one_drawn(box):
-    by_start = [curves(convergence(replace(box, best_start=i)), "best") for i in range(3)]
+    by_start = [curves(convergence(replace(box, best_start=i))[0], "best") for i in range(3)]
     assert [len(drawn) for drawn in by_start] == [1, 1, 1]
     assert len({drawn[0] for drawn in by_start}) == 3
-    assert curves(convergence(box), "best") == by_start[2]
-    others = curves(convergence(replace(box, best_start=0)), "other")
+    assert curves(convergence(box)[0], "best") == by_start[2]
+    others = curves(convergence(replace(box, best_start=0))[0], "other")
     assert sorted(others) == sorted(drawn[0] for drawn in by_start[1:])
-    assert "The best start in blue, the others in grey." in convergence(box)
+    assert convergence(box)[1] == RISING
+
+
+def test_the_highlighted_line_ends_above_all_others(box):
+    """Also where another start's exchange ended higher, on a surface that is not the body's."""
+    high = tuple(replace(s, history=(9.0, 9.0)) if s is not box.winner else s for s in box.starts)
+    for solution in (box, replace(box, starts=high)):
+        svg = convergence(solution)[0]
+        (answer,), rest = marks(svg, "answer"), marks(svg, "dot")
+        assert len(rest) == 2
+        assert all(answer[1] < y < HEIGHT for _, y in rest)  # down the page is less
+        assert svg.index('class="answer"') > svg.rindex('class="dot"')  # drawn last, on top
+
+
+def test_an_answer_that_no_exchange_led_to_is_seen_all_the_same(box):
+    met = tuple(replace(s, history=()) if s is box.winner else s for s in box.starts)
+    svg, _ = convergence(replace(box, starts=met))
+    (answer,), rest = marks(svg, "answer"), marks(svg, "dot")
+    assert curves(svg, "best") == []
+    assert all(answer[1] < y and answer[0] < x for x, y in rest)
+
+
+def test_every_start_has_a_dot_and_the_answer_a_ring(box):
+    svg, caption = strip(box)
+    (answer,), rest = marks(svg, "answer"), marks(svg, "dot")
+    assert len(rest) == 2
+    assert all(answer[0] >= x for x, _ in rest)
+    assert marks(svg, "ring") == [answer]
+    assert "ring" in caption
 
 
 def test_without_a_solved_start_none_stands_out(box):
     failed = tuple(replace(start, status=ng.Status.NO_GRASP) for start in box.starts)
-    html = convergence(replace(box, starts=failed))
-    assert (len(curves(html, "best")), len(curves(html, "other"))) == (0, 3)
-    assert "All starts in grey: none of them is the answer." in html
-    assert convergence(replace(box, starts=())) == ""
+    svg, words = convergence(replace(box, starts=failed))
+    assert (len(curves(svg, "best")), len(curves(svg, "lost"))) == (0, 3)
+    assert words == NONE
+    assert strip(replace(box, starts=failed)) == ("", "")
+    assert starts(replace(box, starts=())) == ""
+
+
+def test_values_that_are_zero_but_for_rounding_are_not_drawn(box):
+    none = tuple(replace(s, status=ng.Status.NO_GRASP, history=(1e-11, 3e-11)) for s in box.starts)
+    assert convergence(replace(box, starts=none)) == ("", "")

@@ -1,31 +1,30 @@
-"""A body's surface as a few thousand triangles, for pictures: close to the surface, but not evidence of anything."""
+"""A body's surface as at most a few thousand triangles, for pictures: on the surface or close to it, no evidence."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.mesh.mesh import Mesh
+from nlpgrasp.bodies.shapes.extruded import PLATE, IntArray
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 
-IntArray = NDArray[np.int64]
 CELLS = 48  # along the longest side
 MARGIN = 0.04  # of the size, around the body
-THICKNESS = 0.04  # of the size: half of it, of the plate that a planar body is drawn as
 
 
 def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
     """Return vertices (n, 3), metres, and triangles (m, 3), at most ``most``; a planar body becomes a thin plate.
 
-    A mesh is simplified; any other body, and a mesh that cannot be, is meshed by marching cubes of its distance first.
+    A mesh is simplified; a body that says its own surface has that; any other, and a mesh that cannot be simplified, is
+    meshed by marching cubes of its distance first.
     """
     if isinstance(body, Mesh):
         vertices, faces = simplified(np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces), most)
         if len(faces) <= most:
             return vertices, faces
-    return simplified(*_marched(body), most)
+    return simplified(*(body.triangles() or _marched(body)), most)
 
 
 def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
@@ -50,7 +49,7 @@ def _marched(body: Body) -> tuple[FloatArray, IntArray]:
     import igl
 
     lower, upper = (np.asarray(b, dtype=float) for b in body.bounds)
-    half = THICKNESS * body.size
+    half = PLATE / 2.0 * body.size
     if body.space == 2:
         lower, upper = np.append(lower, -half), np.append(upper, half)
     lower, upper = lower - MARGIN * body.size, upper + MARGIN * body.size

@@ -15,7 +15,6 @@ from nlpgrasp.errors import InputError
 
 DIGITS = 5  # of the largest coordinate
 NORMAL, CONE, FORCE = 0.25, 0.22, 0.8  # lengths of what is drawn at a contact, of the body's drawn size
-COLOURS = {"body": "#8fa3b5", "link": "#b59b7a", "normal": "#2a6fbb", "cone": "#3f9b57", "force": "#c2410c"}
 
 
 @dataclass(frozen=True)

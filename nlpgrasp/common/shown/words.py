@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from nlpgrasp.common.shown.numbers import vector
 from nlpgrasp.common.validation import FloatArray
 
 FORCE_UNIT, MOMENT_UNIT = "N", "N m"
@@ -46,5 +47,5 @@ def direction_words(wrench: FloatArray, length: float) -> str:
         for i, label in enumerate(DIRECTIONS[len(wrench)])
         if weight[i] >= MINOR * np.max(weight)
     ]
-    numbers = np.array2string(wrench / max(float(np.linalg.norm(wrench)), 1e-300), precision=3, suppress_small=True)
-    return f"{' with '.join(parts)} (direction {numbers})"
+    numbers = vector(wrench / max(float(np.linalg.norm(wrench)), 1e-300))
+    return f"{' with '.join(parts)} (direction [{numbers}])"

@@ -8,23 +8,12 @@ from html import escape
 from pathlib import Path
 
 from nlpgrasp.common.files import write_text
+from nlpgrasp.common.shown.numbers import outwards, typeset
 from nlpgrasp.experiments.found.result import EXPLAINED, NOT_COMPARABLE, ExperimentResult
 from nlpgrasp.experiments.run.folder import PLAN
-from nlpgrasp.report.frame import page
+from nlpgrasp.report.frame import page, style
 from nlpgrasp.report.table import Html, table
 
-STYLE = """
-:root { color-scheme: light dark; }
-body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 72rem; padding: 1rem; }
-.wide { overflow-x: auto; }
-caption { text-align: left; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { border-bottom: 1px solid #8884; padding: .3rem .8rem .3rem 0; text-align: left; vertical-align: top; }
-.interval { background: #8883; height: .8rem; min-width: 8rem; position: relative; }
-.interval span { background: #1f77b4; height: 100%; min-width: 3px; position: absolute; }
-img { background: #fff; height: auto; max-width: 100%; }
-.warning { border-left: .3rem solid #d62728; padding-left: .7rem; }
-"""
 CAPTIONS = {
     "mu_by_variation": "Certified interval of each variation's best grasp (bar), lower bound of each seed (dots)",
     "mu_against_time": "Best certified lower bound against time, a line a seed",
@@ -50,7 +39,7 @@ def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -
         _prices(result),
         _inputs(result),
     ]
-    return write_text(path, page(result.name, STYLE, parts))
+    return write_text(path, page(result.name, style("experiment.css"), parts))
 
 
 def _warnings(result: ExperimentResult) -> list[str]:
@@ -68,11 +57,13 @@ def _table(result: ExperimentResult) -> str:
     for v, rank, tied in sorted(found, key=lambda row: (row[1], -row[0].mu.upper)):
         good, total = v.starts
         left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
-        span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
+        span = f'<span class="sure" style="width:{left:.2f}%"></span>'
+        span += f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
+        told = " to ".join(outwards(v.mu.lower, v.mu.upper)) if v.mu.lower > 0.0 else v.found
         bar = Html(f'<div class="interval" aria-hidden="true">{span}</div>')
         active = "; ".join(v.best.active) if v.best is not None else ""
         origin = v.best.origin if v.best is not None else ""
-        cells = [f"{rank}" if v.done else "", v.name, v.found, bar, v.gap_text]
+        cells = [f"{rank}" if v.done else "", v.name, told, bar, v.gap_text]
         cells += [f"{v.agreeing}/{len(v.solves)}", f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), origin]
         rows.append([*cells, active])
     caption = (
@@ -91,7 +82,7 @@ def _figure(picture: Path) -> str:
 
 def _prices(result: ExperimentResult) -> str:
     items = [
-        f"<dt>{escape(v.name)}</dt>" + "".join(f"<dd>{escape(str(p))}</dd>" for p in v.best.prices)
+        f"<dt>{escape(v.name)}</dt>" + "".join(f"<dd>{escape(typeset(str(p)))}</dd>" for p in v.best.prices)
         for v in result.variations
         if v.best is not None and v.best.prices
     ]

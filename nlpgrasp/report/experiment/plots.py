@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.common.extras.pyplot import pyplot, write_figure
+from nlpgrasp.common.shown.palette import COLOURS
 from nlpgrasp.experiments.found.result import ExperimentResult
 from nlpgrasp.experiments.found.variation_result import VariationResult
 
@@ -55,11 +56,12 @@ def draw_mu(variations: Sequence[VariationResult]) -> Figure:
     for row, v in enumerate(variations):
         seeds = [s.mu.lower for s in v.solves if s.success]
         ax.plot(seeds, [row] * len(seeds), ".", color="0.6", markersize=5, zorder=1)
-        ax.plot([v.mu.lower, v.mu.upper], [row, row], "|-", color="C0", linewidth=3, markersize=11, zorder=2)
+        ax.plot(
+            [v.mu.lower, v.mu.upper], [row, row], "|-", color=COLOURS["finger"], linewidth=3, markersize=11, zorder=2
+        )
     ax.set_yticks(range(len(variations)), [_short(v.name) for v in variations])
     ax.invert_yaxis()
-    ax.set_xlim(left=0.0)
-    ax.margins(x=0.05)
+    ax.set_xlim(0.0, 1.05 * max(v.mu.upper for v in variations))
     ax.grid(axis="x", color="0.9")
     ax.set_xlabel(f"{_label(variations)}: certified interval of the best (bar), lower bound of each seed (dots)")
     return figure
@@ -103,7 +105,7 @@ def draw_success(variations: Sequence[VariationResult]) -> Figure:
     for row, v in enumerate(variations):
         good, total = v.starts
         low, high = wilson(good, total)
-        ax.barh(row, good / total, color="C0", height=0.6)
+        ax.barh(row, good / total, color=COLOURS["finger"], height=0.6)
         ax.plot([low, high], [row, row], color="0.2", linewidth=1.2)
         ax.text(1.02, row, f"{good}/{total}", va="center", fontsize=8)
     ax.set_yticks(range(len(variations)), [_short(v.name) for v in variations])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.common.shown.words import wrench_words
+from nlpgrasp.common.shown.numbers import rounded, typeset
+from nlpgrasp.common.shown.words import COMPONENTS, FORCE_UNIT, SMALL, unit_of
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import finger_forces
@@ -42,22 +44,62 @@ def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     wrenches, names = [], []
     if solution.mu.worst_direction is not None:
         wrenches.append(task.support(solution.mu.worst_direction[None, :])[1][0])
-        names.append("hardest wrench")
+        names.append("Hardest")
     for i, wrench in enumerate(task.ends()[: MOST - len(wrenches)]):
         wrenches.append(wrench)
-        names.append(f"task wrench {i + 1}")
+        names.append(f"End {i + 1}")
     scaled = solution.mu.lower * np.array(wrenches)
     found = finger_forces(grasp, scaled, force_budget=solution.budget)
     return [
-        ChosenWrench(f"{name}: {wrench_words(w)}", w, grasp.contact_wrenches(x)[:, : grasp.space])
+        ChosenWrench(f"{name}: {pushed(w, grasp.mean_arm)}", w, grasp.contact_wrenches(x)[:, : grasp.space])
         for name, w, x, feasible in zip(names, scaled, found.forces, found.feasible, strict=True)
         if feasible
     ]
 
 
-def force_words(grasp: Grasp, forces: FloatArray) -> list[str]:
-    """Return for each finger how hard it presses and how hard it rubs."""
-    pressing = np.sum(forces * grasp.normals, axis=1)
-    rubbing = np.linalg.norm(forces - pressing[:, None] * grasp.normals, axis=1)
-    both = enumerate(zip(pressing, rubbing, strict=True))
-    return [f"finger {i}: {p:.3g} N normal, {t:.3g} N tangential" for i, (p, t) in both]
+@dataclass(frozen=True)
+class FingerForce:
+    """What one finger does.
+
+    Parameters
+    ----------
+    words : str
+    share : float
+        Of the largest force in any of the wrenches.
+    """
+
+    words: str
+    share: float
+
+
+def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[FingerForce]]:
+    """Return for each wrench how hard each finger presses and how hard it rubs."""
+    largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=0.0) or 1.0
+    found = []
+    for c in chosen:
+        pressing = np.sum(c.forces * grasp.normals, axis=1)
+        rubbing = np.linalg.norm(c.forces - pressing[:, None] * grasp.normals, axis=1)
+        sizes = np.linalg.norm(c.forces, axis=1) / largest
+        least = 1e-4 * largest
+        found.append(
+            [
+                FingerForce(typeset(f"presses {rounded(p, 3, least)} N, rubs {rounded(t, 3, least)} N"), float(share))
+                for p, t, share in zip(pressing, rubbing, sizes, strict=True)
+            ]
+        )
+    return found
+
+
+def pushed(wrench: FloatArray, length: float) -> str:
+    """Return a wrench (d,) as pushes and turns along the axes that matter, such as ``0.3 N along x, 0.02 N m about z``.
+
+    Moments count over the length, metres.
+    """
+    units = [unit_of(name) for name in COMPONENTS[len(wrench)]]
+    weight = np.abs(wrench) / np.where([unit == FORCE_UNIT for unit in units], 1.0, length)
+    parts = [
+        f"{rounded(abs(v))} {unit} {'along' if unit == FORCE_UNIT else 'about'} {'-' if v < 0.0 else ''}{name[-1]}"
+        for name, unit, v, w in zip(COMPONENTS[len(wrench)], units, wrench.tolist(), weight, strict=True)
+        if w > SMALL * np.max(weight)
+    ]
+    return typeset(", ".join(parts) or "nothing")

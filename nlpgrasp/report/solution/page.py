@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 
 from nlpgrasp.common.files import write_text
 from nlpgrasp.experiments.found.compare import compare
-from nlpgrasp.report.frame import page
+from nlpgrasp.report.frame import page, style
+from nlpgrasp.report.scene.scene import scene
 from nlpgrasp.report.solution import sections
-from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches, force_words
+from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches, finger_forces_of
 from nlpgrasp.report.solution.needed import forces_needed
-from nlpgrasp.report.solution.scene import scene
-from nlpgrasp.report.solution.worth import worth_colours
+from nlpgrasp.report.solution.panel import verdict
+from nlpgrasp.report.solution.starts import starts
+from nlpgrasp.report.solution.worth import worth
 from nlpgrasp.solution.solution import GraspSolution
+
+VIEWER = ("shapes.js", "renderer.js", "view.js", "page.js")
 
 
 def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Path:
     """Write a page that shows solutions; several of them are compared first.
 
-    The page needs no network: plotly is inside it.
+    The page needs no network: what draws it is inside.
 
     Parameters
     ----------
@@ -36,37 +41,44 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
         On no solutions, or a path that cannot be written.
     """
     compared = compare(solutions)  # refuses what are no solutions
-    title = "nlpgrasp: " + ", ".join(s.name for s in solutions.values())
-    body = [f"<h1>{escape(title)}</h1>"]
+    title = ", ".join(s.name for s in solutions.values())
+    body = []
     if len(solutions) > 1:
-        body.append(sections.comparison(compared))
-    body += [_solution(name, solution, i) for i, (name, solution) in enumerate(solutions.items())]
-    scripts = "".join(f"<script>{_resource(name)}</script>" for name in ("vendor/plotly-gl3d.min.js", "report.js"))
-    text = page(title, _resource("report.css"), body, '<link rel="icon" href="data:,">', scripts)
-    return write_text(path, text)
+        body += [f"<h1>{len(solutions)} grasps compared</h1>", sections.comparison(compared, solutions)]
+    heading = "h1" if len(solutions) == 1 else "h2"
+    body += [_solution(name, solution, i, heading) for i, (name, solution) in enumerate(solutions.items())]
+    scripts = "".join(f"<script>{_resource(f'viewer/{name}')}</script>" for name in VIEWER)
+    return write_text(path, page(title, style("report.css"), body, '<link rel="icon" href="data:,">', scripts))
 
 
-def _solution(name: str, solution: GraspSolution, number: int) -> str:
+def _solution(name: str, solution: GraspSolution, number: int, heading: str) -> str:
     """Return the section of one solution."""
     chosen = chosen_wrenches(solution)
-    traces, arrows = scene(solution, chosen)
     grasp = solution.grasp
     labels = [c.label for c in chosen]
-    fingers = [force_words(grasp, c.forces) for c in chosen] if grasp is not None else []
-    worth = worth_colours(solution)
-    data = {"traces": traces, "arrows": arrows, "labels": labels, "fingers": fingers, "worth": worth}
+    fingers = [] if grasp is None else finger_forces_of(grasp, chosen)
+    shown, coloured = scene(solution, chosen), worth(solution)
+    data = {
+        "scenes": [] if shown is None else [shown],  # best first, where there will be several
+        "labels": labels,
+        "fingers": [[asdict(f) for f in each] for each in fingers],
+        "worth": coloured,
+    }
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    told, tone = verdict(solution)
     parts = [
         f'<section data-grasp aria-labelledby="name{number}">',
-        f'<h2 id="name{number}">{escape(name)}: {escape(solution.name)}</h2>',
-        sections.status(solution),
-        sections.interval(solution),
+        f'<header><{heading} id="name{number}">{escape(solution.name or name)}</{heading}>'
+        f'<span class="pill {tone}">{escape(told)}</span><span class="file">{escape(name)}</span></header>',
+        '<div class="first">',
+        sections.stage(solution, labels, number, shown, worth=coloured is not None),
+        sections.panel(solution, fingers[0] if fingers else ()),
+        "</div>",
         forces_needed(solution),
-        sections.stage(solution, labels, fingers, number, worth=bool(worth)),
-        sections.wrench_space(solution),
+        sections.contacts(solution),
         sections.constraints(solution),
-        sections.convergence(solution),
-        sections.starts(solution),
+        sections.wrench_space(solution),
+        starts(solution),
         sections.inputs(name, solution),
         f'<script type="application/json">{text}</script></section>',
     ]

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.common.extras.pyplot import draw_triangles, pyplot, show_at_one_scale, write_figure
-from nlpgrasp.common.shown.drawing import COLOURS, FORCE, NORMAL, drawn_size
+from nlpgrasp.common.shown.drawing import FORCE, NORMAL, drawn_size
+from nlpgrasp.common.shown.palette import COLOURS
 from nlpgrasp.common.spatial import in_space
+from nlpgrasp.report.scene.camera import first_view
 from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches
+from nlpgrasp.report.solution.starts import certified
 from nlpgrasp.report.solution.wrench_space import shadows
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -59,7 +62,7 @@ def draw_grasp(solution: GraspSolution) -> Figure:
         size = drawn_size(solution.drawing, grasp.points)
         points, normals = in_space(grasp.points), in_space(grasp.normals)
         ax.scatter(*points.T, color="black", s=20)
-        ax.quiver(*points.T, *(NORMAL * size * normals).T, color="C0", linewidth=1.5)
+        ax.quiver(*points.T, *(NORMAL * size * normals).T, color=COLOURS["normal"], linewidth=1.5)
         chosen = chosen_wrenches(solution)
         if chosen:
             forces = in_space(chosen[0].forces)
@@ -69,6 +72,8 @@ def draw_grasp(solution: GraspSolution) -> Figure:
             everything.append(points - forces)
         everything.append(points)
     show_at_one_scale(ax, np.vstack(everything))
+    azimuth, elevation = first_view(solution, flat=solution.task.dimension == 3)
+    ax.view_init(elev=elevation, azim=azimuth)
     return figure
 
 
@@ -84,10 +89,10 @@ def draw_wrenches(solution: GraspSolution) -> Figure:
     for ax in axes.flat[len(found) :]:
         ax.axis("off")
     for ax, shadow in zip(axes.flat, found, strict=False):
-        ax.fill(*shadow.grasp.T, facecolor="#1f77b433", edgecolor="C0")
-        ax.fill(*shadow.task.T, facecolor="#ff7f0e44", edgecolor="C1")
+        ax.fill(*shadow.grasp.T, facecolor=COLOURS["finger"] + "33", edgecolor=COLOURS["finger"])
+        ax.fill(*shadow.task.T, facecolor=COLOURS["task"] + "44", edgecolor=COLOURS["task"])
         if shadow.limit is not None:
-            ax.axvline(shadow.limit, color="C3", linestyle="--")
+            ax.axvline(shadow.limit, color=COLOURS["warning"], linestyle="--")
         ax.set_xlabel(shadow.x_label, fontsize=8)
         ax.set_ylabel(shadow.y_label, fontsize=8)
         ax.tick_params(labelsize=7)
@@ -95,15 +100,20 @@ def draw_wrenches(solution: GraspSolution) -> Figure:
 
 
 def draw_convergence(solution: GraspSolution) -> Figure:
-    """Draw how each start's exchange raised mu."""
+    """Draw how each start's exchange raised mu, and what is certified of where it ended."""
     figure: Figure
     ax: Axes
     figure, ax = pyplot(WHAT).subplots(figsize=(6.0, 3.5), layout="constrained")
     best = solution.winner
     for start in solution.starts:
-        colour, width, order = ("C0", 2.0, 3) if start is best else ("0.6", 1.0, 2)
+        colour, width, order = (COLOURS["finger"], 2.0, 3) if start is best else ("0.6", 1.0, 2)
         ax.plot(start.history, color=colour, linewidth=width, zorder=order)
-    ax.set_xlabel("round of the exchange (best start in blue)")
+        mu, end = certified(solution, start), len(start.history)
+        if mu is not None:
+            last = [start.history[-1], mu.lower] if start.history else []
+            ax.plot([end - 1, end][: len(last)], last, ":", color=colour, linewidth=width, zorder=order)
+            ax.plot(end, mu.lower, "o", color=colour, markersize=6 if start is best else 4, zorder=order)
+    ax.set_xlabel("round of the exchange; dots: certified on the body (answer in blue)")
     ax.set_ylabel("mu, from above")
     ax.grid(color="0.9")
     return figure

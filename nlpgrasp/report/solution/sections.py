@@ -1,98 +1,138 @@
-"""The parts of a report on one solution, as HTML."""
+"""Sections of the report: each returns its part of the page as HTML."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.shown.numbers import outwards, rounded, typeset, vector
+from nlpgrasp.common.spatial import in_space
+from nlpgrasp.common.types import Json
 from nlpgrasp.experiments.found.compare import Comparison
 from nlpgrasp.experiments.found.result import NOT_COMPARABLE
+from nlpgrasp.report.solution.chosen_wrenches import FingerForce
+from nlpgrasp.report.solution.gauge import axis_end, gauge
+from nlpgrasp.report.solution.panel import facts
 from nlpgrasp.report.solution.worth import SCALE
 from nlpgrasp.report.solution.wrench_space import shadows
 from nlpgrasp.report.svg import Curve, chart
-from nlpgrasp.report.table import table
-from nlpgrasp.solution.records import Status
+from nlpgrasp.report.table import Html, table
+from nlpgrasp.solution.findings import ShadowPrice
+from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
 
+SMALL_BODY = 1.0  # metres: contacts of bodies this small are shown in millimetres
+SWITCHES = (
+    ("hand", "Hand", True),
+    ("forces", "Forces", True),
+    ("normals", "Normals", False),
+    ("cones", "Cones", False),
+    ("through", "See through", False),
+)
 
-def comparison(compared: Comparison) -> str:
-    """Return the solutions side by side, as a table."""
-    rows = [
-        [f"{rank}", name, str(r.mu) if r.success else "no grasp", f"{r.contacts}", "; ".join(tied), "; ".join(r.active)]
-        for name, r, rank, tied in zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
-    ]
+
+def comparison(compared: Comparison, solutions: Mapping[str, GraspSolution]) -> str:
+    """Return the solutions side by side, as a table with small scenes and gauges on one axis."""
+    end, order = max(axis_end(s) for s in solutions.values()), list(solutions)
+    rows = []
+    listed = zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
+    for name, record, rank, tied in listed:
+        quality = " to ".join(outwards(record.mu.lower, record.mu.upper)) if record.success else "no grasp"
+        seen = Html(
+            f'<canvas class="small" data-of="scene{order.index(name)}" role="img" aria-label="{escape(name)}"></canvas>'
+        )
+        cells = [f"{rank}", seen, name, Html(f"{escape(typeset(quality))}{gauge(solutions[name], end)}")]
+        rows.append([*cells, f"{record.contacts}", "; ".join(tied), "; ".join(record.active)])
     note = "" if compared.comparable else f'<p class="status failed">{escape(NOT_COMPARABLE)}</p>'
-    heads = ["Rank", "Solution", "mu certified in", "Contacts", "Ties with", "Active constraints"]
-    return f"<h2>Comparison</h2>{note}" + table("Ties differ by no more than the certified gap.", heads, rows)
+    heads = ["Rank", "", "Solution", "Quality, certified", "Contacts", "Ties with", "Active constraints"]
+    return note + table("Ties differ by no more than the certified gap.", heads, rows)
 
 
-def status(solution: GraspSolution) -> str:
-    """Return how the solve ended, in words."""
-    kind = "status" if solution.success and not solution.is_fragile else "status failed"
-    lines = [solution.told]
-    if solution.why_not is not None:
-        lines += [*solution.why_not.reasons, *solution.why_not.advice]
-    if solution.robust is not None:
-        lines.append(str(solution.robust))
-    return "".join(f'<p class="{kind}">{escape(line)}</p>' for line in lines)
+def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
+    """Return the facts beside the scene, and what each finger does for the wrench that the slider names."""
+    bars = "".join(
+        f'<li class="finger"><span class="number">{i}</span><span class="bar">'
+        f'<span style="width:{100 * f.share:.1f}%"></span></span><span class="words">{escape(f.words)}</span></li>'
+        for i, f in enumerate(fingers)
+    )
+    shown = (
+        f'<div class="fact broad fingers"><h3>Fingers, for the wrench shown</h3><ul>{bars}</ul></div>' if bars else ""
+    )
+    return f'<aside class="panel">{"".join(fact.html() for fact in facts(solution))}{shown}</aside>'
 
 
-def interval(solution: GraspSolution) -> str:
-    """Return the certified interval, in words and as a bar from zero."""
-    if solution.grasp is None:
-        return ""
-    most = 1.15 * solution.mu.upper or 1.0
-    left, width = 100.0 * solution.mu.lower / most, 100.0 * (solution.mu.upper - solution.mu.lower) / most
-    words = f"{solution.label} is certified in {solution.mu}, a gap of {solution.mu.gap:.1%}"
-    unit = f" (force budget {escape(solution.budget.kind)})"
-    span = f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
-    bar = f'<div class="bar" role="img" aria-label="{escape(words)}">{span}</div>'
-    best = "" if solution.bound is None else f"<p>{escape(_sentence(solution.bound.line(solution.mu.lower)))}</p>"
-    return f"<h3>Certified quality</h3><p>{escape(words)}{unit}.</p>{bar}{best}"
-
-
-def stage(
-    solution: GraspSolution, labels: Sequence[str], fingers: Sequence[Sequence[str]], number: int, worth: bool = False
-) -> str:
-    """Return the three-dimensional picture with its slider, its colours' switch if any, and its legend in words."""
-    grasp = solution.grasp
-    count = 0 if grasp is None else len(grasp)
+def stage(solution: GraspSolution, labels: Sequence[str], number: int, scene: Json | None, worth: bool) -> str:
+    """Return the three-dimensional picture with its switches and its slider; a word where there is nothing to draw."""
+    if scene is None:
+        return '<div class="stage"><p class="note">No picture: the body stays in a file of its own.</p></div>'
+    unseen = scene["unseen"]
+    count = 0 if solution.grasp is None else len(solution.grasp)
     links = 0 if solution.drawing is None else len(solution.drawing.links)
     seen = f"The body with {count} contacts" + (f" and a hand of {links} links" if links else "")
-    parts = ["<h3>The grasp</h3>"]
+    aria = f"{seen}; turn it with the mouse, a finger or the arrow keys."
+    parts = [f'<div class="scene" id="scene{number}" role="img" tabindex="0" aria-label="{escape(aria)}"></div>']
+    if count:
+        parts.append(_switches(solution, worth))
     if labels:
         parts.append(
             f'<div class="control"><label for="wrench{number}">Task wrench</label><input id="wrench{number}" '
             f'type="range" min="0" max="{len(labels) - 1}" step="1" value="0" '
-            f'aria-valuetext="{escape(labels[0])}"></div>'
-            f'<output for="wrench{number}" aria-live="polite">{escape("; ".join([labels[0], *fingers[0]]))}</output>'
+            f'aria-valuetext="{escape(labels[0])}">'
+            f'<output for="wrench{number}" aria-live="polite">{escape(labels[0])}</output></div>'
         )
-    if worth:
+    if unseen:
         parts.append(
-            '<div class="control"><label><input type="checkbox" data-worth> Where a contact is worth most</label>'
-            f'<span class="scale" style="background:linear-gradient(90deg,{",".join(SCALE)})"></span>'
-            "<span>nothing to most, of what it adds to mu at most; grey where none may be</span></div>"
+            f'<p class="note">Not drawn, since their triangles stay in a file: {escape(", ".join(unseen))}.</p>'
         )
-    parts.append(
-        f'<div class="scene" role="img" aria-label="{escape(seen)}; turn it with the mouse or a finger."></div>'
+    return f'<div class="stage">{"".join(parts)}</div>'
+
+
+def _switches(solution: GraspSolution, worth: bool) -> str:
+    """Return the switches of what the scene shows."""
+    has_hand = solution.problem.get("hand") is not None
+    shown = [s for s in SWITCHES if s[0] != "hand" or has_hand]
+    if worth:
+        shown.append(("worth", "Where a contact is worth most", False))
+    boxes = "".join(
+        f'<label class="switch"><input type="checkbox" data-show="{key}"{" checked" if on else ""}>'
+        f"<span>{escape(text)}</span></label>"
+        for key, text, on in shown
     )
-    parts.append(
-        "<p>Red arrows: least finger forces that produce the wrench chosen, times the certified lower bound. "
-        "Blue: inward normals. Green: friction cones.</p>"
+    scale = (
+        f'<p class="scale note" hidden><b style="background:linear-gradient(90deg,{",".join(SCALE)})"></b>'
+        "nothing to most, of what a contact adds to mu at most; grey where none may be</p>"
     )
-    if grasp is not None:
-        rows = [
-            [f"{i}", face, _numbers(p), _numbers(n), type(model).__name__]
-            for i, (p, n, face, model) in enumerate(
-                zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
-            )
-        ]
-        parts.append(table("Contacts, body frame", ["Finger", "Face", "Position, m", "Inward normal", "Contact"], rows))
-    return "".join(parts)
+    return f'<div class="switches">{boxes}</div>{scale if worth else ""}'
+
+
+def contacts(solution: GraspSolution) -> str:
+    """Return the contacts, one a row."""
+    grasp = solution.grasp
+    if grasp is None:
+        return ""
+    size = float(np.max(np.ptp(in_space(grasp.points), axis=0), initial=0.0))
+    scale, unit, least = (1e3, "mm", 1) if size < SMALL_BODY else (1.0, "m", 3)
+    rows = []
+    placed = zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
+    for i, (p, n, face, model) in enumerate(placed):
+        kind = model.to_dict().get("model", type(model).__name__)
+        told = ", ".join(f"{name.replace('_', ' ')} {rounded(v)}" for name, v in model.coefficients.items())
+        rows.append(
+            [
+                f"{i}",
+                face,
+                _fixed(scale * p, scale * size, least),
+                typeset(vector(np.round(n, 3))),
+                f"{kind}".replace("_", " "),
+                told,
+            ]
+        )
+    heads = ["Finger", "Face", f"Position, {unit}", "Inward normal", "Contact", "With"]
+    return "<h3>Contacts</h3>" + table("In the body's frame.", heads, rows)
 
 
 def wrench_space(solution: GraspSolution) -> str:
@@ -108,52 +148,43 @@ def wrench_space(solution: GraspSolution) -> str:
         return ""
     words = (
         "Shadows of what the fingers can produce with their budget (blue) and of the task times the certified lower "
-        "bound (orange). In the first, in shares of what can be produced, the task comes nearest to the limit (red)."
+        "bound (green). In the first, in shares of what can be produced, the task comes nearest to the limit (red)."
     )
-    return f'<h3>Wrench space</h3><p>{words}</p><div class="charts">{"".join(charts)}</div>'
+    return f'<h3>Wrench space</h3><p class="note">{words}</p><div class="charts">{"".join(charts)}</div>'
 
 
 def constraints(solution: GraspSolution) -> str:
-    """Return the active constraints and what limits cost."""
-    rows = [
-        [c.name, f"{c.value:.5g}", f"[{c.lower:.5g}, {c.upper:.5g}]", f"{c.multiplier:.3g}"]
-        for c in solution.constraints
-        if c.active
+    """Return the constraints at their limits as sentences, and what limits cost."""
+    active = [_limit(c) for c in solution.constraints if c.active]
+    prices = [_price(p, solution.mu.lower) for p in solution.prices]
+    parts = [
+        f'<h3>{title}</h3><ul class="sentences">{"".join(f"<li>{escape(typeset(s))}</li>" for s in sentences)}</ul>'
+        for title, sentences in (("At their limits", active), ("What a little more would change", prices))
+        if sentences
     ]
-    parts = []
-    if rows:
-        parts.append(table("Constraints at their limits", ["Constraint", "Value", "Limits", "d mu / d limit"], rows))
-    if solution.prices:
-        prices = [[p.name, f"{p.value:.4g}", p.unit, f"{p.gain:+.3g}"] for p in solution.prices]
-        parts.append(table("What limits cost", ["Limit", "Value", "Step", "Change of mu"], prices))
-    return "<h3>Constraints</h3>" + "".join(parts) if parts else ""
+    return f'<div class="two">{"".join(f"<div>{part}</div>" for part in parts)}</div>' if parts else ""
 
 
-def convergence(solution: GraspSolution) -> str:
-    """Return how each start's exchange raised mu."""
-    winner, rising = solution.winner, [s for s in solution.starts if len(s.history) > 1]
-    if not rising:
-        return ""
-    curves = [Curve(_numbered(s.history), "other") for s in rising if s is not winner]
-    words = "All starts in grey: none of them is the answer."
-    if winner is not None and len(winner.history) > 1:
-        curves.append(Curve(_numbered(winner.history), "best"))
-        words = "The best start in blue, the others in grey."
-    drawn = chart("How the exchange raised mu, start by start", "round of the exchange", "mu, from above", curves)
-    return f"<h3>Convergence</h3><p>{words}</p>{drawn}"
+def _limit(report: ConstraintReport) -> str:
+    """Return a constraint at its limit as a sentence."""
+    is_least = report.value - report.lower <= report.upper - report.value
+    end = (
+        "the one value allowed"
+        if report.lower == report.upper
+        else "the least allowed"
+        if is_least
+        else "the most allowed"
+    )
+    price = f"; mu changes by {rounded(report.multiplier)} a unit" if report.multiplier else ""
+    return f"{report.name}: {rounded(report.value, 4)}, {end}{price}."
 
 
-def starts(solution: GraspSolution) -> str:
-    """Return a table of all starts."""
-    rows = []
-    for s in solution.starts:
-        seconds = f"{sum(s.seconds.values()):.2f}"
-        found = str(s.mu) if s.status is Status.SOLVED else s.status.name.lower().replace("_", " ")
-        rows.append([f"{s.index}", found, ", ".join(s.faces), f"{s.iterations}", seconds, s.message])
-    if not rows:
-        return ""
-    heads = ["Start", "mu certified in", "Faces", "Iterations", "Seconds", "Message"]
-    return f"<h3>Starts</h3><details><summary>{len(rows)} starts</summary>{table('', heads, rows)}</details>"
+def _price(price: ShadowPrice, mu: float) -> str:
+    """Return what a step of a limit changes, as a sentence with its share of mu."""
+    what = f"{price.unit} more at" if price.unit.endswith("range") else f"{price.unit} more of"
+    sign = "+" if price.gain > 0.0 else ""
+    share = f" ({sign}{rounded(100.0 * price.gain / mu, 2)} %)" if mu > 0.0 else ""
+    return f"{what} {price.name} (now {rounded(price.value, 4)}): mu {sign}{rounded(price.gain)}{share}."
 
 
 def inputs(name: str, solution: GraspSolution) -> str:
@@ -170,13 +201,7 @@ def inputs(name: str, solution: GraspSolution) -> str:
     )
 
 
-def _sentence(words: str) -> str:
-    return f"{words[:1].upper()}{words[1:]}."
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return ", ".join(f"{v:.5g}" for v in values)
-
-
-def _numbered(values: Sequence[float]) -> FloatArray:
-    return np.stack([np.arange(len(values), dtype=float), np.asarray(values)], axis=1)
+def _fixed(values: Sequence[float], size: float, least: int) -> str:
+    """Return coordinates with as many decimals each as three digits of the contacts' spread take, and some at least."""
+    decimals = max(least, 2 - math.floor(math.log10(size))) if size > 0.0 else least
+    return typeset(", ".join(f"{round(float(v), decimals) + 0.0:.{decimals}f}" for v in values))

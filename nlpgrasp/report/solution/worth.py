@@ -8,30 +8,51 @@ import trimesh
 from nlpgrasp.best.worth import ContactWorth
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.shown.drawing import Triangles
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.from_dict import problem_from_dict
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.report.scene.surfaces import cut, packed
 from nlpgrasp.solution.solution import GraspSolution
 
 SCALE = ("#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838")  # cividis: even to colour-blind eyes
-EXCLUDED = "#dddddd"  # where no contact may be
+EXCLUDED = "#b4b4b4"  # where no contact may be
+ENOUGH = 1500  # triangles: larger ones are cut
+TONES = 100  # of the scale: a multiple of its steps
 
 
-def worth_colours(solution: GraspSolution) -> list[str]:
-    """Return a colour for each triangle of the body's drawing, by what a contact there adds to mu at most.
+def worth(solution: GraspSolution) -> Json | None:
+    """Return the body's triangles coloured by what a contact there adds to mu at most, for the viewer, or None.
 
-    Of a mesh, which stays in a file of its own, the triangles drawn are looked at. Empty where the drawing is missing,
+    Returns
+    -------
+    dict or None
+        ``positions``: corners, packed. ``colours``: for each triangle its place in ``scale``, of colours.
+    """
+    found = coloured(solution)
+    if found is None:
+        return None
+    scale = sorted(set(found[1]))
+    place = {colour: i for i, colour in enumerate(scale)}
+    return {"positions": packed(found[0], "<f4"), "colours": [place[c] for c in found[1]], "scale": scale}
+
+
+def coloured(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
+    """Return corners (m, 3, 3) of the body's triangles, metres, cut into small ones, and a colour for each.
+
+    Of a mesh, which stays in a file of its own, the triangles drawn are looked at. None where the drawing is missing,
     or the bound over all placements does not cover the problem.
     """
     if solution.drawing is None or solution.grasp is None or solution.bound is None:
-        return []
+        return None
     shape = solution.drawing.body
     try:
         problem = _problem(solution, shape)
-        worth = ContactWorth.of(problem)
+        measured = ContactWorth.of(problem)
     except InputError:
-        return []
-    corners = shape.vertices[shape.faces]
+        return None
+    corners = cut(shape, ENOUGH)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
     space = problem.body.space
@@ -39,9 +60,11 @@ def worth_colours(solution: GraspSolution) -> list[str]:
     rim = np.linalg.norm(inward, axis=1) > 0.5  # a planar body is drawn as a plate: contacts are on its rim
     shares = np.full(len(corners), np.nan)
     length = np.linalg.norm(inward[rim], axis=1, keepdims=True)
-    shares[rim] = worth.at(corners[rim].mean(axis=1)[:, :space], inward[rim] / length)
+    shares[rim] = measured.at(corners[rim].mean(axis=1)[:, :space], inward[rim] / length)
     most = float(np.nanmax(shares, initial=0.0))
-    return [_colour(share) for share in shares / most] if most > 0.0 else []
+    if most <= 0.0:
+        return None
+    return corners, [_colour(share) for share in shares / most]
 
 
 def _problem(solution: GraspSolution, shape: Triangles) -> GraspProblem:
@@ -62,6 +85,6 @@ def _colour(share: float) -> str:
     if np.isnan(share):
         return EXCLUDED
     anchors = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in SCALE])
-    at = min(max(share, 0.0), 1.0) * (len(SCALE) - 1)
+    at = np.rint(min(max(share, 0.0), 1.0) * TONES) / TONES * (len(SCALE) - 1)
     red, green, blue = np.rint([np.interp(at, range(len(SCALE)), channel) for channel in anchors.T]).astype(int)
     return f"#{red:02x}{green:02x}{blue:02x}"

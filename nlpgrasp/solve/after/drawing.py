@@ -10,7 +10,7 @@ from nlpgrasp.common.shown.drawing import Drawing, Triangles
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, Values
 
-BODY, LINK = 2000, 80  # triangles, at most
+BODY, LINK = 2000, 320  # triangles, at most
 
 
 def drawing_of(body: Body, hand: Hand | None, values: Values) -> Drawing:

@@ -1,0 +1,1 @@
+"""The grasp in three dimensions: what the page's viewer draws."""

@@ -1,0 +1,145 @@
+"""A grasp as data for the page's viewer: surfaces, contacts, arrows, and what the camera has to have in its frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.bodies import body_from_dict
+from nlpgrasp.bodies.mesh.triangles import triangles
+from nlpgrasp.common.shown.drawing import CONE, FORCE, NORMAL, Drawing, Triangles, drawn_size
+from nlpgrasp.common.spatial import in_space
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.hands import Fingertips, ParallelJaw
+from nlpgrasp.report.scene.camera import first_view, framed
+from nlpgrasp.report.scene.surfaces import surface
+from nlpgrasp.report.scene.surroundings import WIDE, Surroundings, slab, surroundings
+from nlpgrasp.report.solution.chosen_wrenches import ChosenWrench
+from nlpgrasp.solution.solution import GraspSolution
+
+DISC, SHAFT = 0.055, 0.022  # radius of the disc at a contact and of an arrow's shaft, of the body's size
+THIN = 3.5  # shortest extents that count as the size, for discs and shafts on slender bodies
+PAD = 0.16  # radius of a jaw's pad, whose own size nobody states, of the body's size
+
+
+def scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | None:
+    """Return what the viewer draws; metres, body frame. None where the file holds neither a body nor contacts.
+
+    Returns
+    -------
+    dict
+        ``parts``: surfaces by group (body, link, tip, obstacle, table). ``contacts``: where, inward normal, radius of
+        a free fingertip or 0, slope of the friction cone or null. ``arrows``: for each chosen wrench a tail and a head
+        a finger. ``palm``: the point that free fingertips reach from, or null. ``frame``: points that the camera has to
+        have in view; ``view``: from where, degrees.
+    """
+    grasp = solution.grasp
+    contacts = np.zeros((0, 3)) if grasp is None else in_space(grasp.points)
+    shape = drawn_body(solution)
+    size = drawn_size(None if shape is None else Drawing(shape), None if grasp is None else grasp.points)
+    body = contacts if shape is None else shape.vertices
+    if not len(body):
+        return None
+    middle = (body.min(axis=0) + body.max(axis=0)) / 2.0
+    around, flat = surroundings(solution), _is_flat(solution)
+    across = float(np.min(np.ptp(body[:, :2] if flat else body, axis=0)))
+    stout = min(size, max(THIN * across, 0.3 * size))
+    radius = _tip_radius(solution)
+    largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=1.0) or 1.0
+    arrows = [_arrows(contacts, in_space(c.forces) * (FORCE * size / largest)) for c in chosen]
+    shapes = _shapes(solution, shape, around)
+    palm = _palm(solution)
+    ends = np.concatenate([contacts, *([] if palm is None else [palm[None]]), *(a.reshape(-1, 3) for a in arrows)])
+    seen = [body, *(s.vertices for _, _, s in shapes)]
+    if radius > 0.0:
+        seen.append((grasp_tips(solution)[:, None] + radius * np.concatenate([np.eye(3), -np.eye(3)])).reshape(-1, 3))
+    if flat:
+        shapes += [("table", "table", slab(h, body, size)) for h in around.heights]
+    return {
+        "size": size,
+        "flat": flat,
+        "parts": [{"group": group, "name": name, **surface(shape).to_dict()} for group, name, shape in shapes],
+        "tables": [] if flat else [{"at": _listed([*middle[:2], h]), "half": WIDE * size} for h in around.heights],
+        "unseen": list(around.unseen),
+        "contacts": [] if grasp is None else _contacts(grasp, solution.faces, radius),
+        "palm": None if palm is None else _listed(palm),
+        "arrows": [_listed(a) for a in arrows],
+        "lengths": {
+            "normal": NORMAL * size,
+            "cone": CONE * size,
+            "disc": DISC * stout,
+            "shaft": SHAFT * stout,
+            "pad": _pad(solution) * size,
+        },
+        "frame": _listed(np.concatenate([ends, framed(np.concatenate(seen), middle, size)])),
+        "view": first_view(solution, flat),
+    }
+
+
+def _contacts(grasp: Grasp, faces: Sequence[str], radius: float) -> list[Json]:
+    """Return what is drawn at the contacts of fingertips of this radius."""
+    entries = zip(in_space(grasp.points), in_space(grasp.normals), grasp.contacts, faces, strict=True)
+    return [
+        {"at": _listed(p), "inward": _listed(n), "tip": radius, "slope": m.coefficients.get("friction"), "face": face}
+        for p, n, m, face in entries
+    ]
+
+
+def grasp_tips(solution: GraspSolution) -> FloatArray:
+    """Return the centres of free fingertips, (k, 3), metres; the contacts where fingertips are points or a hand's."""
+    if solution.grasp is None:
+        return np.zeros((0, 3))
+    return in_space(solution.grasp.points) - _tip_radius(solution) * in_space(solution.grasp.normals)
+
+
+def drawn_body(solution: GraspSolution) -> Triangles | None:
+    """Return the body's triangles; without a drawing those of what the file says of it, None where it does not."""
+    if solution.drawing is not None:
+        return solution.drawing.body
+    try:
+        return Triangles(*triangles(body_from_dict(solution.problem["body"])))
+    except InputError:
+        return None
+
+
+def _shapes(solution: GraspSolution, body: Triangles | None, around: Surroundings) -> list[tuple[str, str, Triangles]]:
+    """Return group, name and triangles of body, hand and obstacles."""
+    tips = () if solution.hand is None else solution.hand.get("fingertips", ())
+    links = () if solution.drawing is None else solution.drawing.links
+    hand = [("tip" if name in tips else "link", name, shape) for name, shape in links if len(shape.faces)]
+    obstacles = [("obstacle", name, shape) for name, shape in around.obstacles]
+    return [*([] if body is None else [("body", "body", body)]), *hand, *obstacles]
+
+
+def _arrows(points: FloatArray, forces: FloatArray) -> FloatArray:
+    """Return tails and heads (k, 2, 3) of arrows that end at the contacts."""
+    return np.stack([points - forces, points], axis=1)
+
+
+def _is_flat(solution: GraspSolution) -> bool:
+    """Return whether the grasp, or what it was looked for on, is planar."""
+    return solution.task.dimension == 3
+
+
+def _tip_radius(solution: GraspSolution) -> float:
+    hand = solution.problem.get("hand") or {}
+    return float(hand.get("radius", 0.0)) if hand.get("type") == Fingertips.kind else 0.0
+
+
+def _palm(solution: GraspSolution) -> FloatArray | None:
+    """Return the palm point (3,) that free fingertips reach from, metres; None where there is none."""
+    point = None if solution.hand is None else solution.hand.get("palm")
+    return None if point is None else in_space(np.atleast_2d(np.asarray(point, dtype=float)))[0]
+
+
+def _pad(solution: GraspSolution) -> float:
+    return PAD if (solution.problem.get("hand") or {}).get("type") == ParallelJaw.kind else 0.0
+
+
+def _listed(values: FloatArray | Sequence[float]) -> object:
+    """Return numbers as nested lists, rounded: they are for looking at."""
+    return np.round(np.asarray(values, dtype=float), 7).tolist()

@@ -1,0 +1,85 @@
+"""What stands around the body: tables and obstacles, from what a solution file says of its problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.bodies import Body, Box
+from nlpgrasp.bodies.mesh.triangles import triangles
+from nlpgrasp.common.shown.drawing import Triangles
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import Obstacle, Table
+from nlpgrasp.errors import InputError
+from nlpgrasp.solution.solution import GraspSolution
+
+MOST = 1000  # triangles of an obstacle
+WIDE, THICK = 2.5, 0.05  # half width of a table, and thickness of a planar one: of the body's size
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What is in the way.
+
+    Parameters
+    ----------
+    heights : tuple of float
+        Of the tables' tops, metres: along z, or along y for a planar body.
+    obstacles : tuple of (str, Triangles)
+        Body frame.
+    unseen : tuple of str
+        Obstacles whose surface the file does not hold, such as meshes.
+    """
+
+    heights: tuple[float, ...]
+    obstacles: tuple[tuple[str, Triangles], ...]
+    unseen: tuple[str, ...]
+
+
+def surroundings(solution: GraspSolution) -> Surroundings:
+    """Return the tables and obstacles of a solution's problem."""
+    stated = solution.problem.get("constraints", [])
+    heights = [float(c["height"]) for c in stated if c.get("type") == Table.kind]
+    seen, unseen = [], []
+    for data in (c for c in stated if c.get("type") == Obstacle.kind):
+        try:
+            seen.append((str(data.get("name", Obstacle.name)), placed(Obstacle.from_dict(data))))
+        except InputError:
+            unseen.append(str(data.get("name", Obstacle.name)))
+    return Surroundings(tuple(heights), tuple(seen), tuple(unseen))
+
+
+def placed(obstacle: Obstacle) -> Triangles:
+    """Return an obstacle's surface where it is, body frame.
+
+    Raises
+    ------
+    InputError
+        When its body is none of this package's, whose surface is known.
+    """
+    if not isinstance(obstacle.body, Body):
+        raise InputError("Obstacle.body", obstacle.body, "a body")
+    vertices, faces = triangles(obstacle.body, MOST)
+    turn, at = np.eye(3), np.zeros(3)
+    turn[: obstacle.body.space, : obstacle.body.space] = obstacle.rotation
+    if obstacle.position is not None:
+        at[: obstacle.body.space] = np.asarray(obstacle.position)
+    return Triangles(vertices @ turn.T + at, faces)
+
+
+def slab(height: float, body: FloatArray, size: float) -> Triangles:
+    """Return the edge of a table under a planar body, seen from the front: a bar whose top is at the table's height.
+
+    Parameters
+    ----------
+    height : float
+        Along y, metres.
+    body : (n, 3) array
+        The drawn body's vertices.
+    size : float
+        The drawn body's, metres.
+    """
+    vertices, faces = triangles(Box([2.0 * WIDE * size, THICK * size, float(np.ptp(body[:, 2])) or THICK * size]))
+    middle = (body.min(axis=0) + body.max(axis=0)) / 2.0
+    return Triangles(vertices + np.array([middle[0], height - THICK * size / 2.0, 0.0]), faces)

@@ -1,0 +1,130 @@
+"""The panel beside the scene: what a grasp is worth in a few large numbers, each with a line of explanation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from html import escape
+
+from nlpgrasp.common.shown.numbers import outwards, percent, rounded, typeset
+from nlpgrasp.report.solution.gauge import gauge, legend, share_left
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
+
+WEAK = 0.5  # share of the quality left: below, a word of caution
+SPENT = {  # what a budget counts, of the least finger forces that hold the hardest wrench of the task as given
+    "l2": "root of the sum of squares of all finger forces, for the hardest wrench of the task",
+    "per_finger": "normal force of the finger that presses hardest, for the hardest wrench of the task",
+    "per_finger_size": "force of the finger that is loaded most, for the hardest wrench of the task",
+    "shared": "normal forces of all fingers added up, for the hardest wrench of the task",
+}
+IN_GENERAL = "of the force budget, for the hardest wrench of the task"
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One number of the panel.
+
+    Parameters
+    ----------
+    title : str
+        What it is.
+    value : str
+        The number with its unit.
+    lines : tuple of str
+        What it means; plain text.
+    tone : {"", "bad", "weak", "good"}
+    more : str
+        HTML below.
+    broad : bool
+        Whether it takes a row of its own.
+    """
+
+    title: str
+    value: str
+    lines: tuple[str, ...] = ()
+    tone: str = ""
+    more: str = ""
+    broad: bool = False
+
+    def html(self) -> str:
+        """Return the fact as HTML."""
+        lines = "".join(f'<p class="note">{escape(typeset(line))}</p>' for line in self.lines)
+        tone = "".join(f" {kind}" for kind in (self.tone, "broad" if self.broad else "") if kind)
+        value = f'<p class="value">{escape(typeset(self.value))}</p>'
+        return f'<div class="fact{tone}"><h3>{escape(self.title)}</h3>{value}{self.more}{lines}</div>'
+
+
+def facts(solution: GraspSolution) -> list[Fact]:
+    """Return the facts of a solution, the most telling first."""
+    found = [] if solution.grasp is None else [_quality(solution), *_left(solution), _effort(solution)]
+    found += _best(solution)
+    found = [_verdict(solution), *found] if verdict(solution)[1] == "bad" else [*found, _verdict(solution)]
+    if sum(not fact.broad for fact in found) % 2:  # two a row
+        found[-1] = replace(found[-1], broad=True)
+    return found
+
+
+def verdict(solution: GraspSolution) -> tuple[str, str]:
+    """Return how the solve ended in a word or two, and its tone."""
+    if not solution.success:
+        return solution.status.value.split(":")[0], "bad"
+    if solution.is_fragile:
+        return "Fragile", "bad"
+    return solution.status.value.split(":")[0], "good" if solution.status is Status.OPTIMAL else ""
+
+
+def _verdict(solution: GraspSolution) -> Fact:
+    told, tone = verdict(solution)
+    sentence = solution.status.value.partition(": ")[2]
+    why = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
+    lines = (f"{sentence[:1].upper()}{sentence[1:]}", *why)
+    share = share_left(solution)
+    if share is not None and solution.is_fragile:
+        lines = (f"Only {percent(share)} of the quality survives the worst small error.", *lines)
+    return Fact("Status", told, lines, tone, broad=tone == "bad")
+
+
+def _quality(solution: GraspSolution) -> Fact:
+    lower, upper = outwards(solution.mu.lower, solution.mu.upper)
+    value = lower if lower == upper else f"{lower} to {upper}"
+    lines = (f"{solution.label}, certified: so many times the task is held by one unit of finger force",)
+    return Fact("Quality", value, lines, more=gauge(solution) + legend(solution), broad=True)
+
+
+def _effort(solution: GraspSolution) -> Fact:
+    """Return what the task as given takes."""
+    title, budget = "What the task takes", solution.budget
+    if solution.mu.lower <= 0.0:
+        return Fact(title, "more than any force", ("some wrench of the task is not held at all",), "bad")
+    takes = 1.0 / solution.mu.lower
+    if budget.absolute:
+        return Fact(
+            title, percent(takes), ("of what the hand's joints can do, at most",), "" if takes <= 1.0 else "bad"
+        )
+    return Fact(title, f"{outwards(0.0, takes)[1]} N", (f"at most: {SPENT.get(budget.kind, IN_GENERAL)}",))
+
+
+def _left(solution: GraspSolution) -> list[Fact]:
+    share, robust = share_left(solution), solution.robust
+    if share is None or robust is None:
+        return []
+    tone = "bad" if solution.is_fragile else "weak" if share < WEAK else ""
+    off, less = f"{rounded(1e3 * robust.offset)} mm off", f"{percent(robust.friction_share)} less friction"
+    line = f"of the quality, when contacts are {off} and there is {less} (worst case found)"
+    return [Fact("What is left", percent(share), (line,), tone)]
+
+
+def _best(solution: GraspSolution) -> list[Fact]:
+    bound = solution.bound
+    if bound is None or not math.isfinite(bound.upper):
+        return []
+    upper = outwards(0.0, bound.upper)[1]
+    gap = bound.gap(solution.mu.lower)
+    told = (
+        f"no placement is more than {outwards(0.0, 100.0 * gap, 2)[1]} % better"
+        if math.isfinite(gap)
+        else "no placement is above this"
+    )
+    without = f", leaving out {', '.join(bound.dropped)}" if bound.dropped else ""
+    return [Fact("Best possible", upper, (f"proved: {told}{without}",))]

@@ -1,0 +1,98 @@
+"""The starts of a solve: where each ended as certified, how the exchange raised it, and all about them in a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from nlpgrasp.common.shown.numbers import outwards, rounded, typeset
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.report.svg import Curve, Mark, chart
+from nlpgrasp.report.table import table
+from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solution.solution import GraspSolution
+
+STRIP = "Every start's certified quality; the answer has a ring."
+RISING = (
+    "The exchange works on the solver's own surface and comes down to mu from above: a line may begin too high, and "
+    "the dots are what is certified on the body itself. The answer is blue; a dot alone is of a start without exchange."
+)
+NOTHING = 1e-8  # values of mu that are zero but for rounding
+NONE = "No start ended with a certified grasp."
+
+
+def starts(solution: GraspSolution) -> str:
+    """Return both charts and the table; nothing of a solution without starts."""
+    if not solution.starts:
+        return ""
+    drawn = [strip(solution), convergence(solution)]
+    charts = "".join(f"<figure>{svg}<figcaption>{escape(text)}</figcaption></figure>" for svg, text in drawn if svg)
+    return f'<h3>Starts</h3><div class="charts two">{charts}</div>{_table(solution)}'
+
+
+def strip(solution: GraspSolution) -> tuple[str, str]:
+    """Return a chart with one dot for each start that found a grasp, and its caption; empty where none did."""
+    found = {s.index: mu for s in solution.starts if (mu := certified(solution, s)) is not None}
+    if not found:
+        return "", ""
+    curves, marks, caption = [], [], STRIP
+    for index, mu in found.items():
+        is_answer = mu is solution.mu
+        curves.append(Curve(np.array([[mu.lower, index], [mu.upper, index]]), "best" if is_answer else "other"))
+        marks.append(Mark(mu.lower, index, "answer" if is_answer else "dot"))
+    if math.isfinite(solution.best_possible) and solution.best_possible <= 2.0 * solution.mu.upper:
+        ends = np.array([[solution.best_possible, min(found) - 0.4], [solution.best_possible, max(found) + 0.4]])
+        curves.append(Curve(ends, "limit"))
+        caption += " Dashed: the best possible."
+    if solution.solver.get("options", {}).get("maximise_robust"):
+        caption += " It was chosen by what is left at the worst placement."
+    title, label = "Certified quality of every start", f"{solution.label}, certified"
+    return chart(title, label, "start", curves, marks, "y"), caption
+
+
+def convergence(solution: GraspSolution) -> tuple[str, str]:
+    """Return how each start's exchange raised mu, and a caption: lines that end at what is certified of the start."""
+    if max((max(s.history) for s in solution.starts if len(s.history) > 1), default=0.0) <= NOTHING:
+        return "", ""
+    ordered = sorted(solution.starts, key=lambda s: s is solution.winner)  # the answer on top
+    curves, marks = [], []
+    for s in ordered:
+        is_answer = s is solution.winner
+        mu = certified(solution, s)
+        kind = "best" if is_answer else "other" if mu is not None else "lost"
+        end = float(len(s.history))
+        if s.history:
+            curves.append(Curve(_numbered(s.history), kind))
+        if mu is not None:
+            if s.history:
+                curves.append(Curve(np.array([[end - 1.0, s.history[-1]], [end, mu.lower]]), f"{kind} last"))
+            marks.append(Mark(end, mu.lower, "answer" if is_answer else "dot"))
+    text = RISING if solution.winner is not None else NONE
+    return chart("How the exchange raised mu, start by start", "round of the exchange", "mu", curves, marks, "x"), text
+
+
+def certified(solution: GraspSolution, start: StartRecord) -> Bounds | None:
+    """Return what is certified of a start's grasp, of the answer's by its own, closer certificate; None without one."""
+    if start.status is not Status.SOLVED or not math.isfinite(start.mu.upper):
+        return None
+    return solution.mu if start is solution.winner else start.mu
+
+
+def _table(solution: GraspSolution) -> str:
+    rows = []
+    for s in solution.starts:
+        seconds = rounded(sum(s.seconds.values()))
+        mu = certified(solution, s)
+        found = s.status.name.lower().replace("_", " ") if mu is None else " to ".join(outwards(mu.lower, mu.upper))
+        mark = "answer" if s is solution.winner else ""
+        rows.append([f"{s.index}", mark, typeset(found), ", ".join(s.faces), f"{s.iterations}", seconds, s.message])
+    heads = ["Start", "", "Quality, certified", "Faces", "Iterations", "Seconds", "Message"]
+    return f"<details><summary>All {len(rows)} starts</summary>{table('', heads, rows)}</details>"
+
+
+def _numbered(values: Sequence[float]) -> FloatArray:
+    return np.stack([np.arange(len(values), dtype=float), np.asarray(values)], axis=1)
