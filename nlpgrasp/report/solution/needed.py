@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
+from nlpgrasp.common.shown.numbers import rounded
 from nlpgrasp.report.table import table
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -14,13 +15,10 @@ def forces_needed(solution: GraspSolution) -> str:
     if needed is None:
         return ""
     over = needed.is_within(solution.max_force) is False
-    words = [f"{line[:1].upper()}{line[1:]}." for line in solution.needed_lines()]
-    told = "".join(f"<p>{escape(line)}</p>" for line in words[:-1])
+    first, *_, last = (f"{line[:1].upper()}{line[1:]}." for line in solution.needed_lines())
     kind = ' class="status failed"' if over else ""
-    rows = [
-        [f"{i}", f"{size:.4g} N", f"{normal:.4g} N", f"{largest:.4g} N"]
-        for i, (size, normal, largest) in enumerate(zip(needed.size, needed.normal, needed.largest, strict=True))
-    ]
+    columns = zip(needed.size, needed.normal, needed.largest, strict=True)
+    rows = [[f"{i}", *(f"{rounded(force)} N" for force in forces)] for i, forces in enumerate(columns)]
     heads = ["Finger", "Force", "Normal force", "Largest force of any wrench computed"]
     drawn = table("Least finger forces for the hardest wrench of the task as given", heads, rows)
-    return f"<h3>Forces for the task as given</h3>{told}<p{kind}>{escape(words[-1])}</p>{drawn}"
+    return f"<h3>Forces for the task as given</h3><p>{escape(first)}</p><p{kind}>{escape(last)}</p>{drawn}"
