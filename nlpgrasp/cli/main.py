@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import nullcontext, redirect_stdout
 from dataclasses import asdict
@@ -130,6 +131,7 @@ def command_line(words: Sequence[str]) -> typer.Typer:
 
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit code 2."""
+    warnings.formatwarning = _warning
     sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # the shell may have closed them
     try:
         code = command_line(sys.argv[1:])(standalone_mode=False)
@@ -145,6 +147,13 @@ def main() -> None:
     if code == INTERRUPTED:
         _end("interrupted", 1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """Return the one line that is shown of a warning, in place of ``warnings.formatwarning``."""
+    return f"nlpgrasp: {message}\n"
 
 
 def _end(message: str, code: int) -> NoReturn:

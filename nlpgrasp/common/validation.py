@@ -13,6 +13,7 @@ from nlpgrasp.errors import InputError
 FloatArray = NDArray[np.float64]
 LARGEST = 1e100  # a larger number overflows when it is squared a few times
 SMALLEST = 1e-100  # and the reciprocal of a smaller one does
+SHORTEST_BODY, LONGEST_BODY = 1e-3, 10.0  # metres: outside, the unit is wrong by a factor of about 1000
 SHARE = "a share above 0, at most 1"
 
 
@@ -43,6 +44,24 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
     if (above is not None and result <= above) or (at_least is not None and result < at_least):
         raise InputError(field, value, allowed)
     return result
+
+
+def likely_size(field: str, what: str, longest: float, wrong: str) -> None:
+    """Refuse a body that is too large or too small for one that is grasped.
+
+    Parameters
+    ----------
+    field : str
+    what : str
+        Of the body has this length, in words.
+    longest : float
+        Longest side of its bounding box, metres.
+    wrong : str
+        What is wrong then, with ``{}`` where it says "smaller" or "larger".
+    """
+    if not SHORTEST_BODY <= longest <= LONGEST_BODY:
+        allowed = f"{SHORTEST_BODY:g} m to {LONGEST_BODY:g} m: {wrong.format('smaller' if longest > 1.0 else 'larger')}"
+        raise InputError(field, f"{what} of {longest:.3g} m", allowed)
 
 
 def share(field: str, value: object) -> float:

@@ -9,19 +9,22 @@ from pathlib import Path
 
 import numpy as np
 
+from nlpgrasp.bodies import Body
 from nlpgrasp.budgets import force_budget
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.interop.base import ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.interop.contacts_csv import FRICTION, MODEL, NORMAL, POSITION, TORSION
+from nlpgrasp.interop.doubts import body_of, check_inward, warn_frictionless
+from nlpgrasp.problem.check import warn_of_friction
 from nlpgrasp.solution.solution import GraspSolution
 
 MOST_ROWS = 1000
 UNIT = 1e-2  # how far a normal may be from unit length: other tools write few digits
 
 
-def read_contacts_csv(path: str | Path, friction: float | None = None) -> Grasp:
+def read_contacts_csv(path: str | Path, friction: float | None = None, body: Body | None = None) -> Grasp:
     """Return the grasp of a table of contacts, moments about their mean position.
 
     Parameters
@@ -31,12 +34,20 @@ def read_contacts_csv(path: str | Path, friction: float | None = None) -> Grasp:
         optionally ``friction``, ``torsional_friction`` and ``model`` (``point``, ``friction`` or ``soft``, which the
         coefficients have to agree with); other columns play no part.
     friction : float, optional
-        Of contacts whose row has none: frictionless when left out.
+        Of contacts whose row has none: frictionless when left out, with a warning unless the row's model says so.
+    body : Body, optional
+        That the contacts are on: normals that point out of it are refused.
 
     Raises
     ------
     InputError
         On a file that is not such a table, naming row and column.
+
+    Warns
+    -----
+    UserWarning
+        Of contacts that are taken to be frictionless, of friction above 2, and without a body of normals that all
+        point away from the middle of the contacts.
     """
     name = str(path)
     try:
@@ -66,7 +77,12 @@ def read_contacts_csv(path: str | Path, friction: float | None = None) -> Grasp:
     if abs(lengths[far] - 1.0) > UNIT:
         raise InputError(f"{name}: row {far + 2}", f"a normal of length {lengths[far]:.4g}", "unit normals, inward")
     models = [_model(name, i, row, friction) for i, row in enumerate(table)]
-    return Grasp(points, normals / lengths[:, None], models, points.mean(axis=0))
+    if friction is None:
+        warn_frictionless(name, [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in table])
+    warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}", stacklevel=2)
+    grasp = Grasp(points, normals / lengths[:, None], models, points.mean(axis=0))
+    check_inward(name, grasp, body)
+    return grasp
 
 
 def _number(name: str, index: int, row: dict[str, str | None], column: str) -> float:
@@ -102,12 +118,12 @@ def _model(name: str, index: int, row: dict[str, str | None], friction: float | 
 
 
 def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasp of a table, about the task of a solution file where one is given."""
-    grasp = read_contacts_csv(path, options.friction)
+    """Yield the grasp of a table, about the task of a solution file, and on its body, where one is given."""
     if options.task is None:
-        yield ReadGrasp(path.name, grasp, None, force_budget("l2"))
+        yield ReadGrasp(path.name, read_contacts_csv(path, options.friction), None, force_budget("l2"))
         return
     other = GraspSolution.load(options.task)
+    grasp = read_contacts_csv(path, options.friction, body_of(other))
     if other.grasp is None:
         raise InputError(f"{options.task}: grasp", "none", "a file that says what point its moments are about")
     if other.task.dimension != grasp.dimension:

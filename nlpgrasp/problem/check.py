@@ -10,12 +10,15 @@ import numpy as np
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.rows import Clearance, Row
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.shown.once import say_once
+from nlpgrasp.common.validation import FloatArray, likely_size
 from nlpgrasp.constraints import PlacementConstraint
+from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
 from nlpgrasp.problem.rows import placement_of
 
+MOST_FRICTION = 2.0  # coefficients above are likely typing errors
 SAMPLES = 300  # a face
 CLEARLY = 0.1  # of the body's size: a point this far off at every sample is no accident of sampling
 
@@ -79,6 +82,32 @@ def check_placements(
         if own and used:
             _check_contact(i, own, (p[i], n[i]), used, body.size)
     _check_room(constraints, faces, samples)
+
+
+def check_size(body: Body) -> None:
+    """Refuse a body to hold that is so large or small that it was stated in another unit than metres."""
+    longest = float(np.max(body.bounds[1] - body.bounds[0]))
+    wrong = "its numbers are metres, and were probably given in a {} unit"
+    likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong)
+
+
+def warn_of_friction(models: Sequence[ContactModel], field: str, stacklevel: int) -> None:
+    """Warn, once, of contacts with more friction than dry surfaces have.
+
+    Parameters
+    ----------
+    models : sequence of ContactModel
+    field : str
+        Where they are, with ``{}`` for the number of the contact.
+    stacklevel : int
+        As of ``warnings.warn``.
+    """
+    for i, model in enumerate(models):
+        friction = model.coefficients.get("friction", 0.0)
+        if friction > MOST_FRICTION:
+            text = f"{field.format(i)}: {friction:g} is above {MOST_FRICTION:g}; rubber on dry surfaces has about 1"
+            say_once(text, stacklevel + 1)
+            return
 
 
 def _sampled(body: Body, name: str, rng: np.random.Generator, margin: float) -> Samples:

@@ -18,7 +18,7 @@ from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
-from nlpgrasp.problem.check import check_placements
+from nlpgrasp.problem.check import check_placements, check_size, warn_of_friction
 from nlpgrasp.problem.faces import allowed_faces
 from nlpgrasp.problem.margin import margin_of, room_of
 from nlpgrasp.tasks import Task
@@ -34,7 +34,7 @@ class GraspProblem:
     ----------
     body : Body
     contacts : sequence of ContactModel
-        One a finger; a single model is used for every fingertip of ``hand``.
+        One a finger; a single model is used for every fingertip of ``hand``, and refused without one.
     task : Task
         Wrenches to resist, body frame; about ``torque_origin``, or about the task's own point if it has one.
     hand : Hand, optional
@@ -65,7 +65,12 @@ class GraspProblem:
     ------
     InputError
         On parts that do not fit together: dimensions, face names, numbers of fingers, faces all excluded, no face with
-        room for the margin.
+        room for the margin; on a body below a millimetre or above ten metres.
+
+    Warns
+    -----
+    UserWarning
+        Once, of friction above 2.
     """
 
     body: Body
@@ -83,6 +88,7 @@ class GraspProblem:
     def __post_init__(self) -> None:
         if not isinstance(self.body, Body):
             raise InputError("GraspProblem.body", self.body, "a body such as ng.Box or ng.Mesh")
+        check_size(self.body)
         self._set_contacts()
         if not isinstance(self.task, Task):
             raise InputError("GraspProblem.task", self.task, "a task such as ng.TaskEllipsoid")
@@ -109,6 +115,7 @@ class GraspProblem:
         ):
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._check_constraints()
+        warn_of_friction(self.models, "GraspProblem.contacts[{}].friction", stacklevel=3)
         count = range(len(self.models))
         faces = [allowed_faces(self.body, self.models, self.constraints, i) for i in count]
         object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))
@@ -119,7 +126,14 @@ class GraspProblem:
         if self.hand is not None and not isinstance(self.hand, Hand):
             raise InputError("GraspProblem.hand", self.hand, "a hand such as ng.Fingertips, or None")
         if isinstance(given, ContactModel):
-            given = (given,) * (self.hand.count if self.hand is not None else 1)
+            if self.hand is None:
+                name = type(given).__name__
+                raise InputError(
+                    "GraspProblem.contacts",
+                    f"one {name} without a hand: how many fingers?",
+                    f"a model for each finger, such as [{name}(...)] * 3, or hand=ng.Fingertips(3)",
+                )
+            given = (given,) * self.hand.count
         try:
             models = tuple(given)
         except TypeError:

@@ -49,7 +49,8 @@ def test_a_table_of_another_tool_takes_its_friction_from_the_caller(tmp_path):
     assert [m.friction for m in grasp.contacts] == [0.4, 0.4]
     np.testing.assert_array_equal(grasp.normals, [[1, 0], [-1, 0]])
     assert ng.is_stable(grasp)
-    assert not ng.is_stable(read_contacts_csv(path))  # frictionless
+    with pytest.warns(UserWarning, match=r"other\.csv: no friction stated: taken to be frictionless"):
+        assert not ng.is_stable(read_contacts_csv(path))
 
 
 OTHERS = {

@@ -15,13 +15,13 @@ import numpy as np
 from nlpgrasp.common.meshes.outer import outer_surface
 from nlpgrasp.common.meshes.parts import Parts, without_doubles
 from nlpgrasp.common.meshes.winding import OPEN_SHARE, unclear_share
+from nlpgrasp.common.validation import likely_size
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
     import trimesh
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-SMALLEST, LARGEST = 1e-3, 10.0  # metres: outside, the unit is wrong by a factor of about 1000
 
 
 def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
@@ -89,13 +89,7 @@ def _of_likely_size(mesh: object) -> trimesh.Trimesh:
     longest = _longest_side(mesh)
     if longest <= 0.0:
         raise InputError("Mesh.mesh", "a mesh of zero size", "a mesh with volume")
-    if not SMALLEST <= longest <= LARGEST:
-        hint = "smaller" if longest > LARGEST else "larger"
-        raise InputError(
-            "Mesh.unit",
-            f"a longest side of {longest:.3g} m",
-            f"{SMALLEST:g} m to {LARGEST:g} m: the file's unit is probably {hint} than the one stated",
-        )
+    likely_size("Mesh.unit", "a longest side", longest, "the file's unit is probably {} than the one stated")
     return mesh
 
 

@@ -11,11 +11,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
-import multiprocessing
 import os
 import re
 import sys
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -26,6 +24,7 @@ import platformdirs
 from numpy.typing import NDArray
 
 from nlpgrasp.common.files import write_bytes
+from nlpgrasp.common.shown.once import say_once
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.version import __version__
@@ -37,7 +36,6 @@ LIBRARIES = ("numpy", "scipy", "libigl", "trimesh", "manifold3d")
 ENTRY = re.compile(r"[a-z-]+-[0-9a-f]{64}")
 
 Arrays = Mapping[str, FloatArray]
-_said: set[str] = set()
 
 
 def folder() -> Path | None:
@@ -102,7 +100,7 @@ def _read(file: Path) -> dict[str, FloatArray] | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        _say(f"the cache folder {file.parent} cannot be read ({error.strerror}): going on without it")
+        say_once(f"the cache folder {file.parent} cannot be read ({error.strerror}): going on without it", 3)
         return None
     if hashlib.sha256(data[DIGEST:]).digest() == data[:DIGEST]:
         try:
@@ -110,7 +108,7 @@ def _read(file: Path) -> dict[str, FloatArray] | None:
                 return {name: arrays[name] for name in arrays.files}
         except (ValueError, OSError, BadZipFile):
             pass
-    _say(f"{file} is not a whole entry of the cache: it is made anew")
+    say_once(f"{file} is not a whole entry of the cache: it is made anew", 3)
     return None
 
 
@@ -125,7 +123,7 @@ def _write(file: Path, arrays: Arrays) -> None:
         _make_room(file.parent)
     except (OSError, InputError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        _say(f"the cache folder {file.parent} cannot be written ({reason}): going on without it")
+        say_once(f"the cache folder {file.parent} cannot be written ({reason}): going on without it", 3)
 
 
 def _make_room(where: Path) -> None:
@@ -140,10 +138,3 @@ def _make_room(where: Path) -> None:
         total += size
         if total > MOST:
             file.unlink(missing_ok=True)
-
-
-def _say(text: str) -> None:
-    """Warn, each thing once in a process; worker processes leave it to the one that began them."""
-    if text not in _said and multiprocessing.parent_process() is None:
-        _said.add(text)
-        warnings.warn(text, UserWarning, stacklevel=4)

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.common.shown import once
 from nlpgrasp.common.stored import cache
 from nlpgrasp.common.stored.cache import kept
 
@@ -18,7 +19,7 @@ NUMBERS = {"a": np.arange(6.0).reshape(2, 3), "b": np.array(0.5)}
 def folder(tmp_path, monkeypatch):
     where = tmp_path / "cache"
     monkeypatch.setenv("NLPGRASP_CACHE", str(where))
-    monkeypatch.setattr(cache, "_said", set())
+    monkeypatch.setattr(once, "_said", set())
     return where
 
 

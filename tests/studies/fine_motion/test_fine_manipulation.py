@@ -89,7 +89,7 @@ def test_other_bodies_and_contacts_are_refused(names):
     pick = names["problem"]()
     with pytest.raises(ng.InputError, match="the body of the pick-up problem"):
         ng.fine_manipulation(
-            pick, ng.GraspProblem(ng.Sphere(1.0), ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6))
+            pick, ng.GraspProblem(ng.Sphere(1.0), [ng.FrictionContact(0.5)], ng.TaskEllipsoid([1.0] * 6))
         )
     with pytest.raises(ng.InputError, match="hold"):
         ng.fine_manipulation(pick, names["in_the_hand"](), hold=ng.TaskEllipsoid([1.0] * 3))

@@ -1,0 +1,66 @@
+"""What a table of contacts may leave open or have wrong: friction, and which way normals point."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.bodies import Body, body_from_dict
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.interop.contacts_csv import FRICTION
+from nlpgrasp.solution.solution import GraspSolution
+
+STEP = 1e-3  # of the body's size: how far along a normal it is looked
+CALLER = 3  # as of ``warnings.warn``: the line that reads the table
+
+
+def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:
+    """Warn of rows that say neither friction nor model: they are taken to be frictionless."""
+    rows = [str(i + 2) for i, open_ in enumerate(unsaid) if open_]
+    if not rows:
+        return
+    which = f"no {FRICTION} stated" if len(rows) == len(unsaid) else f"no {FRICTION} stated in rows {', '.join(rows)}"
+    text = f"{name}: {which}: taken to be frictionless; friction=0.5 (--friction 0.5) states another"
+    warnings.warn(text, UserWarning, stacklevel=CALLER)
+
+
+def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
+    """Refuse normals that point out of the body; where it is not known, warn of those that all seem to.
+
+    Parameters
+    ----------
+    name : str
+        Of the table, for messages.
+    grasp : Grasp
+    body : Body or None
+
+    Raises
+    ------
+    InputError
+        Naming the row.
+    """
+    points, normals = grasp.points, grasp.normals
+    if body is None or body.space != grasp.space:
+        from_middle = np.sum(normals * (points - points.mean(axis=0)), axis=1)
+        if len(grasp) > 1 and np.all(from_middle > 0.0):
+            text = f"{name}: all normals point away from the middle of the contacts; they have to point into the body"
+            warnings.warn(text, UserWarning, stacklevel=CALLER)
+        return
+    step = STEP * body.size
+    along, behind = (body.signed_distance(points + s * normals) for s in (step, -step))
+    outward = np.flatnonzero(along - behind > step)
+    if outward.size:
+        raise InputError(
+            f"{name}: row {outward[0] + 2}", "a normal that points out of the body", "normals into the body"
+        )
+
+
+def body_of(solution: GraspSolution) -> Body | None:
+    """Return the body of a solution, None of one that its file does not hold (a mesh, a function)."""
+    try:
+        return body_from_dict(solution.body)
+    except InputError:
+        return None
