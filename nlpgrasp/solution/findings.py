@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray, array, integer
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.solution.schema.types import ConflictData, PriceData, RobustData, WhyNotData
 
@@ -66,6 +66,8 @@ class Robustness:
         Certified, of the worst placement found with the least friction: its upper bound is one on the worst there is.
     points, normals : (k, space) array
         That placement: contacts, metres, and unit inward normals, body frame.
+    lost : tuple of int
+        Contacts that slip over an edge of their face: they press nothing, and are stated where they were.
     stated : tuple or None
         What the solution says of the share of mu that is left, and whether the grasp is fragile; None in files of
         earlier versions.
@@ -76,6 +78,7 @@ class Robustness:
     mu: Bounds
     points: FloatArray
     normals: FloatArray
+    lost: tuple[int, ...] = ()
     stated: tuple[float, bool] | None = field(default=None, repr=False, compare=False)
 
     def share(self, mu: Bounds) -> float:
@@ -107,6 +110,8 @@ class Robustness:
             "positions": self.points.tolist(),
             "normals": self.normals.tolist(),
         }
+        if self.lost:
+            data["lost"] = list(self.lost)
         if self.stated is not None:
             data["share"], data["fragile"] = self.stated
         return data
@@ -124,11 +129,13 @@ class Robustness:
         points = array(f"{name}.positions", data["positions"], (None, None))
         normals = array(f"{name}.normals", data["normals"], points.shape)
         stated = (data["share"], data["fragile"]) if "share" in data and "fragile" in data else None
-        return cls(data["offset"], data["friction_share"], bounds, points, normals, stated)
+        lost = tuple(integer(f"{name}.lost", i, at_least=0, at_most=len(points) - 1) for i in data.get("lost", ()))
+        return cls(data["offset"], data["friction_share"], bounds, points, normals, lost, stated)
 
     def __str__(self) -> str:
         friction = f"{self.friction_share:.0%} less friction"
-        return f"contacts {1e3 * self.offset:g} mm off and {friction} leave {self.mu} (worst found)"
+        slipped = f"; {len(self.lost)} slip over an edge" if self.lost else ""
+        return f"contacts {1e3 * self.offset:g} mm off and {friction} leave {self.mu} (worst found{slipped})"
 
 
 @dataclass(frozen=True)

@@ -79,9 +79,9 @@ def _verdict(solution: GraspSolution) -> Fact:
     sentence = solution.status.value.partition(": ")[2]
     why = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
     lines = (f"{sentence[:1].upper()}{sentence[1:]}", *why)
-    share = share_left(solution)
-    if share is not None and solution.is_fragile:
-        lines = (f"Only {percent(share)} of the quality survives the worst small error.", *lines)
+    if solution.robust is not None and solution.is_fragile:
+        words = solution.robust.fragile_words(solution.mu, solution.label)
+        lines = (f"{words[:1].upper()}{words[1:]}.", *lines)
     return Fact("Status", told, lines, tone, broad=tone == "bad")
 
 

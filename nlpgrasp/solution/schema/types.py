@@ -30,6 +30,7 @@ class RobustData(TypedDict):
     mu: Measure
     positions: list[Vector]
     normals: list[Vector]
+    lost: NotRequired[list[int]]
     share: NotRequired[float]
     fragile: NotRequired[bool]
 

@@ -1,6 +1,7 @@
 """How much of the quality is left when contacts are a little off and friction is a little less.
 
-Friction that is less makes every cone smaller, so the worst of it is the least friction. Where the contacts are worst
+Friction that is less makes every cone smaller, so the worst of it is the least friction. A contact that may slip over
+a sharp edge is lost, and with it all that it presses: no other place of it is worse. Where the other contacts are worst
 is searched for: each slides in turn to the place within reach that hurts most, until no slide hurts more. What is
 found is a placement that may happen, with its certified quality: an upper bound on the worst there is.
 """
@@ -12,16 +13,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.budgets import ForceBudget, L2Budget, PerFingerBudget, PerFingerSizeBudget, SharedBudget
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.quality import mu
+from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.screening import sampled_ratios
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
+from nlpgrasp.solve.surface.beside import edge_distances
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
@@ -30,6 +32,8 @@ SWEEPS, ROUNDS = 6, 3  # of slides in turn, and of looking for weak directions a
 BEGINNINGS = 3  # the contacts where they are, and random places
 RTOL = 0.02
 Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
+SLIPS = 0.99  # of the reach: a contact that is nearer to an edge may slip over it
+WITHOUT_NUMBERS = (L2Budget, PerFingerBudget, PerFingerSizeBudget, SharedBudget)
 TOO_FAR = 1.5  # times the reach: such a place is not on the face any more
 
 
@@ -47,11 +51,28 @@ def robustness(bench: Workbench, placed: Placed, grasp: Grasp) -> Robustness:
     offset, share = bench.options.robust_offset, bench.options.robust_friction
     models = [model.with_friction(1.0 - share) for model in grasp.contacts]
     places = places_near(bench, placed.faces, grasp.points, grasp.normals)
-    budget = bench.budget(placed)
-    chosen, _ = worst_displacement(bench, models, places, budget, np.random.default_rng(0))
-    found = _at(bench, models, places, chosen)
-    bounds = mu(found, bench.problem.task, RTOL, force_budget=budget)
-    return Robustness(offset, share, bounds, found.points, found.normals)
+    budget, lost = bench.budget(placed), _over_edges(bench, placed)
+    points, normals = grasp.points.copy(), grasp.normals.copy()
+    rest = [i for i in range(len(models)) if i not in lost]
+    bounds = Bounds(0.0, 0.0)
+    if rest:
+        models, places = [models[i] for i in rest], [places[i] for i in rest]
+        chosen, _ = worst_displacement(bench, models, places, budget, np.random.default_rng(0))
+        found = _at(bench, models, places, chosen)
+        bounds = mu(found, bench.problem.task, RTOL, force_budget=budget)
+        points[rest], normals[rest] = found.points, found.normals
+    return Robustness(offset, share, bounds, points, normals, lost)
+
+
+def _over_edges(bench: Workbench, placed: Placed) -> tuple[int, ...]:
+    """Return the contacts that are off their face when they are off by as much as the options ask for.
+
+    None where the force budget counts on each contact by its number, as that of a hand's joints does.
+    """
+    if not isinstance(bench.problem.budget, WITHOUT_NUMBERS):
+        return ()
+    apart = edge_distances(bench.problem, placed)
+    return tuple(np.flatnonzero(apart < SLIPS * bench.options.robust_offset).tolist())
 
 
 def worst_displacement(

@@ -25,6 +25,9 @@ NOTHING = 1e-3  # of the quality of the grasp: an upper bound below this says th
 SAME = 1e-9  # of shares, which follow from other numbers of the file
 OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not along its tangent
 
+MARGIN, SLIPS = "edge margin", 0.99  # rows; of the offset: a contact that is nearer to an edge slips over it
+WITHOUT_NUMBERS = ("l2", "per_finger", "per_finger_size", "shared")  # budgets that a lost contact is left out of
+
 
 def interval(stated: Bounds) -> Check:
     """Check that the lower end of an interval is not above its upper end."""
@@ -80,14 +83,19 @@ def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceB
     if stated is None:
         return []
     models = [model.with_friction(1.0 - stated.friction_share) for model in grasp.contacts]
-    there = Grasp(stated.points, stated.normals, models, grasp.torque_origin)
-    found = mu(there, task, rtol, force_budget=budget, seed=OTHER_SEED)
+    rest, found = [i for i in range(len(models)) if i not in stated.lost], Bounds(0.0, 0.0)
+    if rest:
+        there = Grasp(stated.points[rest], stated.normals[rest], [models[i] for i in rest], grasp.torque_origin)
+        found = mu(there, task, rtol, force_budget=budget, seed=OTHER_SEED)
+    near = {c.fingers[0] for c in solution.constraints if c.kind == MARGIN and c.value < SLIPS * stated.offset}
+    over = near if budget.kind in WITHOUT_NUMBERS else set()
     off = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
     nothing = stated.mu.upper <= NOTHING * solution.mu.upper
     good = overlap("", stated.mu, found).passed and (nothing or width("", stated.mu, found, ANY_GAP).passed)
+    good = good and set(stated.lost) == over
     good = good and off <= OFF_BY * stated.offset + 1e-9 and stated.mu.lower <= solution.mu.upper
     share, fragile = stated.stated or (stated.share(solution.mu), stated.is_fragile(solution.mu))
     good = good and abs(share - stated.share(solution.mu)) <= SAME and fragile == stated.is_fragile(solution.mu)
-    told = f"{share:.3g} of mu left, {'' if fragile else 'not '}fragile"
+    told = f"{len(stated.lost)} over an edge; {share:.3g} of mu left, {'' if fragile else 'not '}fragile"
     text = f"stated {stated.mu}, recomputed {found}; contacts at most {1e3 * off:.3g} mm off; {told}"
     return [Check("robustness", good, text)]
