@@ -39,8 +39,8 @@ class SurfaceMatch:
     def lines(self) -> list[str]:
         """Return in words how far contacts moved, where that is more than a millimetre."""
         far, most = int(np.argmax(self.moved)), float(np.max(self.moved, initial=0.0))
-        told = f"contacts moved by up to {1e3 * most:.2g} mm (contact {far})"
-        return [f"  {told} from the solver's smooth surface to the mesh"] if most > FAR else []
+        told = f"contacts moved by up to {1e3 * most:.3g} mm (contact {far})"
+        return [f"  {told} from the solver's smooth surface to their place on the mesh"] if most > FAR else []
 
     def at(self, i: int) -> dict[str, float]:
         """Return what contact ``i``'s entry says of it."""

@@ -173,7 +173,7 @@ def test_earlier_files_do_not_say_it(fragile):
 @pytest.mark.parametrize(("moved", "lines"), [([0.0, 0.0009], 0), ([0.0, 0.0023], 1)])
 def test_contacts_that_moved_far_are_told(moved, lines):
     found = SurfaceMatch(np.zeros(2), np.zeros(2), np.array(moved)).lines()
-    words = "  contacts moved by up to 2.3 mm (contact 1) from the solver's smooth surface to the mesh"
+    words = "  contacts moved by up to 2.3 mm (contact 1) from the solver's smooth surface to their place on the mesh"
     assert found == [words] * lines
 
 
