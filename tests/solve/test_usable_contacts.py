@@ -1,4 +1,4 @@
-"""Random solves over all bodies: no contact nearer to an edge than its margin, none buried, no fingertip in the body."""
+"""Random solves over all bodies: no contact near an edge, none buried, no fingertip in the body."""
 
 import numpy as np
 import pytest
