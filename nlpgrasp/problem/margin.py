@@ -13,6 +13,7 @@ from nlpgrasp.hands import Hand
 
 SHARE = 0.05  # of the body's shortest extent
 PATCH = 0.5  # of a fingertip's radius: where one that flattens by an eighth of it touches, (2 r r / 8)^(1/2)
+OFF, SMALL = 0.001, 0.2  # metres that contacts may be off by, and the share of a small body that this may take
 MOST = 0.1  # of the shortest extent, whatever the fingertips
 ROOM = 0.5  # of the widest room that is left, where the rest is more than the faces have
 
@@ -26,7 +27,8 @@ def margin_of(
     ----------
     given : float or None
         None for the default: half the largest fingertip's radius, where a fingertip has one, up to a tenth of the
-        body's shortest extent, else a twentieth of that; less where faces have no room for it.
+        body's shortest extent, else a twentieth of that; at least a millimetre, by which contacts may be off, up to a
+        fifth of the extent; less where faces have no room for it.
     body : Body
     hand : Hand or None
     faces : sequence of k sequences of str
@@ -44,7 +46,8 @@ def margin_of(
     if given is None:
         shortest = float(np.min(np.ptp(body.bounds, axis=0)))
         radius = 0.0 if hand is None else max(hand.tip_radii)
-        wanted = min(PATCH * radius, MOST * shortest) if radius > 0.0 else SHARE * shortest
+        least = min(OFF, SMALL * shortest)
+        wanted = max(min(PATCH * radius, MOST * shortest) if radius > 0.0 else SHARE * shortest, least)
         return min(wanted, ROOM * room) if np.isfinite(room) or any(np.isfinite(list(each.values()))) else 0.0
     margin = number(f"{field}.edge_margin", given, at_least=0.0)
     if margin >= room:

@@ -48,7 +48,7 @@ class GraspProblem:
     edge_margin : float, optional
         How far contacts stay away from edges at which the surface turns by more than 30 degrees, metres; 0 for the
         paper's exact problem. By default half the largest fingertip's radius, up to a tenth of the body's shortest
-        extent, and a twentieth of that where no fingertip has a radius.
+        extent, and a twentieth of that where no fingertip has a radius; at least a millimetre on all but tiny bodies.
     torque_origin : (space,) array, optional
         Point about which task and grasp map take moments, metres, body frame; the body's centroid when left out.
     name : str

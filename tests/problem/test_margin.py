@@ -29,6 +29,8 @@ def test_the_default_is_a_twentieth_of_the_shortest_extent_or_half_a_fingertips_
     assert problem(box, hand=ng.Fingertips(4)).margin == pytest.approx(0.001)
     assert problem(box, hand=ng.Fingertips(4, radius=0.003)).margin == pytest.approx(0.0015)
     assert problem(box, hand=ng.Fingertips(4, radius=0.02)).margin == pytest.approx(0.002)  # a tenth of the extent
+    assert problem(ng.Box([0.08, 0.01, 0.01])).margin == pytest.approx(0.001)  # contacts may be off by a millimetre
+    assert problem(ng.Box([0.08, 0.002, 0.002])).margin == pytest.approx(0.0004)
     assert problem(ng.Sphere(0.04)).margin == 0.0
     assert problem(box, 0.0).margin == 0.0
 
