@@ -161,7 +161,7 @@ def test_one_soft_finger_of_two_closes_a_pinch():
         ({"": ROUGH}, {}, "types: got , expected names"),
         ({"a": SOFT}, {}, "types: contacts: .* a planar body has no torsion"),
         (
-            {str(i): ng.FrictionContact(0.1 + i) for i in range(40)},
+            {str(i): ng.FrictionContact(0.1 + 0.04 * i) for i in range(40)},
             {},
             "820 distinct assignments, expected at most 256",
         ),
