@@ -169,11 +169,8 @@ class GraspSolution(Several):
             "drawing": None if self.drawing is None else self.drawing.to_dict(),
             "solver": solver,
         }
-        if self.best_start is not None:
-            data["best_start"] = self.best_start
-        if self.others:
-            data["grasps"] = [found.to_dict() for found in self.grasps]
-        return data
+        several: SolutionData = {**data, "grasps": [found.to_dict() for found in self.grasps]} if self.others else data
+        return several if self.best_start is None else {**several, "best_start": self.best_start}
 
     @classmethod
     def from_dict(cls, data: SolutionData, name: str = "solution") -> GraspSolution:
@@ -237,9 +234,8 @@ class GraspSolution(Several):
         InputError
             When the folder does not exist or cannot be written.
         """
-        if self.bound is None:
-            return write(self.to_dict(), path)
-        return write(replace(self, bound=self.bound.saved_beside(self.problem, Path(path))).to_dict(), path)
+        bound = None if self.bound is None else self.bound.saved_beside(self.problem, Path(path))
+        return write(replace(self, bound=bound).to_dict(), path)
 
     @classmethod
     def load(cls, path: str | Path) -> GraspSolution:
