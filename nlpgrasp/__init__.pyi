@@ -75,6 +75,7 @@ from nlpgrasp.quality import (
 from nlpgrasp.report.fit import draw_fit
 from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -143,6 +144,7 @@ __all__ = [
     "FlatTip",
     "Forbid",
     "ForcesNeeded",
+    "FoundGrasp",
     "FrictionContact",
     "Grasp",
     "GraspProblem",

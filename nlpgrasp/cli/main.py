@@ -27,7 +27,7 @@ from nlpgrasp.cli.report import report_command
 from nlpgrasp.cli.script import load_problem
 from nlpgrasp.cli.simulate import simulate_command
 from nlpgrasp.cli.task import task_app
-from nlpgrasp.common.validation import integer
+from nlpgrasp.common.validation import integer, share
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.version import __version__
 
@@ -55,6 +55,10 @@ def solve_command(
     rank: Annotated[
         str, typer.Option("--rank", help="robust: pass over a fragile best start; mu: the best mu, whatever is left.")
     ] = "robust",
+    keep: Annotated[int, typer.Option("--keep", help="Distinct grasps that are kept, the best ones.")] = 1,
+    distinct: Annotated[
+        float, typer.Option("--distinct", help="How far apart they are, as a share of the body's size.")
+    ] = 0.1,
     quick: Annotated[
         bool, typer.Option("--quick", help="Leave out prices, robustness, delta, nu and drawing.")
     ] = False,
@@ -63,13 +67,15 @@ def solve_command(
     """Solve a problem script and write the grasp found to a file. Ctrl-C keeps the best so far."""
     integer("--starts", starts, at_least=1)
     integer("--seed", seed, at_least=0)
+    integer("--keep", keep, at_least=1, at_most=10_000)
+    share("--distinct", distinct)
     options = ng.SolveOptions(workers=workers, gap=gap, time_limit=time_limit, rank=rank, extras=not quick)
     target = Path(f"{script.stem}.json") if out is None else out
     place = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
     with Reporter(problem.name, starts, as_json) as reporter:
-        solution = ng.solve(problem, starts, seed, options, progress=reporter.start_done)
+        solution = ng.solve(problem, starts, seed, options, keep=keep, distinct=distinct, progress=reporter.start_done)
     written = None
     if solution.success or not place.exists():
         solution.save(place)

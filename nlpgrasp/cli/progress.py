@@ -96,6 +96,7 @@ def done(solution: ng.GraspSolution, path: str | None) -> dict[str, object]:
         "mu": pair(solution.mu),
         "best_possible": solution.best_possible if math.isfinite(solution.best_possible) else None,
         "forces_needed": None if solution.needed is None else solution.needed.to_dict(),
+        "grasps": len(solution.grasps),
         "seconds": solution.solver["seconds"]["total"],
         "file": path,
     }

@@ -15,24 +15,28 @@ FRICTION, TORSION, MODEL = "friction", "torsional_friction", "model"
 def contacts_csv(solution: GraspSolution) -> str:
     """Return the contacts of a solution as CSV text: positions, inward normals, contact models, body frame, SI units.
 
-    Line, plane, elliptic and bilateral contacts are named in the column ``model``, and refused where a table is read:
-    its columns do not say all of them.
+    Where several grasps were kept, all of them: the column ``grasp`` numbers them, best first, and ``mu`` is the
+    certified lower bound of each. Line, plane, elliptic and bilateral contacts are named in the column ``model``, and
+    refused where a table is read: its columns do not say all of them.
 
     Raises
     ------
     InputError
         Without a grasp.
     """
-    grasp = solution.require_grasp()
-    space = grasp.space
+    space = solution.require_grasp().space
+    several = len(solution.grasps) > 1
     text = io.StringIO(newline="")
     writer = csv.writer(text)
-    writer.writerow(["finger", *POSITION[:space], *NORMAL[:space], "face", "model", FRICTION, TORSION])
-    for i, (p, n, face, model) in enumerate(
-        zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
-    ):
-        rough = [model.coefficients.get(name, "") for name in (FRICTION, TORSION)]
-        writer.writerow([i, *p.tolist(), *n.tolist(), face, model.label, *rough])
+    first = ["grasp", "mu"] if several else []
+    writer.writerow([*first, "finger", *POSITION[:space], *NORMAL[:space], "face", "model", FRICTION, TORSION])
+    for number, found in enumerate(solution.grasps):
+        named = [number, found.mu.lower] if several else []
+        grasp = found.grasp
+        each = zip(grasp.points, grasp.normals, found.faces, grasp.contacts, strict=True)
+        for i, (p, n, face, model) in enumerate(each):
+            rough = [model.coefficients.get(name, "") for name in (FRICTION, TORSION)]
+            writer.writerow([*named, i, *p.tolist(), *n.tolist(), face, model.label, *rough])
     return text.getvalue()
 
 

@@ -145,8 +145,11 @@ def _joints(where: str, data: object) -> dict[str, float]:
     return {str(joint): number(f"{where}.{joint}", value) for joint, value in data.items()}
 
 
-def _single(solution: GraspSolution, options: ExportOptions) -> str:
-    return isaac_grasp({"grasp_0": solution})
+def _all(solution: GraspSolution, options: ExportOptions) -> str:
+    """Return all grasps that were kept; one without a grasp is refused in the words of the format."""
+    if solution.grasp is None:
+        return isaac_grasp({"grasp_0": solution})
+    return isaac_grasp({f"grasp_{i}": solution.with_answer(found) for i, found in enumerate(solution.grasps)})
 
 
-ISAAC_GRASP = ExportFormat("isaac_grasp", ".yaml", "a gripper's pose and joints", _single, Need.NOTHING)
+ISAAC_GRASP = ExportFormat("isaac_grasp", ".yaml", "a gripper's pose and joints", _all, Need.NOTHING)

@@ -1,6 +1,7 @@
 """What was found: plain, frozen data, and its file."""
 
 from nlpgrasp.solution.findings import Conflict, Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.placed import SurfaceMatch
 from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -9,6 +10,7 @@ __all__ = [
     "UNKNOWN",
     "Conflict",
     "ConstraintReport",
+    "FoundGrasp",
     "GraspSolution",
     "Robustness",
     "ShadowPrice",

@@ -29,10 +29,15 @@ def write(data: SolutionData, path: str | Path) -> Path:
 
 
 def text_of(data: SolutionData) -> str:
-    """Return a solution's data as JSON text: indented for reading, but for the drawing, last and in one line."""
-    drawing = json.dumps(data.get("drawing"), separators=(",", ":"), allow_nan=False)
-    rest = json.dumps({k: v for k, v in data.items() if k != "drawing"}, indent=1, allow_nan=False)
-    return f'{rest[:-2]},\n "drawing": {drawing}\n}}\n'
+    """Return a solution's data as JSON text: indented for reading, but for grasps kept and drawing, each in a line."""
+    rest = json.dumps({k: v for k, v in data.items() if k not in ("grasps", "drawing")}, indent=1, allow_nan=False)
+    grasps = ",\n  ".join(map(_line, data.get("grasps", [])))
+    kept = f' "grasps": [\n  {grasps}\n ],\n' if grasps else ""
+    return f'{rest[:-2]},\n{kept} "drawing": {_line(data.get("drawing"))}\n}}\n'
+
+
+def _line(data: object) -> str:
+    return json.dumps(data, separators=(",", ":"), allow_nan=False)
 
 
 def read(path: str | Path) -> SolutionData:

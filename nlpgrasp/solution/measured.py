@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 
+from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.asked import Asked
-from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality import Quality
-from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.records import StartRecord, Status, passed_over, winner_of
 
 
 class Measured(Asked):
@@ -22,6 +24,7 @@ class Measured(Asked):
     name: str
     status: Status
     grasp: Grasp | None
+    drawing: Drawing | None
     mu: Bounds
     kind: str
     delta: Bounds | None
@@ -29,6 +32,12 @@ class Measured(Asked):
     robust: Robustness | None
     bound: GlobalBound | None
     needed: ForcesNeeded | None
+    faces: tuple[str, ...]
+    surface: SurfaceMatch | None
+    prices: tuple[ShadowPrice, ...]
+    why_not: WhyNot | None
+    starts: tuple[StartRecord, ...]
+    best_start: int | None
 
     @property
     def success(self) -> bool:
@@ -89,6 +98,27 @@ class Measured(Asked):
         """Return what the fingers press for the task as it was given, in words; nothing where it is not known."""
         return [] if self.needed is None else self.needed.lines(self.budget, self.max_force)
 
+    @property
+    def winner(self) -> StartRecord | None:
+        """The start whose grasp this is; None without a grasp or starts.
+
+        Files of earlier versions do not say which: then the start with the largest certified upper bound.
+        """
+        return winner_of(self.starts, self.best_start)
+
+    def __str__(self) -> str:
+        lines = [self.title]
+        if self.grasp is not None:
+            lines += [*self.quality_lines(), *PlacedGrasp(self.grasp, self.faces, self.surface).lines()]
+        elif self.bound is not None:
+            lines.append(f"  {self.bound.line(0.0)}")
+        if self.robust is not None:
+            lines += [f"  {self.robust}", *passed_over(self.starts, self.winner)]
+        lines += [f"  {price}" for price in self.prices[:3]]
+        if self.why_not is not None:
+            lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]
+        return "\n".join(lines)
+
     def require_grasp(self) -> Grasp:
         """Return the grasp that was found.
 
@@ -100,6 +130,18 @@ class Measured(Asked):
         if self.grasp is None:
             raise InputError("solution", "no grasp", "a solution with a grasp")
         return self.grasp
+
+    def require_drawing(self) -> Drawing:
+        """Return the drawing of the grasp.
+
+        Raises
+        ------
+        InputError
+            Where no grasp was found, or an earlier version made the file.
+        """
+        if self.grasp is None or self.drawing is None:
+            raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
+        return self.drawing
 
     @property
     def _measured(self) -> Bounds:

@@ -17,17 +17,19 @@ from nlpgrasp.solution.file import read, write
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.forces import forces_and_moments, held_wrenches
 from nlpgrasp.solution.global_bound import GlobalBound
-from nlpgrasp.solution.measured import Measured
+from nlpgrasp.solution.many.choice import Accepts, first_accepted
+from nlpgrasp.solution.many.found import FoundGrasp, found_grasps
+from nlpgrasp.solution.many.several import Several
 from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality import Quality, check_beta
-from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, passed_over, starts_of, winner_of
+from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of
 from nlpgrasp.solution.schema import SCHEMA_NAME
 from nlpgrasp.solution.schema.types import SolutionData, SolverData
 
 
 @dataclass(frozen=True)
-class GraspSolution(Measured):
+class GraspSolution(Several):
     """A grasp found, its certified quality and the evidence.
 
     Parameters
@@ -73,6 +75,10 @@ class GraspSolution(Measured):
         All starts, in order.
     best_start : int or None
         Index of the start whose grasp this is; None without a grasp, and in files of earlier versions.
+    others : tuple of FoundGrasp
+        Grasps that were kept beside the answer, best first.
+    stated_first : FoundGrasp or None
+        What a file says that the first of the grasps kept is; None where it keeps one.
     solver : mapping
         Seed, seconds, options, versions.
     """
@@ -99,27 +105,47 @@ class GraspSolution(Measured):
     drawing: Drawing | None = None
     starts: tuple[StartRecord, ...] = ()
     best_start: int | None = None
+    others: tuple[FoundGrasp, ...] = ()
+    stated_first: FoundGrasp | None = field(default=None, repr=False, compare=False)
     solver: SolverData = field(default_factory=SolverData)
 
-    @property
-    def winner(self) -> StartRecord | None:
-        """The start whose grasp this is; None without a grasp or starts.
+    def select(self, accepts: Accepts) -> GraspSolution:
+        """Return the best grasp kept that a function accepts, as a solution of its own.
 
-        Files of earlier versions do not say which: then the start with the largest certified upper bound.
-        """
-        return winner_of(self.starts, self.best_start)
-
-    def require_drawing(self) -> Drawing:
-        """Return the drawing of the grasp.
+        Parameters
+        ----------
+        accepts : callable
+            Of an ``ng.FoundGrasp``, for example whether an arm reaches it: returns True or False.
 
         Raises
         ------
         InputError
-            Where no grasp was found, or an earlier version made the file.
+            Where it accepts none, raises, or returns something else; where no grasp was found.
         """
-        if self.grasp is None or self.drawing is None:
-            raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
-        return self.drawing
+        return self.with_answer(first_accepted(self.grasps, accepts))
+
+    def with_answer(self, found: FoundGrasp) -> GraspSolution:
+        """Return a solution with a grasp that was kept as its answer, and no others.
+
+        Of another than the answer, what is known of the answer alone is left out: delta, nu, prices of limits, and a
+        drawing that shows a hand.
+        """
+        if found.grasp is self.grasp:
+            return replace(self, others=(), stated_first=None)
+        return replace(
+            self,
+            **{name: value for name, value in vars(found).items() if name != "start"},
+            status=Status.SOLVED if self.status is Status.OPTIMAL else self.status,
+            delta=None,
+            nu=None,
+            prices=(),
+            bound=None if self.bound is None else replace(self.bound, stated_gap=None),
+            drawing=None if self.drawing is None or self.drawing.links else self.drawing,
+            starts=tuple(start for start in self.starts if start.index == found.start),
+            best_start=found.start,
+            others=(),
+            stated_first=None,
+        )
 
     def to_dict(self) -> SolutionData:
         """Return the solution as JSON data, schema 1 (docs/json.md)."""
@@ -143,18 +169,12 @@ class GraspSolution(Measured):
             "drawing": None if self.drawing is None else self.drawing.to_dict(),
             "solver": solver,
         }
-        return data if self.best_start is None else {**data, "best_start": self.best_start}
+        several: SolutionData = {**data, "grasps": [found.to_dict() for found in self.grasps]} if self.others else data
+        return several if self.best_start is None else {**several, "best_start": self.best_start}
 
     @classmethod
     def from_dict(cls, data: SolutionData, name: str = "solution") -> GraspSolution:
-        """Return the solution that ``to_dict`` wrote.
-
-        Parameters
-        ----------
-        data : mapping
-            Of schema 1.
-        name : str
-            Of the data, for messages: a file's path.
+        """Return the solution that ``to_dict`` wrote; ``name`` is shown in messages: a file's path.
 
         Raises
         ------
@@ -170,6 +190,7 @@ class GraspSolution(Measured):
         why_not, best = data.get("why_not"), data.get("best_start")
         if best is not None and best not in [start.index for start in starts]:
             raise InputError(f"{name}: best_start", best, "the index of one of its starts")
+        kept = found_grasps(data, f"{name}: grasps")
         solution = cls(
             status=Status[data["status"].upper()],
             name=data["name"],
@@ -193,9 +214,12 @@ class GraspSolution(Measured):
             drawing=Drawing.from_dict(data.get("drawing"), f"{name}: drawing"),
             starts=starts,
             best_start=None if best is None else int(best),
+            others=tuple(kept[1:]),
+            stated_first=kept[0] if kept else None,
             solver={**solver, "versions": data.get("created_by", {})},
         )
-        solution.check_against(grasp, name)
+        for part in (grasp, *(found.grasp for found in kept)):
+            solution.check_against(part, name)
         check_beta(data["quality"], solution.beta, f"{name}: quality")
         return solution
 
@@ -210,9 +234,8 @@ class GraspSolution(Measured):
         InputError
             When the folder does not exist or cannot be written.
         """
-        if self.bound is None:
-            return write(self.to_dict(), path)
-        return write(replace(self, bound=self.bound.saved_beside(self.problem, Path(path))).to_dict(), path)
+        bound = None if self.bound is None else self.bound.saved_beside(self.problem, Path(path))
+        return write(replace(self, bound=bound).to_dict(), path)
 
     @classmethod
     def load(cls, path: str | Path) -> GraspSolution:
@@ -224,16 +247,3 @@ class GraspSolution(Measured):
             When the file is missing, not JSON, too large, too deeply nested, or not of schema 1.
         """
         return cls.from_dict(read(path), str(path))
-
-    def __str__(self) -> str:
-        lines = [self.title]
-        if self.grasp is not None:
-            lines += [*self.quality_lines(), *PlacedGrasp(self.grasp, self.faces, self.surface).lines()]
-        elif self.bound is not None:
-            lines.append(f"  {self.bound.line(0.0)}")
-        if self.robust is not None:
-            lines += [f"  {self.robust}", *passed_over(self.starts, self.winner)]
-        lines += [f"  {price}" for price in self.prices[:3]]
-        if self.why_not is not None:
-            lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]
-        return "\n".join(lines)

@@ -161,7 +161,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         prices=after.prices,
         robust=None if after.robust is None else after.robust.beside(certified),
         bound=bound,
-        hand=_hand_data(problem, found, after),
+        hand=hand_data(problem, found, after),
         surface=found.surface,
         drawing=after.drawing,
         starts=search.records,
@@ -175,7 +175,7 @@ def _status(options: SolveOptions, bound: GlobalBound | None, lower: float) -> S
     return Status.OPTIMAL if closed else Status.SOLVED
 
 
-def _hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json | None:
+def hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json | None:
     """Return the hand in the grasp, and where it is just before."""
     hand = problem.hand
     if hand is None or not found.placed.hand:

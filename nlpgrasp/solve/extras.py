@@ -56,7 +56,7 @@ def with_extras(solution: GraspSolution, problem: GraspProblem | None = None) ->
     with one_thread():
         small = solution.delta or delta(grasp, grasp.mean_arm, OTHER_RTOL, force_budget=solution.budget)
         volume = solution.nu or volume_of(grasp, solution.budget)
-        measured = replace(solution, delta=small, nu=volume)
+        measured = replace(solution, delta=small, nu=volume, stated_first=None)
         asked = problem or _told(solution)
         if asked is None or (solution.robust is not None and solution.drawing is not None):
             return measured

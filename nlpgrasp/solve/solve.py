@@ -21,6 +21,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
 from nlpgrasp.solve.ascent.steps.registry import check_name
+from nlpgrasp.solve.many.collection import Keeping, others_beside
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.close_gap import close_gap
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
@@ -30,6 +31,7 @@ from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
 
 Progress = Callable[[StartRecord, Bounds], None]
+ONE = Keeping()
 
 
 def solve(
@@ -38,6 +40,8 @@ def solve(
     seed: int = 0,
     options: SolveOptions | None = None,
     *,
+    keep: int = 1,
+    distinct: float = 0.1,
     progress: Progress | None = None,
     throw: bool = False,
 ) -> GraspSolution:
@@ -58,6 +62,14 @@ def solve(
     seed : int
         At least 0.
     options : SolveOptions, optional
+    keep : int
+        Most grasps that are kept, best first, in ``solution.grasps``; the first is the answer. Others are the distinct
+        ones that starts ended with; where these are too few, grasps that the solve met besides, of at least half the
+        mu of the best, which are no local optima.
+    distinct : float
+        How far apart grasps are that count as two: more than this share (above 0, at most 1) of the body's size, half
+        the diagonal of its bounding box, from contact to contact however they are matched, turned and mirrored as the
+        problem can be; or another pose of the hand.
     progress : callable, optional
         Called with each finished start's record and the best certified bounds so far.
     throw : bool
@@ -86,18 +98,19 @@ def solve(
         problem = replace(problem, edge_margin=options.edge_margin)
     check_name(options.exchange)
     check_json(problem.to_dict())
-    solution = _run(Runner(problem, options.narrow(starts), starts), seed, progress)
+    keeping = Keeping(keep, distinct)
+    solution = _run(Runner(problem, options.narrow(starts), starts), seed, keeping, progress)
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution
 
 
-def solve_again(bench: Workbench, starts: int, seed: int) -> GraspSolution:
+def solve_again(bench: Workbench, starts: int, seed: int, keeping: Keeping = ONE) -> GraspSolution:
     """Solve the problem of a workbench in this process: what ``solve`` does, without building programs anew."""
-    return _run(Runner(bench.problem, bench.options, starts, bench), seed, None)
+    return _run(Runner(bench.problem, bench.options, starts, bench), seed, keeping, None)
 
 
-def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
+def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None) -> GraspSolution:
     """Run the starts, look back at them and put the answer together."""
     options = runner.options
     begun, clock = time.monotonic(), Clock()
@@ -131,9 +144,15 @@ def _run(runner: Runner, seed: int, progress: Progress | None) -> GraspSolution:
                 after = runner.look_back(best, results, seed, stop)
             clock.mark_with(after.seconds, "programs")
             solution = answer(search, after)
-    clock.mark("answer")
-    seconds = time.monotonic() - begun
-    return replace(solution, solver=solver_record(options, seed, search.effort, seconds, clock.seconds))
+            clock.mark("answer")
+            if best is not None and keeping.count > 1:
+                others = others_beside(runner, best, results, keeping, seed, stop)
+                solution = replace(solution, others=others)
+                clock.mark("other grasps")
+    record = solver_record(options, seed, search.effort, time.monotonic() - begun, clock.seconds)
+    if keeping.count > 1:
+        record |= {"keep": keeping.count, "distinct": keeping.distinct}
+    return replace(solution, solver=record)
 
 
 def check_json(data: Json) -> None:

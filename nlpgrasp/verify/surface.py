@@ -34,6 +34,15 @@ def size_of(box: FloatArray, grasp: Grasp) -> float:
     return min(float(np.linalg.norm(box[1] - box[0])) / 2.0, WIDEST * apart)
 
 
+def half_diagonal(solution: GraspSolution, sources: Sources) -> float:
+    """Return half the diagonal of the body's bounding box, metres; 0 where the body cannot be had."""
+    try:
+        box = BODIES.of(solution.body)(solution.body, sources).bounds
+    except (NotMadeError, *BROKEN):
+        return 0.0
+    return float(np.linalg.norm(box[1] - box[0])) / 2.0
+
+
 def surface_checks(
     solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None, sources: Sources
 ) -> tuple[Surface | None, list[Check]]:

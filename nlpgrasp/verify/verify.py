@@ -21,11 +21,13 @@ from nlpgrasp.verify.bound.beside import beside_checks
 from nlpgrasp.verify.bound.file import bound_file, verify_bound
 from nlpgrasp.verify.check import BROKEN, Check, Verification, guarded, no_sense
 from nlpgrasp.verify.claims.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
+from nlpgrasp.verify.claims.grasps import grasps_checks
 from nlpgrasp.verify.claims.needed import needed_checks
 from nlpgrasp.verify.claims.outcome import outcome_checks
 from nlpgrasp.verify.claims.quality import OTHER_SEED, interval, other_measures, overlap, robustness, widths
 from nlpgrasp.verify.recomputed import recomputed
 from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.surface import half_diagonal
 
 
 def verify(
@@ -54,7 +56,7 @@ def verify(
         says, another value than positions and hand give, or is broken. What cannot be recomputed (a mesh or URDF that
         is not there or has another fingerprint, an expression that stays in a script) is a check that was not made.
         A bound file, or the bound in a solution file, fails when it does not follow from its certificate
-        (docs/how_close.md).
+        (docs/how_close.md). Grasps kept beside the answer are checked as the answer is, and that they are distinct.
 
     Raises
     ------
@@ -72,13 +74,26 @@ def verify(
     if grasp is None:
         status = solution.status.name.lower()
         return Verification((Check("grasp", False, f"the file holds no grasp ({status})"), *told), None)
+    sources = Sources.beside(file, folders)
     with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
-        found, checks = _quality(solution, grasp, rtol)
-        sources = Sources.beside(file, folders)
-        checks += recomputed(solution, grasp, sources)
+        found, checks = _of_one(solution, rtol, sources)
         if found is not None:
             checks += guarded("bound", partial(beside_checks, solution, grasp, found, sources))
+        size = half_diagonal(solution, sources)
+        checks += guarded("grasps kept", partial(grasps_checks, solution, partial(_of_other, rtol, sources), size))
     return Verification((*checks, *told), found)
+
+
+def _of_one(solution: GraspSolution, rtol: float, sources: Sources) -> tuple[Bounds | None, list[Check]]:
+    """Return the quality of a solution's answer computed anew, and the checks of it and of where it is."""
+    grasp = solution.require_grasp()
+    found, checks = _quality(solution, grasp, rtol)
+    return found, [*checks, *recomputed(solution, grasp, sources)]
+
+
+def _of_other(rtol: float, sources: Sources, solution: GraspSolution) -> list[Check]:
+    """Return the checks of a solution with another of the grasps kept as its answer."""
+    return [*_of_one(solution, rtol, sources)[1], *outcome_checks(solution)]
 
 
 def _quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds | None, list[Check]]:

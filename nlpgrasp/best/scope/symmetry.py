@@ -60,7 +60,7 @@ def symmetries(body: Body, task: Task, origin: FloatArray, pieces: Sequence[Piec
     result = []
     if any(p.supports.contact.turned(np.eye(body.space)) is not p.supports.contact for p in pieces):
         return []
-    for rotation, translation in _candidates(body):
+    for rotation, translation in motions_of(body):
         if np.array_equal(rotation, np.eye(body.space)):
             continue
         if np.max(np.abs(rotation @ origin + translation - origin)) > SAME * body.size:
@@ -117,7 +117,7 @@ def _sizes(scale: FloatArray, matrix: FloatArray) -> FloatArray:
     return np.outer(blocks, blocks)
 
 
-def _candidates(body: Body) -> list[tuple[FloatArray, FloatArray]]:
+def motions_of(body: Body) -> list[tuple[FloatArray, FloatArray]]:
     """Return rigid motions and reflections that may map a body onto itself."""
     if isinstance(body, Mesh):
         return []

@@ -38,7 +38,7 @@ def pinned(problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places
     used = [[face for face in faces if face.name in places.faces] for places in own]
     sphere = faces[0] if isinstance(faces[0], EllipsoidFace) and np.ptp(faces[0].a) == 0.0 else None
     centred = float(np.max(np.abs(problem.origin))) <= SAME * problem.body.size
-    if isinstance(sphere, EllipsoidFace) and centred and keeps(problem.task, wrench_map(_turn(side))):
+    if isinstance(sphere, EllipsoidFace) and centred and keeps(problem.task, wrench_map(turn_about(side))):
         pole: Roots = {sphere: [EllipsoidCell(axis[None], sphere.patches)]}
         meridian: Roots = {sphere: sphere.half_plane(axis, side)}
         return [("pole", pole), ("meridian", meridian)][: len(own)]
@@ -57,7 +57,7 @@ def _axis(problem: GraspProblem, faces: Sequence[Surface]) -> FloatArray | None:
         return None
     for axis in _axes_of(faces):
         beside = problem.origin - (problem.origin @ axis) * axis
-        if np.max(np.abs(beside)) <= SAME * problem.body.size and keeps(problem.task, wrench_map(_turn(axis))):
+        if np.max(np.abs(beside)) <= SAME * problem.body.size and keeps(problem.task, wrench_map(turn_about(axis))):
             return axis
     return None
 
@@ -72,7 +72,7 @@ def _axes_of(faces: Sequence[Surface]) -> list[FloatArray]:
     return [np.eye(3)[i] for i in range(3) if face.a[i - 1] == face.a[i - 2]]
 
 
-def _turn(axis: FloatArray) -> FloatArray:
+def turn_about(axis: FloatArray) -> FloatArray:
     """Return the rotation by one radian about a coordinate axis."""
     i = int(np.argmax(np.abs(axis)))
     c, s = np.cos(TURN), np.sin(TURN)

@@ -21,11 +21,12 @@ def check_kinds(data: Json, name: str) -> None:
     name : str
         The file's, for messages.
     """
-    contacts = [] if data["grasp"] is None else data["grasp"]["contacts"]
-    for i, contact in enumerate(contacts):
-        if CONTACTS.find(contact["model"]) is None:
-            given = f"{contact['model']!r} is not one of {[*CONTACTS.names]}"
-            raise InputError(f"{name}: grasp.contacts.{i}.model", given, EXPECTED)
+    kept = {f"grasps.{i}.grasp": found["grasp"] for i, found in enumerate(data.get("grasps", ()))}
+    for place, grasp in {"grasp": data["grasp"], **kept}.items():
+        for i, contact in enumerate([] if grasp is None else grasp["contacts"]):
+            if CONTACTS.find(contact["model"]) is None:
+                given = f"{contact['model']!r} is not one of {[*CONTACTS.names]}"
+                raise InputError(f"{name}: {place}.contacts.{i}.model", given, EXPECTED)
     task = data["problem"]["task"]
     if not _known_task(task):
         raise InputError(f"{name}: problem.task", _misfit(task), EXPECTED)

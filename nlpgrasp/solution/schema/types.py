@@ -163,6 +163,17 @@ class StartData(TypedDict):
     history: NotRequired[Vector]
 
 
+class FoundData(TypedDict):
+    """One of ``grasps``: its parts are those of a file."""
+
+    start: NotRequired[int | None]
+    grasp: GraspData
+    hand: NotRequired[Json | None]
+    quality: QualityData
+    forces: NotRequired[list[ForcesData]]
+    constraints: NotRequired[list[ConstraintData]]
+
+
 class SolverData(TypedDict, total=False):
     """``solver``: how the solve went. In a solution it has the versions, in a file the starts."""
 
@@ -170,6 +181,8 @@ class SolverData(TypedDict, total=False):
     iterations: int
     seconds: dict[str, float]
     options: Json
+    keep: int
+    distinct: float
     versions: dict[str, str]
     starts: list[StartData]
 
@@ -192,4 +205,5 @@ class SolutionData(TypedDict):
     why_not: NotRequired[WhyNotData | None]
     drawing: NotRequired[Json | None]
     best_start: NotRequired[int | None]
+    grasps: NotRequired[list[FoundData]]
     solver: NotRequired[SolverData]

@@ -62,12 +62,12 @@ def look_back(
     clock = Clock()
     with one_thread():
         if best is None:
-            found_out = _attempted(lambda: why_not(bench, results, seed, stop))
+            found_out = attempted(lambda: why_not(bench, results, seed, stop))
             clock.mark("why not")
             return Aftermath(why_not=found_out, seconds=clock.seconds)
         found, options, opened = best.found, bench.options, None
         if not bench.follows_contacts:
-            opened = _attempted(lambda: pregrasp(bench, found, options.pregrasp_clearance))
+            opened = attempted(lambda: pregrasp(bench, found, options.pregrasp_clearance))
             clock.mark("pregrasp")
         told = extras(bench, best, stop, clock) if options.extras else Aftermath(robust=best.robust)
         return replace(told, pregrasp=opened, seconds=clock.seconds)
@@ -79,19 +79,19 @@ def extras(bench: Workbench, best: StartGrasp, stop: Stop, clock: Clock) -> Afte
     depth, prices = None, None
     if isinstance(hand, URDFHand):
         linked = hand
-        depth = _attempted(lambda: link_depth(bench.problem.body, linked, found.placed.hand))
+        depth = attempted(lambda: link_depth(bench.problem.body, linked, found.placed.hand))
         clock.mark("link depth")
     if bench.options.shadow_prices:
-        prices = _attempted(lambda: shadow_prices(bench, best, stop))
+        prices = attempted(lambda: shadow_prices(bench, best, stop))
         clock.mark("prices")
-    robust = best.robust or _attempted(lambda: robustness(bench, found.placed, found.grasp))
+    robust = best.robust or attempted(lambda: robustness(bench, found.placed, found.grasp))
     clock.mark("robustness")
-    drawing = _attempted(lambda: drawing_of(bench.problem.body, hand, found.placed.hand))
+    drawing = attempted(lambda: drawing_of(bench.problem.body, hand, found.placed.hand))
     clock.mark("drawing")
     return Aftermath(prices or (), None, None, depth, robust, drawing)
 
 
-def _attempted(work: Callable[[], T]) -> T | None:
+def attempted(work: Callable[[], T]) -> T | None:
     """Return what the work returns, or None where it fails numerically."""
     try:
         return work()

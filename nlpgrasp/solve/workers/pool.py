@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 from loky.process_executor import BrokenProcessPool
 
@@ -30,6 +31,8 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
 from nlpgrasp.solve.workers.processes import Processes, cores
 
+Item = TypeVar("Item")
+Found = TypeVar("Found")
 NOT_BEGUN = "not begun"
 GRACE = 10.0  # seconds in-flight starts get to finish after a stop
 
@@ -133,6 +136,16 @@ class Runner:
         except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
             return best
 
+    def each(self, work: Callable[[Workbench, Item], Found], items: Sequence[Item]) -> list[Found]:
+        """Return what a function of some module makes of the workbench and each item; nothing where a worker ends."""
+        if self._parcel is None:
+            return [work(self.bench, item) for item in items]
+        try:
+            processes = Processes(self.workers)
+            return [f.result() for f in [processes.submit(_each, self._parcel, work, item) for item in items]]
+        except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
+            return []
+
     @property
     def bench(self) -> Workbench:
         """The workbench in this process, built where it is first asked for."""
@@ -186,6 +199,11 @@ def _look_back(
 def _chosen(parcel: Parcel[LazyBench[_Asked]], best: StartGrasp, results: list[StartResult], stop: Stop) -> StartGrasp:
     """Choose the answer in a worker."""
     return chosen(parcel.unpacked().bench, best, results, stop)
+
+
+def _each(parcel: Parcel[LazyBench[_Asked]], work: Callable[[Workbench, Item], Found], item: Item) -> Found:
+    """Do a part of what is left to do in a worker."""
+    return work(parcel.unpacked().bench, item)
 
 
 def _result(future: Future[StartResult | None], index: int) -> StartResult:

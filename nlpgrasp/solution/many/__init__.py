@@ -1,0 +1,1 @@
+"""Several grasps of one problem: each with its quality and forces, and the choice among them."""

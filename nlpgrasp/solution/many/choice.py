@@ -1,0 +1,48 @@
+"""The first of several grasps that a function of the user's accepts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from nlpgrasp.common.shown.text import one_line
+from nlpgrasp.errors import InputError
+from nlpgrasp.solution.many.found import FoundGrasp
+
+Accepts = Callable[[FoundGrasp], bool]
+
+
+def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp:
+    """Return the first grasp for which a function is true.
+
+    Raises
+    ------
+    InputError
+        Where it is true for none, raises, or returns neither True nor False.
+    """
+    if not callable(accepts):
+        raise InputError("select", accepts, "a function of an ng.FoundGrasp that returns True or False")
+    for i, found in enumerate(grasps):
+        try:
+            answer = accepts(found)
+        except Exception as error:  # whatever the user's function raises
+            raise InputError(f"select, at grasps[{i}]", one_line(error), "a function that raises nothing") from error
+        if not isinstance(answer, bool | np.bool_):
+            raise InputError(f"select, at grasps[{i}]", repr(answer), "True or False")
+        if answer:
+            return found
+    kept = f"{len(grasps)} grasp{'s' * (len(grasps) != 1)}" if grasps else "no grasps"
+    raise InputError("select", f"a function that is true for none of {kept}", "one that accepts a grasp, or more kept")
+
+
+def table(grasps: Sequence[FoundGrasp]) -> list[str]:
+    """Return several grasps in words, one a line: certified quality, what is left of it at worst, faces."""
+    if len(grasps) < 2:
+        return []
+    lines = [f"  {len(grasps)} grasps kept, best first (certified quality, what is left at worst, faces):"]
+    for i, found in enumerate(grasps):
+        left = "" if found.robust is None else f"{found.robust.mu.upper:.4g} left"
+        fragile = ", fragile" if found.is_fragile else ""
+        lines.append(f"  {i:4d}  {found.mu!s:20}  {left + fragile:20}  {', '.join(found.faces)}".rstrip())
+    return lines

@@ -1,0 +1,121 @@
+"""One of the grasps that a solve found: certified, with what is worth knowing about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.forces import forces_and_moments, held_wrenches
+from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
+from nlpgrasp.solution.quality import Quality
+from nlpgrasp.solution.records import ConstraintReport
+from nlpgrasp.solution.schema.types import FoundData, SolutionData
+
+
+@dataclass(frozen=True)
+class FoundGrasp:
+    """One of the grasps that a solve found.
+
+    Parameters
+    ----------
+    grasp : Grasp
+        Of k contacts.
+    faces : tuple of k str
+        The face each contact is on.
+    mu : Bounds
+        Certified.
+    kind : {"mu", "mu_tilde"}
+        Which measure ``mu`` holds.
+    hand : mapping or None
+        The hand there: a URDF hand's joint positions, palm pose and pregrasp.
+    robust : Robustness or None
+        What is left of mu when contacts are off and friction is less; looked for less closely than of the answer.
+    forces : sequence of (wrench, forces)
+        Task wrenches ``mu.lower * (c + semi-axis)`` (d,) and finger forces (k, space), newtons.
+    moments : sequence of (k, d - space) array
+        Newton-metres about the contact points, with the forces; empty when no contact exerts any.
+    needed : ForcesNeeded or None
+        What the fingers press for the task as it was given.
+    constraints : tuple of ConstraintReport
+    surface : SurfaceMatch or None
+        For meshes.
+    start : int or None
+        Index of the start that ended with it; None of one that the search met besides, which is no local optimum.
+    """
+
+    grasp: Grasp
+    faces: tuple[str, ...]
+    mu: Bounds
+    kind: str = "mu"
+    hand: Json | None = None
+    robust: Robustness | None = None
+    forces: Sequence[tuple[FloatArray, FloatArray]] = ()
+    moments: Sequence[FloatArray] = ()
+    needed: ForcesNeeded | None = None
+    constraints: tuple[ConstraintReport, ...] = ()
+    surface: SurfaceMatch | None = None
+    start: int | None = None
+
+    @property
+    def is_fragile(self) -> bool:
+        """Whether next to nothing of the quality is left when contacts are a little off; false where none is known."""
+        return self.robust is not None and self.robust.is_fragile(self.mu)
+
+    def to_dict(self) -> FoundData:
+        """Return the grasp as JSON data: parts named as those of a solution."""
+        return {
+            "start": self.start,
+            "grasp": PlacedGrasp(self.grasp, self.faces, self.surface).to_dict(),
+            "hand": None if self.hand is None else dict(self.hand),
+            "quality": Quality(self.mu, self.kind, robust=self.robust, needed=self.needed).to_dict(),
+            "forces": [held.to_dict() for held in held_wrenches(self.forces, self.moments)],
+            "constraints": [report.to_dict() for report in self.constraints],
+        }
+
+    @classmethod
+    def from_dict(cls, data: FoundData, name: str) -> FoundGrasp:
+        """Return the grasp that ``to_dict`` wrote; ``name`` is shown in messages.
+
+        Raises
+        ------
+        InputError
+            When numbers contradict each other.
+        """
+        placed = PlacedGrasp.from_dict(data["grasp"], f"{name}.grasp")
+        quality = Quality.from_dict(data["quality"], placed.grasp.dimension, f"{name}.quality")
+        forces, moments = forces_and_moments(data.get("forces", []), name)
+        return cls(
+            placed.grasp,
+            placed.faces,
+            quality.mu,
+            quality.kind,
+            data.get("hand"),
+            quality.robust,
+            forces,
+            moments,
+            quality.needed,
+            tuple(map(ConstraintReport.from_dict, data.get("constraints", []))),
+            placed.surface,
+            data.get("start"),
+        )
+
+
+def found_grasps(data: SolutionData, name: str) -> list[FoundGrasp]:
+    """Return the grasps that a file keeps; ``name`` is shown in messages.
+
+    Raises
+    ------
+    InputError
+        When numbers contradict each other, and where there are some beside no grasp.
+    """
+    kept = [FoundGrasp.from_dict(found, f"{name}.{i}") for i, found in enumerate(data.get("grasps", []))]
+    if kept and data["grasp"] is None:
+        raise InputError(name, f"{len(kept)} beside no grasp", "none in a file without a grasp")
+    return kept

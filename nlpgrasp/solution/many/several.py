@@ -1,0 +1,48 @@
+"""A solution that may hold more than its answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solution.many.choice import table
+from nlpgrasp.solution.many.found import FoundGrasp
+from nlpgrasp.solution.measured import Measured
+from nlpgrasp.solution.records import ConstraintReport
+
+
+class Several(Measured):
+    """The grasps that were kept: the answer, and others beside it."""
+
+    forces: Sequence[tuple[FloatArray, FloatArray]]
+    moments: Sequence[FloatArray]
+    constraints: tuple[ConstraintReport, ...]
+    hand: Json | None
+    others: tuple[FoundGrasp, ...]
+
+    @property
+    def grasps(self) -> tuple[FoundGrasp, ...]:
+        """All grasps that were kept, best first: the first is the answer itself; none where no grasp was found."""
+        return () if self.grasp is None else (self._answer, *self.others)
+
+    @property
+    def _answer(self) -> FoundGrasp:
+        """The answer, as one of the grasps."""
+        return FoundGrasp(
+            self.require_grasp(),
+            self.faces,
+            self._measured,
+            self.kind,
+            self.hand,
+            self.robust,
+            self.forces,
+            self.moments,
+            self.needed,
+            self.constraints,
+            self.surface,
+            self.best_start,
+        )
+
+    def __str__(self) -> str:
+        return "\n".join([super().__str__(), *table(self.grasps)])

@@ -1,0 +1,65 @@
+"""Grasps beside those that are known: one contact of each elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality.screening import screen
+from nlpgrasp.solve.start.scores import scores
+from nlpgrasp.solve.start.scout import Drawn
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+
+KNOWN = 12  # grasps that are gone out from, the best ones
+PLACES = 48  # of each contact
+SCREENED = 8  # times as many as are wanted are screened closely
+
+
+def neighbours(bench: Workbench, known: Sequence[Placed], count: int) -> list[Placed]:
+    """Return up to ``count`` grasps that differ in one contact from one that is known, the best first.
+
+    They keep the constraints, and resist the task as far as an upper bound on their mu tells. For problems whose hand,
+    if any, follows from the contacts.
+
+    Parameters
+    ----------
+    bench : Workbench
+    known : sequence of Placed
+        The best first.
+    count : int
+    """
+    drawn = [_moved(bench, placed) for placed in known[:KNOWN]]
+    points = np.concatenate([moved.points for moved in drawn])
+    normals = np.concatenate([moved.normals for moved in drawn])
+    faces = np.concatenate([moved.faces for moved in drawn])
+    hand = bench.hand_points.start(points, normals)
+    allowed = np.flatnonzero(bench.rows.violations(points, normals, hand) <= FEASIBLE)
+    if not len(allowed):
+        return []
+    worth = scores(bench, points[allowed], normals[allowed])
+    best = allowed[np.argsort(-worth, kind="stable")[: SCREENED * count]]
+    stack = GraspStack(points[best], normals[best], bench.problem.models, bench.problem.origin)
+    bound = screen(stack, bench.problem.task, force_budget=bench.screening_budget)
+    order = [int(i) for i in np.argsort(-bound, kind="stable") if bound[i] > 0.0]
+    chosen = best[order[:count]]
+    return [Placed(tuple(faces[i]), points[i], {name: v[i] for name, v in hand.items()}) for i in chosen]
+
+
+def _moved(bench: Workbench, placed: Placed) -> Drawn:
+    """Return a grasp with each contact in turn at places spread over the faces that it may use."""
+    k, count = len(placed.faces), PLACES * len(placed.faces)
+    points, normals = (np.stack([a] * count) for a in (placed.points, bench.inward_normals(placed)))
+    faces = np.empty((count, k), dtype=object)
+    faces[:] = placed.faces
+    for i in range(k):
+        cloud, rows = bench.surface.cloud(i), slice(i * PLACES, (i + 1) * PLACES)
+        where = np.linspace(0, len(cloud.points) - 1, PLACES).astype(int)
+        points[rows, i], normals[rows, i], faces[rows, i] = (
+            cloud.points[where],
+            cloud.normals[where],
+            cloud.faces[where],
+        )
+    return Drawn(points, normals, faces)
