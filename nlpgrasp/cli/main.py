@@ -52,6 +52,9 @@ def solve_command(
     workers: Annotated[int | None, typer.Option("--workers", help="Processes; one a core by default.")] = None,
     gap: Annotated[float | None, typer.Option("--gap", help="Search until this close to the best possible.")] = None,
     time_limit: Annotated[float | None, typer.Option("--time-limit", help="Seconds of wall time.")] = None,
+    edge_margin: Annotated[
+        float | None, typer.Option("--edge-margin", help="Metres between contacts and sharp edges; 0 for none.")
+    ] = None,
     rank: Annotated[
         str, typer.Option("--rank", help="robust: pass over a fragile best start; mu: the best mu, whatever is left.")
     ] = "robust",
@@ -69,7 +72,9 @@ def solve_command(
     integer("--seed", seed, at_least=0)
     integer("--keep", keep, at_least=1, at_most=10_000)
     share("--distinct", distinct)
-    options = ng.SolveOptions(workers=workers, gap=gap, time_limit=time_limit, rank=rank, extras=not quick)
+    options = ng.SolveOptions(
+        workers=workers, gap=gap, time_limit=time_limit, edge_margin=edge_margin, rank=rank, extras=not quick
+    )
     target = Path(f"{script.stem}.json") if out is None else out
     place = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():

@@ -127,8 +127,8 @@ class GraspSolution(Several):
     def with_answer(self, found: FoundGrasp) -> GraspSolution:
         """Return a solution with a grasp that was kept as its answer, and no others.
 
-        Of another than the answer, what is known of the answer alone is left out: delta, nu, prices of limits, and a
-        drawing that shows a hand.
+        Of another than the answer, what is known of the answer alone is left out: delta, nu, prices of limits, and the
+        drawing of the hand.
         """
         if found.grasp is self.grasp:
             return replace(self, others=(), stated_first=None)
@@ -140,7 +140,7 @@ class GraspSolution(Several):
             nu=None,
             prices=(),
             bound=None if self.bound is None else replace(self.bound, stated_gap=None),
-            drawing=None if self.drawing is None or self.drawing.links else self.drawing,
+            drawing=None if self.drawing is None else replace(self.drawing, links=()),
             starts=tuple(start for start in self.starts if start.index == found.start),
             best_start=found.start,
             others=(),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -12,12 +11,10 @@ from pathlib import Path
 from nlpgrasp.common.files import write_text
 from nlpgrasp.experiments.found.compare import compare
 from nlpgrasp.report.frame import page, style
-from nlpgrasp.report.scene.scene import scene
 from nlpgrasp.report.solution import sections
-from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches, finger_forces_of
-from nlpgrasp.report.solution.needed import forces_needed
 from nlpgrasp.report.solution.panel import verdict
 from nlpgrasp.report.solution.starts import starts
+from nlpgrasp.report.solution.strip import every, replacements, scenes, strip
 from nlpgrasp.report.solution.worth import worth
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -53,15 +50,12 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
 
 def _solution(name: str, solution: GraspSolution, number: int, heading: str) -> str:
     """Return the section of one solution."""
-    chosen = chosen_wrenches(solution)
-    grasp = solution.grasp
-    labels = [c.label for c in chosen]
-    fingers = [] if grasp is None else finger_forces_of(grasp, chosen)
-    shown, coloured = scene(solution, chosen), worth(solution)
+    shown, coloured = every(solution), worth(solution)
+    first = shown[0]
     data = {
-        "scenes": [] if shown is None else [shown],  # best first, where there will be several
-        "labels": labels,
-        "fingers": [[asdict(f) for f in each] for each in fingers],
+        "scenes": scenes(shown),
+        **first.numbers(),
+        "grasps": replacements(shown) if len(shown) > 1 else [],
         "worth": coloured,
     }
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
@@ -71,12 +65,10 @@ def _solution(name: str, solution: GraspSolution, number: int, heading: str) -> 
         f'<header><{heading} id="name{number}">{escape(solution.name or name)}</{heading}>'
         f'<span class="pill {tone}">{escape(told)}</span><span class="file">{escape(name)}</span></header>',
         '<div class="first">',
-        sections.stage(solution, labels, number, shown, worth=coloured is not None),
-        sections.panel(solution, fingers[0] if fingers else ()),
+        sections.stage(solution, first.labels, number, first.scene, strip(shown, number), worth=coloured is not None),
+        first.panel,
         "</div>",
-        forces_needed(solution),
-        sections.contacts(solution),
-        sections.constraints(solution),
+        first.tables,
         sections.wrench_space(solution),
         starts(solution),
         sections.inputs(name, solution),

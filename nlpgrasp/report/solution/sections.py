@@ -65,8 +65,10 @@ def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
     return f'<aside class="panel">{"".join(fact.html() for fact in facts(solution))}{shown}</aside>'
 
 
-def stage(solution: GraspSolution, labels: Sequence[str], number: int, scene: Json | None, worth: bool) -> str:
-    """Return the three-dimensional picture with its switches and its slider; a word where there is nothing to draw."""
+def stage(
+    solution: GraspSolution, labels: Sequence[str], number: int, scene: Json | None, strip: str, worth: bool
+) -> str:
+    """Return the picture with its switches, its slider and other grasps; a word where there is nothing to draw."""
     if scene is None:
         return '<div class="stage"><p class="note">No picture: the body stays in a file of its own.</p></div>'
     unseen = scene["unseen"]
@@ -84,6 +86,7 @@ def stage(solution: GraspSolution, labels: Sequence[str], number: int, scene: Js
             f'aria-valuetext="{escape(labels[0])}">'
             f'<output for="wrench{number}" aria-live="polite">{escape(labels[0])}</output></div>'
         )
+    parts.append(strip)
     if unseen:
         parts.append(
             f'<p class="note">Not drawn, since their triangles stay in a file: {escape(", ".join(unseen))}.</p>'
