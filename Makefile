@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 # one thread for linear algebra: the tests run on all cores already
 test test-all bench: export OMP_NUM_THREADS = 1
 
-.PHONY: demo test test-all bench lint types docs gallery dist browser lock clean
+.PHONY: demo test test-all bench lint types docs gallery picture dist browser lock clean
 
 demo: $(READY)
 	$(BIN)/nlpgrasp solve problems/screwdriver.py --out screwdriver.json
@@ -37,6 +37,10 @@ docs: $(READY)
 # docs/gallery.md, by solving all of problems/
 gallery: $(READY)
 	$(BIN)/python docs/make_gallery.py
+
+# README's picture, by Debian's chromium
+picture: $(READY)
+	$(BIN)/python docs/make_picture.py
 
 # wheel and sdist, in dist
 dist: $(READY)
