@@ -41,10 +41,12 @@ from nlpgrasp.experiments import (
     Comparison,
     Experiment,
     ExperimentResult,
+    ManySolved,
     VariationResult,
     combinations,
     compare,
     run_experiment,
+    solve_many,
 )
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
@@ -157,6 +159,7 @@ __all__ = [
     "JointTorqueLimits",
     "LineContact",
     "Manipulability",
+    "ManySolved",
     "MassProperties",
     "Mesh",
     "NlpgraspError",
@@ -248,6 +251,7 @@ __all__ = [
     "simulate",
     "smallest_singular_value",
     "solve",
+    "solve_many",
     "turn",
     "verify",
     "with_extras",

@@ -21,7 +21,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
 from nlpgrasp.solve.ascent.steps.registry import check_name
-from nlpgrasp.solve.many.collection import Keeping, others_beside
+from nlpgrasp.solve.many.collection import ONE, Keeping, others_beside
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.close_gap import close_gap
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
@@ -31,7 +31,6 @@ from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
 
 Progress = Callable[[StartRecord, Bounds], None]
-ONE = Keeping()
 
 
 def solve(

@@ -12,6 +12,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.variation import Case, Variation, case_of, settled_changes
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve import SolveOptions
+from nlpgrasp.solve.many.collection import Keeping
 from nlpgrasp.solve.solve import check_json
 
 
@@ -54,6 +55,8 @@ class Experiment:
         compared by mu, and so are their starts.
     name : str, optional
         The base problem's when left out.
+    keep, distinct : int, float
+        Of each solve, as ``ng.solve`` takes them. A grasp that is taken from another variation stands by itself.
 
     Raises
     ------
@@ -67,6 +70,8 @@ class Experiment:
     starts: int = 8
     options: SolveOptions | None = None
     name: str | None = None
+    keep: int = 1
+    distinct: float = 0.1
     _base: Case = field(init=False, repr=False, compare=False)
     _by_name: dict[str, Variation] = field(init=False, repr=False, compare=False)
     _cases: dict[str, Case] = field(init=False, repr=False, compare=False, default_factory=dict)
@@ -78,7 +83,7 @@ class Experiment:
         options = SolveOptions() if self.options is None else self.options
         if not isinstance(options, SolveOptions):
             raise InputError("Experiment.options", options, "a SolveOptions")
-        base = Case(self.base, self.starts, replace(options, workers=1))
+        base = Case(self.base, self.starts, replace(options, workers=1), Keeping(self.keep, self.distinct))
         object.__setattr__(self, "_base", base)
         object.__setattr__(self, "name", self.base.name if self.name is None else self.name)
         if not isinstance(self.name, str) or not self.name.strip() or not self.name.isprintable():

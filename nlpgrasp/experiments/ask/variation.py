@@ -14,6 +14,7 @@ from nlpgrasp.hands import Fingertips
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve import SolveOptions
 from nlpgrasp.solve.ascent.steps.registry import check_name
+from nlpgrasp.solve.many.collection import ONE, Keeping
 
 Changes: TypeAlias = Mapping[str, Any]
 """Fields of a problem by name, and the values that replace them: of any field's type."""
@@ -33,6 +34,8 @@ class CaseData(TypedDict, total=False):
     problem: Json
     starts: int
     options: Json
+    keep: int
+    distinct: float
 
 
 @dataclass(frozen=True)
@@ -45,17 +48,22 @@ class Case:
     starts : int
     options : SolveOptions
         With one worker: an experiment runs its solves side by side, not their starts.
+    keeping : Keeping
     """
 
     problem: GraspProblem
     starts: int
     options: SolveOptions
+    keeping: Keeping = ONE
 
     def to_dict(self) -> CaseData:
         """Return what decides the result, as JSON data."""
         problem = {"name": self.problem.name, "torque_origin": self.problem.origin.tolist(), **self.problem.to_dict()}
         options = {k: v for k, v in self.options.to_dict().items() if k != "workers"}
-        return {"problem": problem, "starts": self.starts, "options": options}
+        data: CaseData = {"problem": problem, "starts": self.starts, "options": options}
+        if self.keeping.count == 1:
+            return data
+        return {**data, "keep": self.keeping.count, "distinct": self.keeping.distinct}
 
 
 def case_of(where: str, base: Case, variation: Variation) -> Case:
@@ -88,7 +96,7 @@ def case_of(where: str, base: Case, variation: Variation) -> Case:
     except InputError as error:
         raise InputError(f"{where}: {error.field}", error.given, error.allowed) from None
     starts = integer(f"{where}.starts", given.get("starts", base.starts), at_least=1, at_most=10**6)
-    return Case(problem, starts, _options(where, base.options, given.get("options")))
+    return Case(problem, starts, _options(where, base.options, given.get("options")), base.keeping)
 
 
 def settled_changes(changes: Changes) -> Changes:

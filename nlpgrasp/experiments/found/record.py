@@ -57,6 +57,8 @@ class SolveRecord:
         Digest of the body; empty where the solution does not say all of it.
     best_possible : float
         Certified bound on mu over all placements; inf where there is none.
+    grasps : int
+        How many the solution keeps.
     """
 
     variation: str
@@ -77,6 +79,7 @@ class SolveRecord:
     best_start: StartRecord | None = None
     body: str = ""
     best_possible: float = math.inf
+    grasps: int = 0
 
     @classmethod
     def of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
@@ -111,6 +114,7 @@ class SolveRecord:
             best_start=solution.winner,
             body=body_of(solution.problem["body"]),
             best_possible=solution.best_possible,
+            grasps=len(solution.grasps),
         )
 
     @property

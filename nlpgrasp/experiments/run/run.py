@@ -81,12 +81,30 @@ def run_experiment(
         raise InputError("resume", resume, "True or False")
     if progress is not None and not callable(progress):
         raise InputError("progress", progress, "a function of a SolveRecord")
+    return run_solves(experiment, Folder(out), resume, workers, scheduler, progress)
+
+
+def run_solves(
+    experiment: Experiment,
+    place: Folder,
+    resume: bool,
+    workers: int | None,
+    scheduler: str | None,
+    progress: Progress | None,
+    compared: bool = True,
+) -> ExperimentResult:
+    """Do what an experiment lacks in a folder; where variations are ``compared``, hand grasps on between them.
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        As ``run_experiment``.
+    """
     if workers is not None:
         if scheduler is not None:
             raise InputError("workers", workers, "no number of workers with a scheduler: the cluster has its own")
         workers = integer("workers", workers, at_least=1, at_most=1024)
-    place = Folder(out)
-    pack = Packer(experiment)
+    pack = Packer(experiment, compared)
     for name in experiment.names:
         pack(SolveId(name, 0))  # refused now rather than hours later
     client = None if scheduler is None else connect(scheduler)
@@ -94,7 +112,7 @@ def run_experiment(
         place.open(plan_of(experiment), resume)
         run = _Run(experiment, place, progress)
         do = partial(run_local, workers=workers or cores()) if client is None else partial(run_cluster, client=client)
-        if run.collect(do(run.missing(), pack)):
+        if run.collect(do(run.missing(), pack)) and compared:
             run.hand_on(Handing(experiment, place, pack, do))
         return run.result()
     finally:

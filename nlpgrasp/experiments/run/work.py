@@ -93,10 +93,12 @@ class Packer:
     Parameters
     ----------
     experiment : Experiment
+    compared : bool
+        Whether variations are compared with each other, by mu: then their starts are too.
     """
 
-    def __init__(self, experiment: Experiment) -> None:
-        self.experiment = experiment
+    def __init__(self, experiment: Experiment, compared: bool = True) -> None:
+        self.experiment, self._compared = experiment, compared
         self._run = uuid.uuid4().hex
         self._last: tuple[str, Parcel[LazyBench[Case]]] | None = None
 
@@ -111,7 +113,9 @@ class Packer:
         name = solve.variation
         if self._last is None or self._last[0] != name:
             try:
-                parcel = Parcel.of(LazyBench(partial(_made, self.experiment.maker(name))), f"{self._run} {name}")
+                parcel = Parcel.of(
+                    LazyBench(partial(_made, self.experiment.maker(name), self._compared)), f"{self._run} {name}"
+                )
             except Exception as error:  # whatever the parts' own pickling raises
                 reason = one_line(error)
                 raise InputError(f"variation {name!r}", reason, "parts that can be sent to other processes") from None
@@ -127,7 +131,7 @@ def work(job: Job) -> Outcome:
             if handed is not None:
                 better = improved_by(asked.bench, handed.own, job.solve.seed, handed.offers, handed.improve)
                 return Outcome() if better is None else Outcome(text_of(better.to_dict()))
-            solution = solve_again(asked.bench, asked.case.starts, job.solve.seed)
+            solution = solve_again(asked.bench, asked.case.starts, job.solve.seed, asked.case.keeping)
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
             return Outcome(text_of(solution.to_dict()))
@@ -135,11 +139,9 @@ def work(job: Job) -> Outcome:
             return Outcome(failure=one_line(error))
 
 
-def _made(maker: Callable[[], Case]) -> Case:
-    """Return the case that is made, with options as a solve takes them, refusing one whose result cannot be written.
-
-    Variations are compared by mu, so their starts are too.
-    """
+def _made(maker: Callable[[], Case], compared: bool) -> Case:
+    """Return the case that is made, with options as a solve takes them, refusing one whose result cannot be written."""
     case = maker()
     check_json(case.problem.to_dict())
-    return replace(case, options=replace(case.options.narrow(case.starts), rank="mu"))
+    options = case.options.narrow(case.starts)
+    return replace(case, options=replace(options, rank="mu") if compared else options)

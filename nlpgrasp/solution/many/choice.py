@@ -29,7 +29,7 @@ def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp
         except Exception as error:  # whatever the user's function raises
             raise InputError(f"select, at grasps[{i}]", one_line(error), "a function that raises nothing") from error
         if not isinstance(answer, bool | np.bool_):
-            raise InputError(f"select, at grasps[{i}]", repr(answer), "True or False")
+            raise InputError(f"select, at grasps[{i}]", answer, "True or False")
         if answer:
             return found
     kept = f"{len(grasps)} grasp{'s' * (len(grasps) != 1)}" if grasps else "no grasps"

@@ -49,6 +49,9 @@ class Keeping:
         object.__setattr__(self, "distinct", share("distinct", self.distinct))
 
 
+ONE = Keeping()
+
+
 def others_beside(
     runner: Runner, best: StartGrasp, results: Sequence[StartResult], keeping: Keeping, seed: int, stop: Stop
 ) -> tuple[FoundGrasp, ...]:

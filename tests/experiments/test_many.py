@@ -1,0 +1,99 @@
+"""Many problems in one call: a folder of files with all their grasps, gone on with where it is there."""
+
+import json
+from functools import partial
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.errors import InputError
+from tests.experiments.small import QUICK, base
+
+KEEP = 4
+
+
+def square(friction):
+    return ng.GraspProblem(base().body, [ng.FrictionContact(friction)] * 2, base().task, name=f"square {friction}")
+
+
+def solved(problems, out, **settings):
+    return ng.solve_many(problems, out, **{"starts": 2, "options": QUICK, "keep": KEEP, "workers": 1, **settings})
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = tmp_path_factory.mktemp("many") / "out"
+    return solved({"rough": square(0.8), "smooth": partial(square, 0.5)}, out, workers=2)
+
+
+def test_each_problem_has_a_file_with_its_grasps(finished):
+    assert list(finished.files) == ["rough", "smooth"]
+    assert finished.complete
+    counts = [len(finished.load(name).grasps) for name in finished.files]
+    assert finished.grasps == finished.new == sum(counts)
+    assert all(1 < count <= KEEP for count in counts)
+    assert finished.per_second == pytest.approx(finished.new / finished.seconds)
+    assert all(ng.verify(file) for file in finished.files.values())
+
+
+def test_a_file_holds_what_solve_finds(finished):
+    alone = ng.solve(square(0.8), 2, 0, QUICK, keep=KEEP)
+    loaded = finished.load("rough")
+    assert [f.grasp.points.tolist() for f in loaded.grasps] == [f.grasp.points.tolist() for f in alone.grasps]
+    assert [f.mu.lower for f in loaded.grasps[1:]] == [f.mu.lower for f in alone.grasps[1:]]
+
+
+def test_a_folder_is_gone_on_with(finished):
+    before = {file: file.stat().st_mtime_ns for file in finished.files.values()}
+    problems = {"rough": square(0.8), "smooth": partial(square, 0.5), "new": square(0.6)}
+    again = solved(problems, finished.folder)
+    assert {file: file.stat().st_mtime_ns for file in before} == before
+    assert again.new == len(again.load("new").grasps)
+    assert again.grasps == finished.grasps + again.new
+    assert f"{again.new} of them found now" in str(again)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"keep": 5}, "keep"), ({"starts": 3}, "starts"), ({"distinct": 0.2}, "distinct"), ({"seed": 1}, "seed 0")],
+)
+def test_a_folder_of_other_settings_is_refused(tmp_path, change, message):
+    solved([square(0.8)], tmp_path / "out")
+    with pytest.raises(InputError, match=message):
+        solved([square(0.8)], tmp_path / "out", **change)
+
+
+def failing():
+    raise ValueError("no such mesh")
+
+
+def test_a_problem_that_cannot_be_made_costs_no_other(tmp_path):
+    found = solved({"rough": square(0.8), "lost": failing}, tmp_path / "out")
+    assert list(found.files) == ["rough"]
+    assert "no such mesh" in found.failures["lost"]
+    assert "lost: " in str(found)
+    with pytest.raises(InputError, match="a problem that has a solution: rough"):
+        found.load("lost")
+
+
+@pytest.mark.parametrize(
+    ("problems", "message"),
+    [
+        ([], "at least one"),
+        ({}, "at least one"),
+        ("square", "problems by name"),
+        ([base(), base()], "two problems named 'square'"),
+        ([base(), 3], "problems by name"),
+        ({"a": 3}, r"problems\['a'\]: got 3, expected a GraspProblem"),
+    ],
+)
+def test_what_are_no_problems_is_refused(problems, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        ng.solve_many(problems, tmp_path / "out")
+
+
+def test_an_experiment_keeps_grasps_too(tmp_path):
+    asked = ng.Experiment(base(), {"rough": {"friction": 0.8}}, [0], 2, QUICK, keep=KEEP)
+    ng.run_experiment(asked, tmp_path / "out", workers=1)
+    (file,) = (tmp_path / "out" / "solves").iterdir()
+    assert len(json.loads(file.read_text())["grasps"]) > 1
