@@ -21,7 +21,7 @@ VALUES = {
     "ellipsoid": (2, 0.7319),
     "screwdriver": (2, 0.03563),
     "odd_object_on_table": (2, 0.3012),
-    "power_grasp": (1, 0.7301),
+    "power_grasp": (1, 0.6983),
     "fingers_and_bodies": (2, 0.2693),
     "filling_cup": (8, 0.1651),
     "hammer": (2, 0.02199),
@@ -117,12 +117,12 @@ def test_rectangle_finds_pair_one(problems_folder):
 
 
 MESHES = {  # unit, and the quality that two starts of seed 0 lead to at least
-    "ycb_010_potted_meat_can.stl": ("m", 0.63),
-    "ycb_012_strawberry.stl": ("m", 0.4655),
+    "ycb_010_potted_meat_can.stl": ("m", 0.6049),
+    "ycb_012_strawberry.stl": ("m", 0.4513),
     "ycb_043_phillips_screwdriver.stl": ("m", 0.1395),
-    "ycb_048_hammer.stl": ("m", 0.2858),
-    "featuretype.stl": ("in", 0.5838),
-    "angle_block.stl": ("in", 0.586),
+    "ycb_048_hammer.stl": ("m", 0.2803),
+    "featuretype.stl": ("in", 0.5786),
+    "angle_block.stl": ("in", 0.5639),
 }
 
 

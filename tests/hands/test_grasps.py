@@ -156,7 +156,7 @@ def test_parallel_jaw_is_no_wider_than_it_opens():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "quality"), [("ycb_012_strawberry", 0.502), ("angle_block", 0.5215)])
+@pytest.mark.parametrize(("name", "quality"), [("ycb_012_strawberry", 0.4851), ("angle_block", 0.5215)])
 def test_hand_on_a_mesh_touches_the_mesh_itself(name, quality, shared_meshes):
     """Recomputed from the JSON data: contacts on tip and mesh within 0.1 mm, links in the mesh by at most 0.5 mm."""
     body = ng.Mesh.load(shared_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")
