@@ -48,14 +48,7 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     MissingExtraError
         When a collision mesh needs a package that is not installed.
     """
-    if not isinstance(path, str | Path):
-        raise InputError("URDFHand.path", path, "the path of a URDF file")
-    source = Path(path)
-    root = _root(source)
-    links = [_name(source, e, "link") for e in root.findall("link")]
-    if not links:
-        bad(source, "no <link>", "a robot with links")
-    _no_twins(source, "link", links)
+    source, root, links = _opened(path)
     edges = [_edge(source, e, links) for e in root.findall("joint")]
     _no_twins(source, "joint", [e.name for e in edges])
     base = _base(source, links, edges)
@@ -74,6 +67,30 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     robot = Robot(name, start, order, joints, shapes, missing, source.name, digest, bare, turned)
     check_ranges(source, robot)
     return robot
+
+
+def link_names(path: str | Path) -> tuple[str, ...]:
+    """Return the names of all links, in the file's order.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, or is not a URDF.
+    """
+    return tuple(_opened(path)[2])
+
+
+def _opened(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
+    """Return the file's path, its root element and the names of its links."""
+    if not isinstance(path, str | Path):
+        raise InputError("URDFHand.path", path, "the path of a URDF file")
+    source = Path(path)
+    root = _root(source)
+    links = [_name(source, e, "link") for e in root.findall("link")]
+    if not links:
+        bad(source, "no <link>", "a robot with links")
+    _no_twins(source, "link", links)
+    return source, root, links
 
 
 def _root(source: Path) -> ET.Element:
