@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 # one thread for linear algebra: the tests run on all cores already
 test test-all bench: export OMP_NUM_THREADS = 1
 
-.PHONY: demo test test-all bench lint types docs gallery picture dist browser lock clean
+.PHONY: demo test test-all bench lint types docs gallery picture dist browser robots lock clean
 
 demo: $(READY)
 	$(BIN)/nlpgrasp solve problems/screwdriver.py --out screwdriver.json
@@ -50,6 +50,10 @@ dist: $(READY)
 browser:
 	$(SUDO) apt-get update -qq
 	$(SUDO) apt-get install -y -qq chromium chromium-driver >/dev/null
+
+# URDFs of robots for tests/hands/test_robots.py: 130 MB to download, 415 MB on disk; without them these tests skip
+robots: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile example-robot-data==6.0.0
 
 # writes requirements.lock from pyproject.toml
 lock:

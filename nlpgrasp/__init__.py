@@ -28,7 +28,8 @@ class _Package(ModuleType):
     def __getattr__(self, name: str) -> object:
         if name not in _OF:
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        found = getattr(import_module(_OF[name]), name)
+        inside = _OF[name]
+        found = import_module(f"{inside}.{name}") if inside == self.__name__ else getattr(import_module(inside), name)
         self.__dict__[name] = found
         return found
 

@@ -1,5 +1,6 @@
 """Task-oriented optimal grasps by nonlinear programming, with certified bounds on their quality."""
 
+from nlpgrasp import hands
 from nlpgrasp.best import BestPossible, best_possible
 from nlpgrasp.bodies import (
     Box,
@@ -226,6 +227,7 @@ __all__ = [
     "follow_task",
     "gravity",
     "hand_torque_limits",
+    "hands",
     "how_many_contacts",
     "insert",
     "is_stable",

@@ -50,9 +50,8 @@ class HandTorques(ForceBudget):
             raise InputError("GraspProblem.force_budget", '"hand_torques"', "a hand with joints, such as ng.URDFHand")
         missing = [name for name in hand.loaded_joints if name not in hand.torque_limits]
         if missing:
-            raise InputError(
-                "URDFHand.torque_limits", f"none for {', '.join(missing)}", "one for each joint that moves a contact"
-            )
+            allowed = "one for each joint that moves a contact, where the URDF states no effort or 0"
+            raise InputError("URDFHand.torque_limits", f"none for {', '.join(missing)}", allowed)
 
     def posed(self, hand: MovingHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
         """Return the budget in a posture: ``SharedJointTorqueLimits``."""

@@ -4,6 +4,7 @@ from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.fingertips import Fingertips
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
 from nlpgrasp.hands.posed_hand import PosedHand
+from nlpgrasp.hands.presets import allegro, barrett, leap, panda, robotiq_2f85, robotiq_3f, shadow
 from nlpgrasp.hands.registry import hand_from_dict, register
 from nlpgrasp.hands.tips import CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
@@ -20,6 +21,13 @@ __all__ = [
     "SphereTip",
     "Tip",
     "URDFHand",
+    "allegro",
+    "barrett",
     "hand_from_dict",
+    "leap",
+    "panda",
     "register",
+    "robotiq_2f85",
+    "robotiq_3f",
+    "shadow",
 ]

@@ -86,6 +86,10 @@ class Robot:
         Name of the file it was read from.
     sha256 : str
         Of that file's bytes, hexadecimal.
+    bare : tuple of str
+        Links that are to be seen and have no collision shape.
+    turned : tuple of str
+        Followers whose limits were taken with the other sign (``urdf_mimics.with_signs``).
     """
 
     name: str
@@ -96,6 +100,8 @@ class Robot:
     missing: tuple[str, ...] = ()
     source: str = ""
     sha256: str = ""
+    bare: tuple[str, ...] = ()
+    turned: tuple[str, ...] = ()
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:
@@ -136,7 +142,7 @@ class Robot:
                     continue
                 a, b = sorted(((joint.lower - offset) / multiplier, (joint.upper - offset) / multiplier))
                 if a > lower or b < upper:
-                    result[driver] = (max(lower, a), min(upper, b), joint.name)
+                    result[driver] = (max(lower, a) + 0.0, min(upper, b) + 0.0, joint.name)  # no -0
         return result
 
     def follows(self, joint: Joint) -> tuple[str, float, float]:

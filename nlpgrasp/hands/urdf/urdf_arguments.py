@@ -1,4 +1,4 @@
-"""What a user says of a URDF hand: fingertips, approach and torque limits."""
+"""What a user says of a URDF hand: fingertips, approach and torque limits; what is to be said of the file."""
 
 from __future__ import annotations
 
@@ -54,3 +54,15 @@ def torque_limits_of(robot: Robot, given: Mapping[str, float] | float | None) ->
             raise InputError("URDFHand.torque_limits", ", ".join(map(str, unknown)), "joints: " + ", ".join(names))
         return {k: number(f"URDFHand.torque_limits[{k!r}]", v, above=0.0) for k, v in given.items()}
     return dict.fromkeys(names, number("URDFHand.torque_limits", given, above=0.0))
+
+
+def remarks(robot: Robot) -> list[str]:
+    """Return what a user has to know about a file that is not refused, a sentence each."""
+    found = []
+    if robot.missing:
+        found.append(f"left out {'; '.join(robot.missing)}")
+    if robot.bare:
+        found.append(f"nothing keeps links without a collision shape off the body: {', '.join(robot.bare)}")
+    if robot.turned:
+        found.append(f"taken with the other sign: {'; '.join(robot.turned)}")
+    return found

@@ -4,16 +4,30 @@ from __future__ import annotations
 
 import hashlib
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.urdf.robot import MOVABLE, Joint, Mimic, Robot
+from nlpgrasp.hands.urdf.urdf_mimics import check_mimics, check_ranges, with_signs
 from nlpgrasp.hands.urdf.urdf_shapes import read_shapes
 from nlpgrasp.hands.urdf.urdf_values import bad, numbers
 
+XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://www.ros.org/xacro}")
 FULL_TURN = 2.0 * np.pi  # limits of a continuous joint: half a turn either way
+
+
+class Edge(NamedTuple):
+    """A joint by what it joins."""
+
+    name: str
+    parent: str
+    child: str
+    element: ET.Element
 
 
 def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
@@ -24,14 +38,50 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     path : str or Path
     palm : str, optional
         The link that everything else hangs from; the URDF's root when left out. What is above it (an arm) and
-        beside it is left out.
+        beside it is left out, and may hold joints of any type.
 
     Raises
     ------
     InputError
         When the file is missing, is not a URDF, its joints do not make a tree, limits are upside down, a
         number cannot be read, or the palm is not a link.
+    MissingExtraError
+        When a collision mesh needs a package that is not installed.
     """
+    source, root, links = _opened(path)
+    edges = [_edge(source, e, links) for e in root.findall("joint")]
+    _no_twins(source, "joint", [e.name for e in edges])
+    base = _base(source, links, edges)
+    if palm is not None and palm not in links:
+        raise InputError("URDFHand.palm", palm, "a link of the URDF: " + ", ".join(links))
+    start = base if palm is None else palm
+    order, used = _below(start, edges)
+    joints = tuple(_joint(source, edge) for edge in used)
+    check_mimics(source, joints)
+    joints, turned = with_signs(joints)
+    elements = {e.get("name", ""): e for e in root.findall("link")}
+    shapes, missing = read_shapes(source, elements, order)
+    bare = tuple(n for n in order if elements[n].find("visual") is not None and elements[n].find("collision") is None)
+    digest = hashlib.sha256(source.read_bytes()).hexdigest()
+    name = root.get("name", source.stem)
+    robot = Robot(name, start, order, joints, shapes, missing, source.name, digest, bare, turned)
+    check_ranges(source, robot)
+    return robot
+
+
+def link_names(path: str | Path) -> tuple[str, ...]:
+    """Return the names of all links, in the file's order.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, or is not a URDF.
+    """
+    return tuple(_opened(path)[2])
+
+
+def _opened(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
+    """Return the file's path, its root element and the names of its links."""
     if not isinstance(path, str | Path):
         raise InputError("URDFHand.path", path, "the path of a URDF file")
     source = Path(path)
@@ -40,19 +90,7 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     if not links:
         bad(source, "no <link>", "a robot with links")
     _no_twins(source, "link", links)
-    joints = [_joint(source, e, links) for e in root.findall("joint")]
-    _no_twins(source, "joint", [j.name for j in joints])
-    base = _base(source, links, joints)
-    if palm is not None and palm not in links:
-        raise InputError("URDFHand.palm", palm, "a link of the URDF: " + ", ".join(links))
-    start = base if palm is None else palm
-    order, used = _below(start, joints)
-    _check_mimics(source, used)
-    shapes, missing = read_shapes(source, {e.get("name", ""): e for e in root.findall("link")}, order)
-    digest = hashlib.sha256(source.read_bytes()).hexdigest()
-    robot = Robot(root.get("name", source.stem), start, order, used, shapes, missing, source.name, digest)
-    _check_ranges(source, robot)
-    return robot
+    return source, root, links
 
 
 def _root(source: Path) -> ET.Element:
@@ -67,6 +105,10 @@ def _root(source: Path) -> ET.Element:
         raise InputError(f"URDFHand.path: {source.name}", f"broken XML ({error})", "a URDF file") from None
     if root.tag != "robot":
         bad(source, f"<{root.tag}> at the top", "<robot>, as a URDF has")
+    if any(element.tag.startswith(XACRO) for element in root.iter()):
+        first = "" if find_spec("xacro") else "pip install xacro, then "
+        plain = source.name.removesuffix(".xacro").removesuffix(".urdf")
+        bad(source, "a xacro file", f"the URDF that it makes: {first}xacro {source.name} > {plain}.urdf")
     return root
 
 
@@ -83,19 +125,24 @@ def _no_twins(source: Path, tag: str, names: list[str]) -> None:
         bad(source, f"two {tag}s named {', '.join(twins)}", "one of each name")
 
 
-def _joint(source: Path, element: ET.Element, links: list[str]) -> Joint:
+def _edge(source: Path, element: ET.Element, links: list[str]) -> Edge:
     name = _name(source, element, "joint")
-    label = f"joint {name}"
-    kind = element.get("type", "")
-    if kind not in (*MOVABLE, "fixed"):
-        bad(source, f"{label} of type {kind!r}", "revolute, continuous, prismatic or fixed")
     ends = []
     for tag in ("parent", "child"):
         found = element.find(tag)
         link = None if found is None else found.get("link")
         if link not in links:
-            bad(source, f"{label} with {tag} {link!r}", "a link of the URDF: " + ", ".join(links))
+            bad(source, f"joint {name} with {tag} {link!r}", "a link of the URDF: " + ", ".join(links))
         ends.append(link)
+    return Edge(name, ends[0], ends[1], element)
+
+
+def _joint(source: Path, edge: Edge) -> Joint:
+    name, parent, child, element = edge
+    label = f"joint {name}"
+    kind = element.get("type", "")
+    if kind not in (*MOVABLE, "fixed"):
+        bad(source, f"{label} of type {kind!r}", "revolute, continuous, prismatic or fixed")
     origin, axis = element.find("origin"), element.find("axis")
     xyz = numbers(source, f"{label}, xyz", None if origin is None else origin.get("xyz"), np.zeros(3))
     rpy = numbers(source, f"{label}, rpy", None if origin is None else origin.get("rpy"), np.zeros(3))
@@ -105,7 +152,7 @@ def _joint(source: Path, element: ET.Element, links: list[str]) -> Joint:
     along = along / max(float(np.max(np.abs(along))), 1e-300)  # first: the square of a large number overflows
     along = along / max(float(np.linalg.norm(along)), 1e-300)
     lower, upper, effort = _limits(source, element, kind, label)
-    return Joint(name, kind, ends[0], ends[1], xyz, rpy, along, lower, upper, effort, _mimic(source, element, label))
+    return Joint(name, kind, parent, child, xyz, rpy, along, lower, upper, effort, _mimic(source, element, label))
 
 
 def _limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[float, float, float | None]:
@@ -118,9 +165,10 @@ def _limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[f
         bad(source, f"{label} with effort {torque:g}", "an effort of at least zero")
     if kind == "continuous":
         return -FULL_TURN / 2.0, FULL_TURN / 2.0, torque
-    if limit is None:
+    if limit is None or (limit.get("lower") is None and limit.get("upper") is None):
         if element.find("mimic") is None:
-            bad(source, f"{label} without <limit>", "limits on every revolute and prismatic joint")
+            what = "<limit>" if limit is None else "lower and upper in its <limit>"
+            bad(source, f"{label} without {what}", "limits on every revolute and prismatic joint, or type continuous")
         return -np.inf, np.inf, torque
     lower = float(numbers(source, f"{label}, lower", limit.get("lower"), [0.0])[0])
     upper = float(numbers(source, f"{label}, upper", limit.get("upper"), [0.0])[0])
@@ -138,7 +186,7 @@ def _mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:
     return Mimic(found.get("joint", ""), multiplier, offset)
 
 
-def _base(source: Path, links: list[str], joints: list[Joint]) -> str:
+def _base(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
     """Return the one link that is nobody's child, refusing anything but a tree."""
     children = [j.child for j in joints]
     twice = sorted({c for c in children if children.count(c) > 1})
@@ -153,7 +201,7 @@ def _base(source: Path, links: list[str], joints: list[Joint]) -> str:
     return roots[0]
 
 
-def _below(start: str, joints: list[Joint]) -> tuple[tuple[str, ...], tuple[Joint, ...]]:
+def _below(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:
     """Return the links below a link, itself first, and the joints that lead to them."""
     links, used = [start], []
     for link in links:
@@ -162,24 +210,3 @@ def _below(start: str, joints: list[Joint]) -> tuple[tuple[str, ...], tuple[Join
                 links.append(joint.child)
                 used.append(joint)
     return tuple(links), tuple(used)
-
-
-def _check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
-    by_name = {j.name: j for j in joints if j.moves}
-    for joint in by_name.values():
-        seen, here = [joint.name], joint
-        while here.mimic is not None:
-            if here.mimic.joint not in by_name:
-                allowed = "a moving joint: " + ", ".join(by_name)
-                bad(source, f"joint {here.name} that mimics {here.mimic.joint!r}", allowed)
-            here = by_name[here.mimic.joint]
-            if here.name in seen:
-                bad(source, f"joints that mimic each other: {', '.join(seen)}", "a joint to follow")
-            seen.append(here.name)
-
-
-def _check_ranges(source: Path, robot: Robot) -> None:
-    """Refuse joints whose followers leave them nowhere to go."""
-    for name, (lower, upper, why) in robot.ranges.items():
-        if lower > upper:
-            bad(source, f"joint {name} with joint {why} that follows it", "limits that both can keep")

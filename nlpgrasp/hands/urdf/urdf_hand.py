@@ -25,7 +25,7 @@ from nlpgrasp.hands.spheres.self_collision import apart, colliding_pairs
 from nlpgrasp.hands.tips import Tip, Touch
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
-from nlpgrasp.hands.urdf.urdf_arguments import approach_of, tips_of, torque_limits_of
+from nlpgrasp.hands.urdf.urdf_arguments import approach_of, remarks, tips_of, torque_limits_of
 from nlpgrasp.hands.urdf.urdf_file import read_urdf
 
 TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact
@@ -72,7 +72,9 @@ class URDFHand(LinkedHand):
             raise InputError("URDFHand.self_collision", self_collision, "True or False")
         self.self_collision, self.torque_limits = self_collision, dict(torque_limits or {})
         if not self.robot.free_joints:
-            raise InputError(f"URDFHand.path: {self.robot.source}", "no movable joints", "a hand with joints that move")
+            fixed = ", ".join(j.name for j in self.robot.joints)
+            given = f"no movable joints below {self.robot.root}" + (f" (fixed: {fixed})" if fixed else "")
+            raise InputError(f"URDFHand.path: {self.robot.source}", given, "a hand with joints that move")
 
     @classmethod
     def load(
@@ -118,12 +120,14 @@ class URDFHand(LinkedHand):
         Warns
         -----
         UserWarning
-            Naming mesh files that do not exist: the hand goes on with the shapes there are.
+            Naming mesh files that do not exist, and links that are to be seen and have no collision shape: the hand
+            goes on with the shapes there are. Naming joints that follow others the other way round and have limits
+            without the sign: they are taken with it.
         """
         robot = read_urdf(path, palm)
         tips = tips_of(robot, fingertips)
-        if robot.missing:
-            warnings.warn(f"{Path(path).name}: left out {'; '.join(robot.missing)}", UserWarning, stacklevel=2)
+        for text in remarks(robot):
+            warnings.warn(f"{robot.source}: {text}", UserWarning, stacklevel=2)
         return cls(
             LinkTree(robot, tips, approach_of(approach)),
             torque_limits_of(robot, torque_limits),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.errors import InputError
+from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.spheres.shapes import Shape
 from nlpgrasp.hands.urdf.urdf_values import numbers
 
@@ -24,6 +25,8 @@ def read_shapes(
     ------
     InputError
         On shapes that cannot be made, and where meshes are missing and no link has any other shape.
+    MissingExtraError
+        On meshes in COLLADA (.dae) without pycollada.
     """
     shapes: dict[str, tuple[Shape, ...]] = {}
     missing: list[str] = []
@@ -86,31 +89,50 @@ def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missin
         raise InputError(f"URDFHand.path: {source.name}", given, "a scale that is not zero")
     try:
         mesh = trimesh.load(path, force="mesh")
+    except ImportError as error:
+        if path.suffix.lower() == ".dae":
+            raise MissingExtraError(f"{source.name}: reading {path.name} (link {link}, pycollada)", "hands") from None
+        missing.append(f"{name} (link {link}: {error})")
+        return None
     except Exception as error:  # trimesh's readers raise what their formats raise
         missing.append(f"{name} (link {link}: {type(error).__name__})")
         return None
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         missing.append(f"{name} (link {link}: no triangles)")
         return None
+    if path.suffix.lower() == ".dae":  # the one format of these that states its unit
+        mesh.apply_scale(trimesh.units.unit_conversion(mesh.units or "meters", "meters"))
     mesh.apply_scale(scale)
     mesh.apply_transform(pose)
     return Shape("mesh", mesh)
 
 
 def find_mesh(source: Path, name: str) -> Path | None:
-    """Return where a mesh of a URDF is: beside it, or below one of the folders above it for ``package://``."""
+    """Return where a mesh of a URDF is.
+
+    Beside the file; for ``package://`` and ``model://`` below one of the folders above it, or in the packages of
+    ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``.
+    """
     if not name:
         return None
     plain = name.removeprefix("file://")
     folder = source.resolve().parent
-    if not plain.startswith("package://"):
+    inside = plain.removeprefix("package://").removeprefix("model://")
+    if inside == plain:
         candidates = [Path(plain), folder / plain]
     else:
-        inside = plain.removeprefix("package://")
         below = inside.split("/", 1)[-1]
         above = [folder, *folder.parents]
         candidates = [place / part for place in above for part in (inside, below)]
+        candidates += [place / inside for place in _packages()]
     try:
         return next((c for c in candidates if c.is_file()), None)
     except (OSError, ValueError):  # a name that no file can have
         return None
+
+
+def _packages() -> list[Path]:
+    """Return the folders in which ROS looks for packages."""
+    first, second = (os.environ.get(name, "") for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
+    found = [Path(place) for place in first.split(os.pathsep) if place]
+    return found + [Path(place) / "share" for place in second.split(os.pathsep) if place]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -85,7 +85,7 @@ def links_below(text: bytes, palm: str) -> tuple[Link, ...]:
         below = [link for link in every if link.parent == name]
         found += below
         names += [link.name for link in below]
-    return tuple(found)
+    return tuple(_signed(link, found) for link in found)
 
 
 def poses(
@@ -182,10 +182,25 @@ def _link(element: ET.Element) -> Link:
     )
 
 
+def _signed(link: Link, links: Sequence[Link]) -> Link:
+    """Return the link with its joint's limits negated where it follows another backwards and they lack the sign.
+
+    That is where no two positions of the joint it follows keep the limits as they stand, and some keep them negated.
+    """
+    follow = link.follow
+    other = None if follow is None else next((one for one in links if one.joint == follow.joint), None)
+    if follow is None or other is None or follow.multiplier >= 0.0:
+        return link
+    first, last = (follow.multiplier * end + follow.offset for end in (other.upper, other.lower))
+    negated = replace(link, lower=-link.upper, upper=-link.lower)
+    room = [min(last, one.upper) - max(first, one.lower) for one in (link, negated)]
+    return negated if room[0] <= 0.0 < room[1] else link
+
+
 def _limits(element: ET.Element, kind: str) -> tuple[float, float]:
     if kind == "continuous":
         return -HALF_TURN, HALF_TURN
-    if element.find("limit") is None:
+    if not (_attribute(element, "limit", "lower", "") or _attribute(element, "limit", "upper", "")):
         return -np.inf, np.inf
     return float(_attribute(element, "limit", "lower", "0")), float(_attribute(element, "limit", "upper", "0"))
 

@@ -1,0 +1,6 @@
+"""Hands that people own: fingertips, approach and effort limits for the URDF of each."""
+
+from nlpgrasp.hands.presets.fingers import allegro, leap, shadow
+from nlpgrasp.hands.presets.grippers import barrett, panda, robotiq_2f85, robotiq_3f
+
+__all__ = ["allegro", "barrett", "leap", "panda", "robotiq_2f85", "robotiq_3f", "shadow"]

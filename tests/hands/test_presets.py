@@ -1,0 +1,224 @@
+"""Presets of hands: where their fingertips are, what their motors give, and what is said of another URDF."""
+
+import re
+import sys
+import types
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.hands.presets import fingers, grippers
+from tests.hands.robots import robot
+
+ALLEGRO = "allegro_hand_description/urdf/allegro_{}_hand.urdf"
+PANDA = "panda_description/urdf/panda.urdf"
+QUICK = ng.SolveOptions(extras=False, workers=1)
+PRESETS = {
+    preset.name: preset
+    for room in (fingers, grippers)
+    for preset in vars(room).values()
+    if type(preset).__name__ == "Preset"
+}
+ENDING = {"robotiq_2f85": "finger_joint", "robotiq_3f": "joint_{}", "barrett": "med_joint"}
+LIMITS = {"allegro": 0.7, "leap": 0.93, "shadow": 2.0, "robotiq_2f85": 25.0, "barrett": 1.7}
+
+
+def link(name):
+    return f'<link name="{name}"><collision><geometry><sphere radius="0.002"/></geometry></collision></link>'
+
+
+def star(path, preset, prefix="", without=()):
+    """Write a URDF with the links that a preset names, each on a joint of its own below the palm."""
+    kind = "prismatic" if preset.name == "panda" else "revolute"
+    palm, text = prefix + preset.palms[0], ""
+    for i, name in enumerate(preset.tips):
+        if name not in without:
+            joint = f"{prefix}{i}_{ENDING.get(preset.name, 'joint').format(i % 3 + 1)}"
+            text += (
+                f'{link(prefix + name)}<joint name="{joint}" type="{kind}"><parent link="{palm}"/><child '
+                f'link="{prefix + name}"/><origin xyz="{0.05 * i} 0 0.1"/><axis xyz="0 {1 - 2 * (i % 2)} 0"/>'
+                '<limit lower="0" upper="0.04" effort="2"/></joint>'
+            )
+    path.write_text(f"<robot name='r'>{link(palm)}{text}</robot>")
+    return path
+
+
+def made(preset, *args, **options):
+    return getattr(ng.hands, preset.name)(*args, **options)
+
+
+def test_all_presets_are_public():
+    assert set(PRESETS) == {"allegro", "leap", "shadow", "barrett", "robotiq_2f85", "robotiq_3f", "panda"}
+    assert set(PRESETS) <= set(ng.hands.__all__)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_allegro_touches_where_its_meshes_are(side):
+    path = robot(ALLEGRO.format(side))
+    hand = ng.hands.allegro(path)
+    assert hand.tree.approach.tolist() == [1.0, 0.0, 0.0]
+    assert set(hand.torque_limits.values()) == {0.7}
+    mesh = trimesh.load(path.parents[1] / "meshes" / "link_3.0_tip.STL", force="mesh")
+    for name, tip in hand.tips:
+        (shape,) = hand.robot.shapes[name]
+        np.testing.assert_allclose([*tip.centre, tip.radius], [*shape.centre, shape.radius])
+        outside = mesh.vertices[mesh.vertices[:, 2] > 0.0]  # the end of the finger; its foot is flat
+        assert np.max(np.abs(tip.beyond(outside[np.linalg.norm(outside, axis=1) > 0.01]))) < 5e-4
+
+
+def test_allegro_closes_to_where_its_palm_faces():
+    hand = ng.hands.allegro(robot(ALLEGRO.format("right")))
+    lower, upper = hand.tree.joint_limits
+    bent = np.where([j.axis[1] == 1.0 for j in hand.robot.free_joints], 1.0, 0.0)
+    moved = hand.tree.palm_tips(np.stack([np.zeros(len(lower)), np.clip(bent, lower, upper)]))
+    assert np.all((moved[1] - moved[0])[:3] @ hand.tree.approach > 0.05)
+
+
+def test_panda_touches_with_its_rubber_tips():
+    hand = ng.hands.panda(robot(PANDA))
+    assert hand.torque_limits == {"panda_finger_joint1": 140.0}
+    links = dict(zip(hand.tree.used_links, np.hsplit(hand.tree.link_function([0.02]).full(), 3), strict=True))
+    middles, normals = [], []
+    for name, tip in hand.tips:
+        rubber = hand.robot.shapes[name][-1].mesh
+        corners = [[x, y, 0.0] for x in (-0.00875, 0.00875) for y in (-0.00925, 0.00925)]
+        there = trimesh.transform_points(np.array(corners), tip.frame)
+        lower, upper = rubber.bounds
+        np.testing.assert_allclose(there[:, 1], lower[1] if name == "panda_leftfinger" else upper[1], atol=1e-4)
+        np.testing.assert_allclose([there.min(axis=0)[[0, 2]], there.max(axis=0)[[0, 2]]], rubber.bounds[:, [0, 2]])
+        middles.append((links[name] @ [*tip.centre, 1.0])[:3])
+        normals.append(links[name][:3, :3] @ tip.frame[:3, 2])
+    np.testing.assert_allclose(middles[0] - middles[1], [0.0, 0.04, 0.0], atol=1e-9)  # open by twice the joint
+    np.testing.assert_allclose(normals, [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], atol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:link .* is thicker than its fingertip:UserWarning")
+@pytest.mark.parametrize(
+    ("name", "path", "radius"),
+    [
+        pytest.param("allegro", ALLEGRO.format("right"), 0.03, marks=pytest.mark.slow),
+        ("panda", PANDA, 0.025),
+    ],
+)
+def test_presets_hold_a_sphere(name, path, radius):
+    hand = getattr(ng.hands, name)(robot(path))
+    contact = ng.FrictionContact(0.7) if hand.count > 2 else ng.SoftContact(0.7, 0.3)
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, radius, radius, radius])
+    problem = ng.GraspProblem(ng.Sphere(radius), contact, task, hand=hand, edge_margin=0.0)
+    solution = ng.solve(problem, starts=1, options=QUICK)
+    assert solution.status is ng.Status.SOLVED
+    assert solution.mu.lower > 0.3
+
+
+def test_robotiq_pads_face_each_other_and_meet(tmp_path):
+    """The joints of the ROS-Industrial description, whose inner fingers' limits lack the sign."""
+
+    def joint(name, parent, child, xyz, rpy="0 0 0", mimic=None, kind="revolute"):
+        follow = "" if mimic is None else f'<mimic joint="finger_joint" multiplier="{mimic}"/>'
+        return (
+            f'{link(child)}<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin '
+            f'xyz="{xyz}" rpy="{rpy}"/><axis xyz="1 0 0"/><limit lower="0" upper="0.81" effort="1000"/>{follow}</joint>'
+        )
+
+    base, turned, text = "robotiq_arg2f_base_link", f"0 0 {np.pi}", ""
+    for side, y, rpy, name, mimic in (
+        ("left", -0.0306011, turned, "finger_joint", None),
+        ("right", 0.0306011, "0 0 0", "right_outer_knuckle_joint", 1),
+    ):
+        outer, inner = f"{side}_outer_finger", f"{side}_inner_finger"
+        text += joint(name, base, f"{side}_outer_knuckle", f"0 {y} 0.054904", rpy, mimic)
+        text += joint(f"{outer}_joint", f"{side}_outer_knuckle", outer, "0 0.0315 -0.0041", kind="fixed")
+        text += joint(f"{inner}_joint", outer, inner, "0 0.0061 0.0471", mimic=-1)
+        text += joint(f"{inner}_pad_joint", inner, f"{inner}_pad", "0 -0.0220203446692936 0.03242", kind="fixed")
+    path = tmp_path / "gripper.urdf"
+    path.write_text(f"<robot name='r'>{link(base)}{text}</robot>")
+    with pytest.warns(
+        UserWarning, match="taken with the other sign: limits 0 to 0.81 of joint left_inner_finger_joint"
+    ):
+        hand = ng.hands.robotiq_2f85(path)
+    assert hand.torque_limits == {"finger_joint": 25.0}
+    gaps = []
+    for position in (0.0, 0.8):
+        found = hand.tree.link_function([position]).full()
+        poses = {name: found[:, 4 * i : 4 * i + 4] for i, name in enumerate(hand.tree.used_links)}
+        left, right = (poses[name] @ tip.frame for name, tip in hand.tips)
+        np.testing.assert_allclose(left[:3, 2], [0.0, 1.0, 0.0], atol=1e-9)
+        np.testing.assert_allclose(right[:3, 2], [0.0, -1.0, 0.0], atol=1e-9)
+        gaps.append(right[1, 3] - left[1, 3])
+    assert gaps[0] == pytest.approx(0.085, abs=1.5e-3)  # its stroke
+    assert abs(gaps[1]) < 3e-3
+    force = 235.0  # at each pad, by virtual work at the joint
+    assert force * (gaps[0] - gaps[1]) / 0.8 == pytest.approx(25.0, rel=0.03)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("prefix", ["", "rh_"])
+def test_links_are_found_with_any_prefix(name, prefix, tmp_path):
+    preset = PRESETS[name]
+    hand = made(preset, star(tmp_path / "hand.urdf", preset, prefix))
+    assert [link for link, _ in hand.tips] == [prefix + link for link in preset.tips]
+    assert hand.tree.approach.tolist() == list(preset.approach)
+    if name == "panda":  # two fingers, each with a joint of its own
+        assert set(hand.torque_limits.values()) == {70.0}
+    elif name == "robotiq_3f":
+        assert list(hand.torque_limits.values()) == [7.0, 4.0, 1.6]
+    else:
+        assert set(hand.torque_limits.values()) == {LIMITS[name]}
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_link_that_is_not_there_is_named(name, tmp_path):
+    preset = PRESETS[name]
+    missing = list(preset.tips)[-1]
+    path = star(tmp_path / "other.urdf", preset, without=[missing])
+    said = f"hands.{name}.urdf: got other.urdf without a link {missing}, expected the URDF of this hand"
+    with pytest.raises(ng.InputError, match=re.escape(said)):
+        made(preset, path)
+
+
+def test_options_of_the_loader(tmp_path):
+    path = star(tmp_path / "hand.urdf", PRESETS["leap"])
+    hand = ng.hands.leap(path, torque_limits=0.3, clearance=0.001, palm="palm_lower")
+    assert (set(hand.torque_limits.values()), hand.clearance) == ({0.3}, 0.001)
+
+
+def test_two_hands_in_one_urdf(tmp_path):
+    texts = [
+        star(tmp_path / f"{side}.urdf", PRESETS["shadow"], f"{side}_").read_text().split(">", 1)[1]
+        for side in ("rh", "lh")
+    ]
+    both = "".join(text.removesuffix("</robot>") for text in texts)
+    arms = "".join(
+        f'<joint name="{side}" type="fixed"><parent link="body"/><child link="{side}_palm"/></joint>'
+        for side in ("rh", "lh")
+    )
+    path = tmp_path / "both.urdf"
+    path.write_text(f"<robot name='r'><link name='body'/>{both}{arms}</robot>")
+    with pytest.raises(ng.InputError, match=r"hands.shadow.palm: got both.urdf with links rh_palm, lh_palm, expected"):
+        ng.hands.shadow(path)
+    assert ng.hands.shadow(path, palm="lh_palm").tips[0][0] == "lh_ffdistal"
+
+
+def test_without_a_urdf():
+    with pytest.raises(ng.InputError, match=r"hands.shadow.urdf: got nothing, expected the path of its URDF \(robot_d"):
+        ng.hands.shadow()
+
+
+def test_without_robot_descriptions(monkeypatch):
+    monkeypatch.setitem(sys.modules, "robot_descriptions", None)
+    with pytest.raises(ng.InputError, match=r'expected the path of its URDF, or robot_descriptions: pip install "nlp'):
+        ng.hands.allegro()
+
+
+def test_through_robot_descriptions(monkeypatch, tmp_path):
+    package = types.ModuleType("robot_descriptions")
+    package.__path__ = []
+    module = types.ModuleType("robot_descriptions.leap_hand_v1_description")
+    monkeypatch.setitem(sys.modules, package.__name__, package)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    with pytest.raises(ng.InputError, match="of which robot_descriptions has no plain URDF"):
+        ng.hands.leap()
+    module.URDF_PATH = str(star(tmp_path / "leap.urdf", PRESETS["leap"]))
+    assert ng.hands.leap().robot.source == "leap.urdf"
