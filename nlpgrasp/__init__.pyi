@@ -78,7 +78,10 @@ from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.squeezed.joints import JointSqueeze
+from nlpgrasp.solution.squeezed.squeeze import Squeeze
 from nlpgrasp.solve import SolveOptions, solve, with_extras
+from nlpgrasp.solve.squeeze import squeeze
 from nlpgrasp.studies import (
     BlockedDirection,
     ContactCurve,
@@ -152,6 +155,7 @@ __all__ = [
     "HandTorques",
     "Implicit",
     "InputError",
+    "JointSqueeze",
     "JointTorqueLimits",
     "LineContact",
     "Manipulability",
@@ -178,6 +182,7 @@ __all__ = [
     "Sphere",
     "SphereTip",
     "Spread",
+    "Squeeze",
     "Stability",
     "StackBounds",
     "Status",
@@ -246,6 +251,7 @@ __all__ = [
     "simulate",
     "smallest_singular_value",
     "solve",
+    "squeeze",
     "turn",
     "verify",
     "with_extras",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
@@ -64,7 +64,7 @@ class GraspSolution(Measured):
     why_not : WhyNot or None
         Where no grasp was found.
     hand : mapping or None
-        The hand at the solution: a URDF hand's joint positions, palm pose and pregrasp.
+        The hand at the solution: a URDF hand's joint positions, palm pose, pregrasp and squeeze.
     surface : SurfaceMatch or None
         For meshes.
     drawing : Drawing or None
@@ -196,6 +196,8 @@ class GraspSolution(Measured):
             solver={**solver, "versions": data.get("created_by", {})},
         )
         solution.check_against(grasp, name)
+        with within(f"{name}: "):
+            _ = solution.squeeze
         check_beta(data["quality"], solution.beta, f"{name}: quality")
         return solution
 
