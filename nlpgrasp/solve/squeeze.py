@@ -64,6 +64,7 @@ def squeeze(
     Returns
     -------
     Squeeze
+        Forces, moments, the friction they need, and with a hand's joints torques, their limits and commands.
 
     Raises
     ------
