@@ -111,7 +111,7 @@ def _carried(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> F
 
 def _joints(solution: GraspSolution, wrenches: FloatArray, gain: Gain | None, hand: Hand | None) -> JointSqueeze | None:
     """Return what the joints do for forces and moments (k, d); None where nothing says how they move contacts."""
-    posture, stated = solution.hand or {}, solution.problem.get("hand") or {}
+    posture = solution.hand or {}
     if hand is not None:
         if not isinstance(hand, PosedHand) or not hand.loaded_joints:
             raise InputError("hand", type(hand).__name__, "a hand with joints, such as ng.URDFHand")
@@ -122,7 +122,7 @@ def _joints(solution: GraspSolution, wrenches: FloatArray, gain: Gain | None, ha
         names, limits = hand.loaded_joints, hand.torque_limits
     elif solution.squeeze is not None and solution.squeeze.joints is not None:
         known = solution.squeeze.joints
-        jacobians, names, limits = known.jacobians, tuple(known.torques), stated.get("torque_limits") or {}
+        jacobians, names, limits = known.jacobians, tuple(known.torques), known.limits
     else:
         return None
     return JointSqueeze.of(names, wrenches, jacobians, limits, posture["joint_positions"], gain)

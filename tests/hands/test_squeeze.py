@@ -109,7 +109,10 @@ def test_a_quick_solve_has_none_and_another_keeps_what_is_there():
         (lambda: ng.squeeze(grasped(), hand=ng.Fingertips(3)), "hand: got Fingertips.*a hand with joints"),
         (lambda: ng.squeeze(grasped(), gain=2.0), "gain.*a hand whose joints are known"),
         (lambda: ng.squeeze(squeezed(), gain=0.0), "gain.*greater than 0"),
-        (lambda: ng.squeeze(squeezed(), gain={"elbow": 1.0}), "joint elbow, expected joints that move a contact"),
+        (
+            lambda: ng.squeeze(squeezed(), gain=dict.fromkeys([*three_finger_hand().loaded_joints, "elbow"], 1.0)),
+            "joint elbow, expected joints that move a contact",
+        ),
         (lambda: ng.squeeze(squeezed()).positions(), "gain"),
         (lambda: ng.squeeze(squeezed()).positions({"finger_1_proximal_flexion": 1.0}), "gain: got none for finger_"),
     ],
@@ -124,3 +127,20 @@ def test_a_file_whose_joints_the_hand_lacks_is_refused():
     data = edited(squeezed().to_dict(), lambda d: d["hand"]["joint_positions"].pop("finger_1_proximal_flexion"))
     with pytest.raises(ng.InputError, match=r"f.json: hand.squeeze.torques.*joint finger_1_proximal_flexion"):
         ng.GraspSolution.from_dict(data, "f.json")
+
+
+@pytest.mark.parametrize(
+    ("path", "wrong", "message"),
+    [
+        (("problem", "hand", "torque_limits"), -1.0, "problem.hand.torque_limits.*limits by joint"),
+        (("problem", "hand", "torque_limits", "finger_1_proximal_flexion"), 0.0, "finger_1_proximal_flexion.*greater"),
+        (("problem", "hand", "torque_limits", "finger_1_proximal_flexion"), "text", "finger_1_proximal_flexion"),
+        (("hand", "squeeze", "jacobians", 0), [[1.0]], "hand.squeeze.jacobians"),
+        (("hand", "squeeze", "gain"), {}, "gain: got none for finger_1"),
+        (("hand", "squeeze", "wrench"), [0.0, 0.0, 0.0], "hand.squeeze.wrench"),
+        (("hand", "squeeze", "fingers", 0, "force"), [0.0, 0.0], "hand.squeeze.fingers.force"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_refused(path, wrong, message):
+    with pytest.raises(ng.InputError, match=message):
+        ng.GraspSolution.from_dict(edited(squeezed().to_dict(), put(path, wrong)), "f.json")

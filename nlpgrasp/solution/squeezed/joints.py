@@ -58,7 +58,7 @@ class JointSqueeze:
         Raises
         ------
         InputError
-            On a gain that is not above zero, or of a joint that moves no contact.
+            On a gain that is not above zero, or not of the joints that move contacts.
         """
         tau = np.einsum("kdm,kd->m", jacobians, wrenches)
         torques = dict(zip(names, tau.tolist(), strict=True))
@@ -77,9 +77,6 @@ class JointSqueeze:
         if chosen is None:
             raise InputError("gain", None, "newton-metres a radian, of the joints' position control")
         by_joint = chosen if isinstance(chosen, Mapping) else dict.fromkeys(self.torques, chosen)
-        missing = [name for name in self.torques if name not in by_joint]
-        if missing:
-            raise InputError("gain", f"none for {', '.join(missing)}", "one for each joint that moves a contact")
         return {name: self.grasp[name] + tau / by_joint[name] for name, tau in self.torques.items()}
 
     @property
@@ -140,10 +137,13 @@ class JointSqueeze:
         torques = {joint: number(f"{name}.torques.{joint}", tau) for joint, tau in data["torques"].items()}
         jacobians = array(f"{name}.jacobians", data["jacobians"], (count, 6, len(torques)))
         positions, limits = hand.get("joint_positions", {}), stated.get("torque_limits") or {}
+        if not isinstance(limits, Mapping):
+            raise InputError("problem.hand.torque_limits", limits, "limits by joint")
         lost = [joint for joint in torques if joint not in positions]
         if lost:
             raise InputError(f"{name}.torques", f"joint {lost[0]}", "joints of hand.joint_positions")
-        own = {joint: float(limits[joint]) for joint in torques if joint in limits}
+        field = "problem.hand.torque_limits"
+        own = {joint: number(f"{field}.{joint}", limits[joint], above=0.0) for joint in torques if joint in limits}
         grasp = {joint: float(positions[joint]) for joint in torques}
         return cls(torques, own, grasp, jacobians, _gain(data.get("gain"), tuple(torques)))
 
@@ -154,7 +154,9 @@ def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:
         return None
     if not isinstance(gain, Mapping):
         return number("gain", gain, above=0.0)
-    unknown = [name for name in gain if name not in names]
+    unknown, missing = [n for n in gain if n not in names], [n for n in names if n not in gain]
+    if missing:
+        raise InputError("gain", f"none for {', '.join(missing)}", "one for each joint that moves a contact")
     if unknown:
         raise InputError("gain", f"joint {unknown[0]}", f"joints that move a contact: {', '.join(names)}")
     return {str(name): number(f"gain of {name}", value, above=0.0) for name, value in gain.items()}
