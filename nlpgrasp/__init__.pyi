@@ -82,7 +82,10 @@ from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.squeezed.joints import JointSqueeze
+from nlpgrasp.solution.squeezed.squeeze import Squeeze
 from nlpgrasp.solve import SolveOptions, solve, with_extras
+from nlpgrasp.solve.squeeze import squeeze
 from nlpgrasp.studies import (
     BlockedDirection,
     ContactCurve,
@@ -157,6 +160,7 @@ __all__ = [
     "HandTorques",
     "Implicit",
     "InputError",
+    "JointSqueeze",
     "JointTorqueLimits",
     "LineContact",
     "Manipulability",
@@ -184,6 +188,7 @@ __all__ = [
     "Sphere",
     "SphereTip",
     "Spread",
+    "Squeeze",
     "Stability",
     "StackBounds",
     "Status",
@@ -254,6 +259,7 @@ __all__ = [
     "smallest_singular_value",
     "solve",
     "solve_many",
+    "squeeze",
     "turn",
     "verify",
     "with_extras",

@@ -90,7 +90,7 @@ class SoftContact(RangeContact):
         """Return the (m, n_i) matrices of the box's cones, or of the ellipse's one cone."""
         if self.model == "box":
             return super().cones(space)
-        return [np.diag([1.0, 1.0 / self.friction, 1.0 / self.friction, 1.0 / self.torsional_friction])]
+        return [np.diag([self.friction, 1.0, 1.0, self.friction / self.torsional_friction])]
 
     def left_for_moments(self, normal: float, tangential: float) -> float:
         """Return all normal force for the box, and what friction leaves of it for the ellipse, newtons."""

@@ -15,12 +15,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.mjcf.scene import mjcf_of_object
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.squeezed.joints import GAIN
 
 if TYPE_CHECKING:
     from mujoco import MjModel, MjsFrame, MjSpec
 
 PREFIX = "hand_"
-GAIN = 5.0  # N m / rad (or N / m), of the joints' position motors
 
 
 def mjcf_with_hand(solution: GraspSolution, urdf: str | Path) -> str:

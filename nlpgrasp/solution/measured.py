@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 from nlpgrasp.common.shown.drawing import Drawing
+from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
@@ -16,6 +18,7 @@ from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality import Quality
 from nlpgrasp.solution.records import StartRecord, Status, passed_over, winner_of
+from nlpgrasp.solution.squeezed.squeeze import Squeeze
 
 
 class Measured(Asked):
@@ -38,6 +41,7 @@ class Measured(Asked):
     why_not: WhyNot | None
     starts: tuple[StartRecord, ...]
     best_start: int | None
+    hand: Json | None
 
     @property
     def success(self) -> bool:
@@ -92,11 +96,19 @@ class Measured(Asked):
         lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}"]
         if self.bound is not None:
             lines.append(f"  {self.bound.line(self.mu.lower)}")
-        return [*lines, *(f"  {line}" for line in self.needed_lines())]
+        squeezed = [] if self.squeeze is None else [self.squeeze.line()]
+        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *squeezed])]
 
     def needed_lines(self) -> list[str]:
         """Return what the fingers press for the task as it was given, in words; nothing where it is not known."""
         return [] if self.needed is None else self.needed.lines(self.budget, self.max_force)
+
+    @cached_property
+    def squeeze(self) -> Squeeze | None:
+        """The squeeze of the hand's joints that ``hand`` states; None where it states none."""
+        if self.grasp is None or self.hand is None or "squeeze" not in self.hand:
+            return None
+        return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
 
     @property
     def winner(self) -> StartRecord | None:

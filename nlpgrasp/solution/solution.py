@@ -8,7 +8,7 @@ from pathlib import Path
 
 from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
@@ -66,7 +66,7 @@ class GraspSolution(Several):
     why_not : WhyNot or None
         Where no grasp was found.
     hand : mapping or None
-        The hand at the solution: a URDF hand's joint positions, palm pose and pregrasp.
+        The hand at the solution: a URDF hand's joint positions, palm pose, pregrasp and squeeze.
     surface : SurfaceMatch or None
         For meshes.
     drawing : Drawing or None
@@ -220,6 +220,8 @@ class GraspSolution(Several):
         )
         for part in (grasp, *(found.grasp for found in kept)):
             solution.check_against(part, name)
+        with within(f"{name}: "):
+            _ = solution.squeeze
         check_beta(data["quality"], solution.beta, f"{name}: quality")
         return solution
 

@@ -27,6 +27,7 @@ from nlpgrasp.solve.after.least_forces import least_forces
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.squeeze import with_squeeze
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.clock import Clock
@@ -144,7 +145,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     volume = volume_of(grasp, budget) if timely else None
     search.clock.mark("nu")
     bound = search.bound_above(lower)
-    return GraspSolution(
+    solution = GraspSolution(
         status=search.cut_short or _status(search.options, bound, lower),
         name=problem.name,
         problem=problem.unchecked(force_budget=budget).to_dict(),
@@ -167,6 +168,11 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         starts=search.records,
         best_start=best.record.index,
     )
+    if not search.options.extras:
+        return solution
+    squeezed = with_squeeze(solution, problem.hand)
+    search.clock.mark("squeeze")
+    return squeezed
 
 
 def _status(options: SolveOptions, bound: GlobalBound | None, lower: float) -> Status:

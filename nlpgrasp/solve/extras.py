@@ -19,6 +19,7 @@ from nlpgrasp.solve.after.look_back import extras
 from nlpgrasp.solve.answer import OTHER_RTOL, volume_of
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.squeeze import with_squeeze
 from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.start.run import with_hand
 from nlpgrasp.solve.surface.on_body import OnBody
@@ -33,8 +34,9 @@ PARTS = ("body", "contacts", "task", "constraints")  # of a problem, that a file
 def with_extras(solution: GraspSolution, problem: GraspProblem | None = None) -> GraspSolution:
     """Return a solution together with what a solve with ``extras=False`` left out.
 
-    delta and nu need the grasp alone; robustness, the drawing, shadow prices and the depth of a hand's links need the
-    problem: one without a hand is read from the solution as far as it holds it (no mesh, no expressions of the user's).
+    delta and nu need the grasp alone; robustness, the drawing, shadow prices, the depth of a hand's links and its
+    squeeze need the problem: one without a hand is read from the solution as far as it holds it (no mesh, no
+    expressions of the user's).
     What is there already stays as it is, and so does all of a solution without a grasp.
 
     Parameters
@@ -59,19 +61,20 @@ def with_extras(solution: GraspSolution, problem: GraspProblem | None = None) ->
         measured = replace(solution, delta=small, nu=volume, stated_first=None)
         asked = problem or _told(solution)
         if asked is None or (solution.robust is not None and solution.drawing is not None):
-            return measured
+            return with_squeeze(measured, None if asked is None else asked.hand)
         bench = Workbench(asked, SolveOptions(workers=1))
         found = extras(bench, _as_start(bench, solution, grasp), Stop(), Clock())
     hand = solution.hand
     if hand is not None and found.link_depth is not None:
         hand = {**hand, "link_depth": found.link_depth.to_dict()}
-    return replace(
+    whole = replace(
         measured,
         prices=solution.prices or found.prices,
         robust=solution.robust or (found.robust and found.robust.beside(solution.mu)),
         drawing=solution.drawing or found.drawing,
         hand=hand,
     )
+    return with_squeeze(whole, asked.hand)
 
 
 def _check_same(solution: GraspSolution, problem: GraspProblem) -> None:

@@ -1,0 +1,225 @@
+"""Balanced finger forces that need the least friction: a few small conic programs, solved by Clarabel.
+
+``K(s)`` are the contacts' cones with s times the friction (and torsional friction) they have. Of all forces x with
+
+    G x = w,    x in K(s),    f_n,i >= F for every contact i,    sum_i f_n,i <= ROOM N
+
+(N the least total normal force within the cones of the friction there is) those with the least s are wanted. The set is
+convex for every s and grows with it, so that s is quasi-convex in x: a generalised fractional program. Rows of K(s)
+are ``|b(x)| <= a(x) + s c(x)``, linear in s; Dinkelbach's method (Crouzeix, Ferland and Schaible 1985,
+doi:10.1007/BF00941314) solves for given s
+
+    minimise v    subject to    |b(x)| <= a(x) + s c(x) + v c(x')    and the rest,    x' the solution before,
+
+and goes on with the least s of its solution, which falls to the optimum superlinearly. Of the forces with that s, those
+of least L2 norm are the answer: there is one.
+
+Without the limit ``ROOM N`` a wrench has no answer: against a weight, friction is needed ever less the harder the
+fingers squeeze.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from nlpgrasp.common.conic import LONG, SHORT, cone_of, quiet_settings
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.product import lifted, ranges
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.certificate.rank import numerical_rank
+
+ROOM = 2.0  # times the least total normal force: what forces may take so that less friction is needed
+TOLERANCES = (1e-10, 1e-8)
+STEPS = 30
+CLOSE = 1e-7  # of the share of friction: where its descent ends
+SLACK = 1e-6  # of the share: room for the program of least forces at the least share
+ABOVE = 1e-7  # relative: normal forces are asked for this much above what is stated, for the solver's tolerance
+MOST = 100.0  # times the friction: more is no answer
+NONE = 1e-6  # share of the total normal force: a contact that presses no more does not press
+OUTSIDE = 1e-8  # relative: how far a wrench may be from what the grasp map reaches
+
+
+@dataclass(frozen=True)
+class Balanced:
+    """Balanced finger forces.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Components in the contact frames, newtons and newton-metres.
+    share : float
+        The share of friction and torsional friction that they need, at least zero.
+    """
+
+    x: FloatArray
+    share: float
+
+
+def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Balanced:
+    """Return the forces that produce a wrench, press enough and need the least friction (see the module).
+
+    Parameters
+    ----------
+    grasp : Grasp
+    wrench : (d,) array
+        What the fingers exert together, newtons and newton-metres, about the grasp's torque origin.
+    normal_force : float
+        F, newtons: what each contact presses with at least.
+
+    Raises
+    ------
+    InputError
+        Where there are none, with the contacts that cannot press, or the friction that would do.
+    """
+    program = _Program(grasp, wrench / normal_force)
+    begun = program.least_normal(1.0)
+    if begun is None:
+        raise _impossible(program)
+    u, share = program.least_share(begun)
+    least = program.least_forces(begun, share * (1.0 + SLACK) + SLACK)
+    u = u if least is None else least
+    x = program.lift @ u
+    x = x - program.back @ (program.G @ x - program.wrench)
+    return Balanced(normal_force * x, program.share(u))
+
+
+class _Program:
+    """The conic programs of a grasp, forces in units of F."""
+
+    def __init__(self, grasp: Grasp, wrench: FloatArray) -> None:
+        space, contacts = grasp.space, grasp.contacts
+        self.lift, whole = lifted(contacts, space)
+        half = lifted([c.with_friction(0.5) for c in contacts], space)[1]
+        self.slopes = [2.0 * (M - H) for M, H in zip(whole, half, strict=True)]
+        self.constants = [M - slope for M, slope in zip(whole, self.slopes, strict=True)]
+        unit = np.array([1.0] * space + [grasp.mean_arm] * (grasp.dimension - space))
+        G, w = grasp.G / unit[:, None], wrench / unit
+        basis, values, _ = np.linalg.svd(G)
+        basis = basis[:, : numerical_rank(values)]
+        self.reached = bool(np.linalg.norm(w - basis @ (basis.T @ w)) <= OUTSIDE * np.linalg.norm(w))
+        self.G, self.wrench = basis.T @ G, basis.T @ w
+        self.balance = self.G @ self.lift
+        self.normals = self.lift[[where.start for where in ranges(contacts, space)]] * grasp.force_unit
+        self.total = self.normals.sum(axis=0)
+
+    @cached_property
+    def back(self) -> FloatArray:
+        """The pseudo-inverse of the grasp map, which takes what is left of the balance back."""
+        return np.asarray(np.linalg.pinv(self.G))
+
+    def least_normal(self, share: float) -> FloatArray | None:
+        """Return forces u of least total normal force in the cones with a share of friction; None without any."""
+        if not self.reached:
+            return None
+        return self._solve(self._cones(share), self._pressing, self.total)
+
+    def least_forces(self, begun: FloatArray, share: float) -> FloatArray | None:
+        """Return forces of least L2 norm in the cones with a share of friction; None where the solver finds none."""
+        return self._solve(self._cones(share), self._limited(begun), None, self.lift.T @ self.lift)
+
+    def least_share(self, begun: FloatArray) -> tuple[FloatArray, float]:
+        """Return forces that need the least friction and their share of it, from forces of least normal force."""
+        u, share, limits = begun, self.share(begun), self._limited(begun)
+        for _ in range(STEPS):
+            if share <= CLOSE:
+                break
+            weights = [float(slope[0] @ u) for slope in self.slopes]
+            found = self._solve(self._cones(share, weights), limits)
+            if found is None:
+                break
+            then = self.share(found)
+            better = then < share - CLOSE
+            u, share = (found, then) if then < share else (u, share)
+            if not better:
+                break
+        return u, share
+
+    def share(self, u: FloatArray) -> float:
+        """Return the least share of friction with which forces are in the cones."""
+        needed = [0.0]
+        for constant, slope in zip(self.constants, self.slopes, strict=True):
+            by = float(slope[0] @ u)
+            if np.any(slope):
+                row = constant @ u
+                lacking = float(np.linalg.norm(row[1:]) - row[0])
+                needed.append(lacking / by if by > 0.0 else np.inf if lacking > OUTSIDE else 0.0)
+        return max(needed)
+
+    def idle(self) -> list[int]:
+        """Return the contacts that press in no forces without a wrench."""
+        total = (-self.total[None, :], np.array([-1.0]))
+        rows = (np.concatenate([self.normals, total[0]]), np.concatenate([np.zeros(len(self.normals)), total[1]]))
+        found = []
+        for i, normal in enumerate(self.normals):
+            u = self._solve(self._cones(1.0), rows, -normal, wrench=np.zeros(len(self.wrench)))
+            if u is not None and float(normal @ u) < NONE:
+                found.append(i)
+        return found
+
+    @property
+    def _pressing(self) -> tuple[FloatArray, FloatArray]:
+        return self.normals, np.full(len(self.normals), 1.0 + ABOVE)
+
+    def _limited(self, begun: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the rows of normal forces and their sum, ``rows u >= least``."""
+        rows, least = self._pressing
+        return np.concatenate([rows, -self.total[None]]), np.append(least, -ROOM * float(self.total @ begun))
+
+    def _cones(self, share: float, weights: list[float] | None = None) -> list[FloatArray]:
+        """Return the cones with a share of friction; with weights, a last column for v."""
+        parts = []
+        for i, (constant, slope) in enumerate(zip(self.constants, self.slopes, strict=True)):
+            M = constant + share * slope
+            if weights is not None:
+                M = np.pad(M, [(0, 0), (0, 1)])
+                M[0, -1] = weights[i] if np.any(slope) else 0.0
+            parts.append(M)
+        return parts
+
+    def _solve(
+        self,
+        cones: list[FloatArray],
+        limits: tuple[FloatArray, FloatArray],
+        cost: FloatArray | None = None,
+        square: FloatArray | None = None,
+        wrench: FloatArray | None = None,
+    ) -> FloatArray | None:
+        """Return u of a program; one with v where the cones have a column for it, which is then the cost."""
+        n, m = self.lift.shape[1], cones[0].shape[1] if cones else self.lift.shape[1]
+        aside = [(0, 0), (0, m - n)]
+        q = np.zeros(m) if cost is None else cost
+        if m > n:
+            q = np.append(np.zeros(n), 1.0)
+        P = sparse.csc_matrix((m, m)) if square is None else sparse.csc_matrix(np.triu(square))
+        equal, least = self.wrench if wrench is None else wrench, limits[1]
+        rows = [np.pad(self.balance, aside), -np.pad(limits[0], aside), *(-M for M in cones)]
+        A = sparse.csc_matrix(np.concatenate(rows))
+        b = np.concatenate([equal, -least, np.zeros(A.shape[0] - len(equal) - len(least))])
+        kinds = [clarabel.ZeroConeT(len(equal)), clarabel.NonnegativeConeT(len(least)), *map(cone_of, cones)]
+        for step in (LONG, SHORT):
+            for tolerance in TOLERANCES:
+                found = clarabel.DefaultSolver(P, q, A, b, kinds, quiet_settings(tolerance, step)).solve()
+                if str(found.status) == "Solved":
+                    return np.asarray(found.x, dtype=float)[:n]
+                if "Infeasible" in str(found.status):
+                    return None
+        return None
+
+
+def _impossible(program: _Program) -> InputError:
+    """Return why there are no balanced forces: contacts that cannot press, or friction that is not enough."""
+    idle = program.idle()
+    named = f"contact{'s' if len(idle) > 1 else ''} {', '.join(map(str, idle))}"
+    given = f"{named} cannot press" if idle else "forces that press at every contact, but none that carry the wrench"
+    allowed = "a grasp whose contacts balance each other" if idle else "a wrench that these contacts produce"
+    rough = program.least_normal(MOST)
+    if rough is not None:
+        factor = program.least_share(rough)[1]
+        allowed = f"friction at least {factor:.3g} times as large, or {allowed}"
+    return InputError("squeeze", given, allowed)

@@ -1,0 +1,162 @@
+"""What a hand's joints do in a squeeze: torques, their limits, and the positions that a controller is told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
+
+Gain = float | Mapping[str, float]
+GAIN = 5.0  # N m / rad (or N / m) of the joints' position control, where none is stated
+
+
+@dataclass(frozen=True)
+class JointSqueeze:
+    """Joint torques of a squeeze: what the actuators have to apply, in statics and without the links' own weight.
+
+    By virtual work ``tau^T dq = sum_i f_i^T dx_i``: ``tau = sum_i J_i^T (f_i, m_i)`` with the forces and moments that
+    the fingers exert on the body. A positive torque drives its joint towards larger positions. Joints that follow
+    others count as these.
+
+    Parameters
+    ----------
+    torques : mapping of str to float
+        By joint that moves a contact, newton-metres (newtons of sliding joints).
+    limits : mapping of str to float
+        The hand's torque limits, by joint; those of joints without one are left out.
+    grasp : mapping of str to float
+        Positions of the same joints in the grasp, radians or metres.
+    jacobians : (k, 6, m) array
+        Velocity and angular velocity of each contact, fixed to its fingertip, per rate of each of these joints.
+    gain : float, mapping of str to float, or None
+        Of the joints' position control, newton-metres a radian (newtons a metre), for all or by joint.
+    """
+
+    torques: Mapping[str, float]
+    limits: Mapping[str, float]
+    grasp: Mapping[str, float]
+    jacobians: FloatArray
+    gain: Gain | None = None
+
+    @classmethod
+    def of(
+        cls,
+        names: tuple[str, ...],
+        wrenches: FloatArray,
+        jacobians: FloatArray,
+        limits: Mapping[str, float],
+        positions: Mapping[str, float],
+        gain: Gain | None,
+    ) -> JointSqueeze:
+        """Return the torques for finger forces and moments (k, 6), body frame.
+
+        Raises
+        ------
+        InputError
+            On a gain that is not above zero, or not of the joints that move contacts.
+        """
+        tau = np.einsum("kdm,kd->m", jacobians, wrenches)
+        torques = dict(zip(names, tau.tolist(), strict=True))
+        own = {name: limits[name] for name in names if name in limits}
+        return cls(torques, own, {name: float(positions[name]) for name in names}, jacobians, _gain(gain, names))
+
+    def positions(self, gain: Gain | None = None) -> dict[str, float]:
+        """Return the joint positions to command, ``grasp + tau / gain``; joints that are not here stay in the grasp.
+
+        Raises
+        ------
+        InputError
+            Without a gain, here or in the squeeze.
+        """
+        chosen = self.gain if gain is None else _gain(gain, tuple(self.torques))
+        if chosen is None:
+            raise InputError("gain", None, "newton-metres a radian, of the joints' position control")
+        by_joint = chosen if isinstance(chosen, Mapping) else dict.fromkeys(self.torques, chosen)
+        return {name: self.grasp[name] + tau / by_joint[name] for name, tau in self.torques.items()}
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Torques as shares of their limits, at least zero, by joint that has one."""
+        return {name: abs(self.torques[name]) / limit for name, limit in self.limits.items()}
+
+    @property
+    def worst(self) -> tuple[str, float] | None:
+        """The joint with the largest share of its limit, and that share; None without limits."""
+        return max(self.shares.items(), key=lambda pair: pair[1], default=None)
+
+    @property
+    def exceeded(self) -> dict[str, float]:
+        """By how much torques are above their limits, newton-metres, by joint where they are."""
+        over = {name: abs(self.torques[name]) - limit for name, limit in self.limits.items()}
+        return {name: amount for name, amount in over.items() if amount > 0.0}
+
+    def words(self) -> str:
+        """Return the worst joint in words, and what is above its limit."""
+        if self.worst is None:
+            most = max(self.torques, key=lambda name: abs(self.torques[name]))
+            return f"{abs(self.torques[most]):.3g} N m at joint {most}, the most of any"
+        name, share = self.worst
+        if not self.exceeded:
+            return f"joint {name} at {100.0 * share:.3g} % of its effort, the most of any"
+        return "too much for " + ", ".join(f"joint {n} by {over:.3g} N m" for n, over in self.exceeded.items())
+
+    def to_dict(self) -> Json:
+        """Return torques, Jacobians and, with a gain, positions as JSON data; limits and grasp are the hand's."""
+        data: Json = {"torques": dict(self.torques), "jacobians": self.jacobians.tolist()}
+        if self.worst is not None:
+            data = {**data, "worst_joint": self.worst[0], "worst_share": self.worst[1]}
+        if self.gain is None:
+            return data
+        gain = dict(self.gain) if isinstance(self.gain, Mapping) else self.gain
+        return {**data, "gain": gain, "positions": self.positions()}
+
+    @classmethod
+    def from_dict(cls, data: Json, count: int, hand: Json, stated: Json, name: str) -> JointSqueeze:
+        """Return what ``to_dict`` wrote, of ``count`` contacts; ``name`` is shown in messages.
+
+        Parameters
+        ----------
+        data : mapping
+        count : int
+        hand : mapping
+            ``hand`` of the file, with the joints' positions.
+        stated : mapping
+            ``problem.hand``, with the torque limits.
+        name : str
+
+        Raises
+        ------
+        InputError
+            On parts that do not fit each other.
+        """
+        torques = {joint: number(f"{name}.torques.{joint}", tau) for joint, tau in data["torques"].items()}
+        jacobians = array(f"{name}.jacobians", data["jacobians"], (count, 6, len(torques)))
+        positions, limits = hand.get("joint_positions", {}), stated.get("torque_limits") or {}
+        if not isinstance(limits, Mapping):
+            raise InputError("problem.hand.torque_limits", limits, "limits by joint")
+        lost = [joint for joint in torques if joint not in positions]
+        if lost:
+            raise InputError(f"{name}.torques", f"joint {lost[0]}", "joints of hand.joint_positions")
+        field = "problem.hand.torque_limits"
+        own = {joint: number(f"{field}.{joint}", limits[joint], above=0.0) for joint in torques if joint in limits}
+        grasp = {joint: float(positions[joint]) for joint in torques}
+        return cls(torques, own, grasp, jacobians, _gain(data.get("gain"), tuple(torques)))
+
+
+def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:
+    """Return a gain, checked."""
+    if gain is None:
+        return None
+    if not isinstance(gain, Mapping):
+        return number("gain", gain, above=0.0)
+    unknown, missing = [n for n in gain if n not in names], [n for n in names if n not in gain]
+    if missing:
+        raise InputError("gain", f"none for {', '.join(missing)}", "one for each joint that moves a contact")
+    if unknown:
+        raise InputError("gain", f"joint {unknown[0]}", f"joints that move a contact: {', '.join(names)}")
+    return {str(name): number(f"gain of {name}", value, above=0.0) for name, value in gain.items()}

@@ -1,0 +1,146 @@
+"""The squeeze by a hand: torques against virtual work and MuJoCo, commands, limits, files."""
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.solve.squeeze import with_squeeze
+from tests.hands.urdf import FOLDER, THREE, Mujoco, body_frame, solution_links, three_finger_hand
+from tests.verify import honest
+from tests.verify.edits import put
+from tests.verify.stated import edited
+
+
+@cache
+def grasped():
+    """A sphere among three fingertips; the file states no squeeze yet."""
+    return ng.GraspSolution.from_dict(honest.fingers(), "f.json")
+
+
+@cache
+def squeezed():
+    return with_squeeze(grasped(), three_finger_hand())
+
+
+def test_torques_do_the_forces_work():
+    """Central differences of the contacts' places, which are fixed to links that MuJoCo poses."""
+    solution, found = grasped(), ng.squeeze(grasped(), 2.0, 0.2, hand=three_finger_hand())
+    links = [t["link"] for t in solution.problem["hand"]["fingertips"]]
+    there = solution_links(THREE, solution.hand)
+    fixed = [np.linalg.inv(there[link]) @ [*p, 1.0] for link, p in zip(links, solution.grasp.points, strict=True)]
+
+    def places(joint, step):
+        moved = {**solution.hand["joint_positions"]}
+        moved[joint] += step
+        poses = solution_links(THREE, {**solution.hand, "joint_positions": moved})
+        return np.array([(poses[link] @ p)[:3] for link, p in zip(links, fixed, strict=True)])
+
+    for joint, tau in found.torques.items():
+        work = np.sum(found.forces * (places(joint, 1e-6) - places(joint, -1e-6)) / 2e-6)
+        assert tau == pytest.approx(work, abs=1e-7)
+    assert max(map(abs, found.torques.values())) > 0.01
+
+
+def test_torques_are_those_of_mujocos_jacobians():
+    solution, found = grasped(), ng.squeeze(grasped(), 2.0, hand=three_finger_hand())
+    other = Mujoco(THREE)
+    other.link_poses(solution.hand["joint_positions"])
+    mujoco.mj_comPos(other.model, other.data)
+    base = np.linalg.inv(body_frame(solution.hand["palm_pose"]))
+    total = np.zeros(other.model.nv)
+    for tip, p, f in zip(solution.hand["fingertips"], solution.grasp.points, found.forces, strict=True):
+        jacobian = np.zeros((3, other.model.nv))
+        mujoco.mj_jac(other.model, other.data, jacobian, None, base[:3, :3] @ p + base[:3, 3], other.model.body(tip).id)
+        total += jacobian.T @ (base[:3, :3] @ f)
+    expected = {joint: total[other.model.joint(joint).dofadr[0]] for joint in found.torques}
+    assert found.torques == pytest.approx(expected, abs=1e-9)
+
+
+def test_commands_are_ahead_of_the_grasp_by_torque_over_gain():
+    found = ng.squeeze(grasped(), 2.0, gain=4.0, hand=three_finger_hand())
+    grasp = grasped().hand["joint_positions"]
+    joint, tau = next(iter(found.torques.items()))
+    assert found.positions()[joint] == pytest.approx(grasp[joint] + tau / 4.0)
+    assert found.positions(1.0)[joint] == pytest.approx(grasp[joint] + tau)
+    each = dict.fromkeys(found.torques, 2.0) | {joint: 8.0}
+    assert found.positions(each)[joint] == pytest.approx(grasp[joint] + tau / 8.0)
+
+
+def test_efforts_that_are_too_small_are_named():
+    weak = edited(honest.fingers(), put(("problem", "hand", "torque_limits", "finger_1_proximal_flexion"), 1e-3))
+    found = ng.squeeze(ng.GraspSolution.from_dict(weak, "f.json"), 2.0)
+    assert found.joints is None  # the file holds no Jacobians
+    data = edited(weak, put(("hand",), dict(squeezed().hand)))
+    stated = ng.GraspSolution.from_dict(data, "f.json")
+    found = ng.squeeze(stated, 2.0)
+    name, share = found.joints.worst
+    assert name == "finger_1_proximal_flexion"
+    assert share == pytest.approx(abs(found.torques[name]) / 1e-3)
+    assert found.joints.exceeded == {name: pytest.approx(abs(found.torques[name]) - 1e-3)}
+    assert f"too much for joint {name} by" in found.line()
+
+
+def test_a_file_holds_the_squeeze_and_makes_others(tmp_path):
+    squeezed().save(tmp_path / "held.json")
+    again = ng.GraspSolution.load(tmp_path / "held.json")
+    assert again.squeeze.to_dict() == squeezed().squeeze.to_dict()
+    assert again.squeeze.joints.gain == 5.0
+    assert set(again.squeeze.positions()) == set(three_finger_hand().loaded_joints)
+    assert again.squeeze.line() in str(again)
+    by_hand = ng.squeeze(grasped(), 1.0, 0.1, hand=three_finger_hand())
+    assert ng.squeeze(again, 1.0, 0.1).torques == pytest.approx(by_hand.torques)
+    checks = {check.name: check for check in ng.verify(tmp_path / "held.json", folders=[FOLDER]).checks}
+    assert checks["squeeze"].passed
+    assert checks["squeeze torques"].passed
+
+
+def test_a_quick_solve_has_none_and_another_keeps_what_is_there():
+    assert grasped().squeeze is None
+    assert with_squeeze(squeezed(), three_finger_hand()) is squeezed()
+    assert with_squeeze(grasped(), None) is grasped()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ng.squeeze(grasped(), hand=ng.Fingertips(3)), "hand: got Fingertips.*a hand with joints"),
+        (lambda: ng.squeeze(grasped(), gain=2.0), "gain.*a hand whose joints are known"),
+        (lambda: ng.squeeze(squeezed(), gain=0.0), "gain.*greater than 0"),
+        (
+            lambda: ng.squeeze(squeezed(), gain=dict.fromkeys([*three_finger_hand().loaded_joints, "elbow"], 1.0)),
+            "joint elbow, expected joints that move a contact",
+        ),
+        (lambda: ng.squeeze(squeezed()).positions(), "gain"),
+        (lambda: ng.squeeze(squeezed()).positions({"finger_1_proximal_flexion": 1.0}), "gain: got none for finger_"),
+    ],
+)
+def test_bad_input_is_one_sentence(make, message):
+    with pytest.raises(ng.InputError, match=message) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_whose_joints_the_hand_lacks_is_refused():
+    data = edited(squeezed().to_dict(), lambda d: d["hand"]["joint_positions"].pop("finger_1_proximal_flexion"))
+    with pytest.raises(ng.InputError, match=r"f.json: hand.squeeze.torques.*joint finger_1_proximal_flexion"):
+        ng.GraspSolution.from_dict(data, "f.json")
+
+
+@pytest.mark.parametrize(
+    ("path", "wrong", "message"),
+    [
+        (("problem", "hand", "torque_limits"), -1.0, "problem.hand.torque_limits.*limits by joint"),
+        (("problem", "hand", "torque_limits", "finger_1_proximal_flexion"), 0.0, "finger_1_proximal_flexion.*greater"),
+        (("problem", "hand", "torque_limits", "finger_1_proximal_flexion"), "text", "finger_1_proximal_flexion"),
+        (("hand", "squeeze", "jacobians", 0), [[1.0]], "hand.squeeze.jacobians"),
+        (("hand", "squeeze", "gain"), {}, "gain: got none for finger_1"),
+        (("hand", "squeeze", "wrench"), [0.0, 0.0, 0.0], "hand.squeeze.wrench"),
+        (("hand", "squeeze", "fingers", 0, "force"), [0.0, 0.0], "hand.squeeze.fingers.force"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_refused(path, wrong, message):
+    with pytest.raises(ng.InputError, match=message):
+        ng.GraspSolution.from_dict(edited(squeezed().to_dict(), put(path, wrong)), "f.json")

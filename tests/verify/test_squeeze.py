@@ -1,0 +1,103 @@
+"""A squeeze that a file states is checked by other kinematics, and edits of it fail."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.solve.squeeze import with_squeeze
+from tests.hands.urdf import FOLDER, three_finger_hand
+from tests.verify import honest
+from tests.verify.edits import a_little, failures, put, together
+from tests.verify.stated import edited, recomputed_file
+
+SQUEEZE = ("hand", "squeeze")
+JOINT = "finger_1_proximal_flexion"
+
+
+@cache
+def data():
+    solution = ng.GraspSolution.from_dict(honest.fingers(), "f.json")
+    return edited(with_squeeze(solution, three_finger_hand()).to_dict(), lambda d: None)
+
+
+def scaled(factor):
+    return lambda v: (factor * np.array(v)).tolist()
+
+
+def harder(d):
+    """Scale all forces, with what follows from them but the torques."""
+    for finger in d["hand"]["squeeze"]["fingers"]:
+        finger["force"], finger["normal"] = scaled(1.5)(finger["force"]), 1.5 * finger["normal"]
+
+
+def turned(d):
+    """Turn one finger's force without its normal part."""
+    finger = d["hand"]["squeeze"]["fingers"][0]
+    finger["force"] = (np.array(finger["force"]) + 0.01 * np.array(d["grasp"]["contacts"][0]["tangents"][0])).tolist()
+
+
+FORCES = {
+    "a force": put((*SQUEEZE, "fingers", 0, "force", 1), a_little),
+    "a force along the surface": turned,
+    "a normal force": put((*SQUEEZE, "fingers", 1, "normal"), a_little),
+    "a finger's friction": put((*SQUEEZE, "fingers", 1, "friction"), a_little),
+    "friction needed": put((*SQUEEZE, "friction_needed"), lambda v: 0.9 * v + 1e-4),
+    "more of the share": put((*SQUEEZE, "share"), lambda v: 1.1 * v + 1e-3),
+    "less of the share": put((*SQUEEZE, "share"), lambda v: 0.9 * v),
+    "normal force asked for": put((*SQUEEZE, "normal_force"), 2.1),
+    "a wrench": put((*SQUEEZE, "wrench", 2), 0.01),
+    "residual": put((*SQUEEZE, "residual"), 0.1),
+}
+TORQUES = {
+    "a torque": put((*SQUEEZE, "torques", JOINT), a_little),
+    "all torques the other way": put((*SQUEEZE, "torques"), lambda t: {joint: -tau for joint, tau in t.items()}),
+    "a Jacobian": put((*SQUEEZE, "jacobians", 0, 0, 0), a_little),
+    "a command": put((*SQUEEZE, "positions", JOINT), a_little),
+    "the gain": put((*SQUEEZE, "gain"), 6.0),
+    "a command left out": put((*SQUEEZE, "positions"), lambda p: {j: v for j, v in p.items() if j != JOINT}),
+    "the worst share": put((*SQUEEZE, "worst_share"), lambda v: 0.5 * v),
+    "the worst joint": put((*SQUEEZE, "worst_joint"), "finger_2_abduction"),
+    "an effort": put(("problem", "hand", "torque_limits", JOINT), lambda v: 0.01 * v),
+    "forces without their torques": harder,
+}
+
+
+def test_an_honest_squeeze_passes():
+    found = recomputed_file(data(), FOLDER)
+    assert found["squeeze"].passed, found["squeeze"]
+    assert found["squeeze torques"].passed, found["squeeze torques"]
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_lies_about_forces(name):
+    assert "squeeze" in failures(edited(data(), FORCES[name]), FOLDER)
+
+
+@pytest.mark.parametrize("name", TORQUES)
+def test_lies_about_torques(name):
+    assert failures(edited(data(), TORQUES[name]), FOLDER) == ["squeeze torques"]
+
+
+def test_two_joints_that_change_places():
+    torques = list(data()["hand"]["squeeze"]["torques"].items())
+    swapped = put((*SQUEEZE, "torques"), dict([torques[1], torques[0], *torques[2:]]))
+    assert failures(edited(data(), swapped), FOLDER) == ["squeeze torques"]
+
+
+def test_without_the_urdf_torques_are_not_made():
+    found = recomputed_file(data())
+    assert found["squeeze"].passed
+    assert not found["squeeze torques"].made
+    assert "three_finger_hand.urdf is not beside the file" in found["squeeze torques"].detail
+
+
+def test_a_squeeze_without_torques_is_checked_for_its_forces():
+    def forces_alone(d):
+        for key in ("torques", "jacobians", "gain", "positions", "worst_joint", "worst_share"):
+            d["hand"]["squeeze"].pop(key, None)
+
+    assert recomputed_file(edited(data(), forces_alone), FOLDER)["squeeze"].passed
+    both = edited(data(), together(forces_alone, FORCES["a force"]))
+    assert failures(both, FOLDER) == ["squeeze"]
