@@ -14,7 +14,7 @@ from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftC
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.interop.base import ReadFormat, ReadGrasp, ReadOptions
-from nlpgrasp.interop.contacts_csv import FRICTION, MODEL, NORMAL, POSITION, TORSION
+from nlpgrasp.interop.contacts_csv import FRICTION, GRASP, MODEL, NORMAL, POSITION, TORSION
 from nlpgrasp.solution.solution import GraspSolution
 
 MOST_ROWS = 1000
@@ -36,8 +36,16 @@ def read_contacts_csv(path: str | Path, friction: float | None = None) -> Grasp:
     Raises
     ------
     InputError
-        On a file that is not such a table, naming row and column.
+        On a file that is not such a table, naming row and column, and on one whose column ``grasp`` names several.
     """
+    grasps = _grasps(path, friction)
+    if len(grasps) > 1:
+        raise InputError(f"{path}: {GRASP}", f"{len(grasps)} grasps", "one: nlpgrasp quality reads tables of several")
+    return next(iter(grasps.values()))
+
+
+def _grasps(path: str | Path, friction: float | None) -> dict[str, Grasp]:
+    """Return the grasps of a table by what its column ``grasp`` says; one without that column holds one."""
     name = str(path)
     try:
         reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
@@ -66,7 +74,14 @@ def read_contacts_csv(path: str | Path, friction: float | None = None) -> Grasp:
     if abs(lengths[far] - 1.0) > UNIT:
         raise InputError(f"{name}: row {far + 2}", f"a normal of length {lengths[far]:.4g}", "unit normals, inward")
     models = [_model(name, i, row, friction) for i, row in enumerate(table)]
-    return Grasp(points, normals / lengths[:, None], models, points.mean(axis=0))
+    normals = normals / lengths[:, None]
+    rows_of: dict[str, list[int]] = {}
+    for i, row in enumerate(table):
+        rows_of.setdefault((row.get(GRASP) or "").strip(), []).append(i)
+    return {
+        key: Grasp(points[own], normals[own], [models[i] for i in own], points[own].mean(axis=0))
+        for key, own in rows_of.items()
+    }
 
 
 def _number(name: str, index: int, row: dict[str, str | None], column: str) -> float:
@@ -102,14 +117,19 @@ def _model(name: str, index: int, row: dict[str, str | None], friction: float | 
 
 
 def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasp of a table, about the task of a solution file where one is given."""
-    grasp = read_contacts_csv(path, options.friction)
-    if options.task is None:
-        yield ReadGrasp(path.name, grasp, None, force_budget("l2"))
-        return
-    other = GraspSolution.load(options.task)
+    """Yield the grasps of a table, about the task of a solution file where one is given."""
+    grasps = _grasps(path, options.friction)
+    for key, grasp in grasps.items():
+        yield _about(options.task, path.name if len(grasps) == 1 else f"{path.name}, grasp {key}", grasp)
+
+
+def _about(task: Path | None, name: str, grasp: Grasp) -> ReadGrasp:
+    """Return a grasp with the task of a solution file, if any, about the point that the file's moments are about."""
+    if task is None:
+        return ReadGrasp(name, grasp, None, force_budget("l2"))
+    other = GraspSolution.load(task)
     if other.grasp is None:
-        raise InputError(f"{options.task}: grasp", "none", "a file that says what point its moments are about")
+        raise InputError(f"{task}: grasp", "none", "a file that says what point its moments are about")
     if other.task.dimension != grasp.dimension:
         raise InputError("--task", f"dimension {other.task.dimension}", f"dimension {grasp.dimension}, as the contacts")
     about = Grasp(grasp.points, grasp.normals, grasp.contacts, other.grasp.torque_origin, grasp.tangents)
@@ -117,7 +137,7 @@ def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
         raise InputError(
             "--task", "a file whose force budget is that of its own contacts", "one with another force budget"
         )
-    yield ReadGrasp(path.name, about, other.task, other.budget)
+    return ReadGrasp(name, about, other.task, other.budget)
 
 
 CONTACTS_TABLE = ReadFormat((".csv",), ("friction", "task"), _read)
