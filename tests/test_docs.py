@@ -17,6 +17,7 @@ PAGES = sorted((ROOT / "docs").rglob("*.md"))
 SLOW = (
     "hands",
     "experiments",
+    "many_grasps",
     "interop",
     "simulation",
     "tasks",

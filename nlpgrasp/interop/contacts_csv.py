@@ -9,7 +9,7 @@ from nlpgrasp.interop.base import ExportFormat
 from nlpgrasp.solution.solution import GraspSolution
 
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
-FRICTION, TORSION, MODEL = "friction", "torsional_friction", "model"
+FRICTION, TORSION, MODEL, GRASP = "friction", "torsional_friction", "model", "grasp"
 
 
 def contacts_csv(solution: GraspSolution) -> str:
@@ -28,8 +28,8 @@ def contacts_csv(solution: GraspSolution) -> str:
     several = len(solution.grasps) > 1
     text = io.StringIO(newline="")
     writer = csv.writer(text)
-    first = ["grasp", "mu"] if several else []
-    writer.writerow([*first, "finger", *POSITION[:space], *NORMAL[:space], "face", "model", FRICTION, TORSION])
+    first = [GRASP, "mu"] if several else []
+    writer.writerow([*first, "finger", *POSITION[:space], *NORMAL[:space], "face", MODEL, FRICTION, TORSION])
     for number, found in enumerate(solution.grasps):
         named = [number, found.mu.lower] if several else []
         grasp = found.grasp

@@ -15,7 +15,7 @@ from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftC
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.interop.base import ReadFormat, ReadGrasp, ReadOptions
-from nlpgrasp.interop.contacts_csv import FRICTION, MODEL, NORMAL, POSITION, TORSION
+from nlpgrasp.interop.contacts_csv import FRICTION, GRASP, MODEL, NORMAL, POSITION, TORSION
 from nlpgrasp.interop.doubts import body_of, check_inward, warn_frictionless
 from nlpgrasp.problem.check import warn_of_friction
 from nlpgrasp.solution.solution import GraspSolution
@@ -41,7 +41,7 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
     Raises
     ------
     InputError
-        On a file that is not such a table, naming row and column.
+        On a file that is not such a table, naming row and column, and on one whose column ``grasp`` names several.
 
     Warns
     -----
@@ -49,6 +49,14 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
         Of contacts that are taken to be frictionless, of friction above 2, and without a body of normals that all
         point away from the middle of the contacts.
     """
+    grasps = _grasps(path, friction, body)
+    if len(grasps) > 1:
+        raise InputError(f"{path}: {GRASP}", f"{len(grasps)} grasps", "one: nlpgrasp quality reads tables of several")
+    return next(iter(grasps.values()))
+
+
+def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict[str, Grasp]:
+    """Return the grasps of a table by what its column ``grasp`` says; one without that column holds one."""
     name = str(path)
     try:
         reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
@@ -80,9 +88,17 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
     if friction is None:
         warn_frictionless(name, [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in table])
     warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}", stacklevel=2)
-    grasp = Grasp(points, normals / lengths[:, None], models, points.mean(axis=0))
-    check_inward(name, grasp, body)
-    return grasp
+    normals = normals / lengths[:, None]
+    rows_of: dict[str, list[int]] = {}
+    for i, row in enumerate(table):
+        rows_of.setdefault((row.get(GRASP) or "").strip(), []).append(i)
+    grasps = {
+        key: Grasp(points[own], normals[own], [models[i] for i in own], points[own].mean(axis=0))
+        for key, own in rows_of.items()
+    }
+    for grasp in grasps.values():
+        check_inward(name, grasp, body)
+    return grasps
 
 
 def _number(name: str, index: int, row: dict[str, str | None], column: str) -> float:
@@ -118,14 +134,20 @@ def _model(name: str, index: int, row: dict[str, str | None], friction: float | 
 
 
 def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasp of a table, about the task of a solution file, and on its body, where one is given."""
-    if options.task is None:
-        yield ReadGrasp(path.name, read_contacts_csv(path, options.friction), None, force_budget("l2"))
-        return
-    other = GraspSolution.load(options.task)
-    grasp = read_contacts_csv(path, options.friction, body_of(other))
+    """Yield the grasps of a table, about the task of a solution file, and on its body, where one is given."""
+    other = None if options.task is None else GraspSolution.load(options.task)
+    grasps = _grasps(path, options.friction, None if other is None else body_of(other))
+    for key, grasp in grasps.items():
+        name = path.name if len(grasps) == 1 else f"{path.name}, grasp {key}"
+        yield _about(options.task, other, name, grasp)
+
+
+def _about(task: Path | None, other: GraspSolution | None, name: str, grasp: Grasp) -> ReadGrasp:
+    """Return a grasp with the task of a solution file, if any, about the point that the file's moments are about."""
+    if other is None:
+        return ReadGrasp(name, grasp, None, force_budget("l2"))
     if other.grasp is None:
-        raise InputError(f"{options.task}: grasp", "none", "a file that says what point its moments are about")
+        raise InputError(f"{task}: grasp", "none", "a file that says what point its moments are about")
     if other.task.dimension != grasp.dimension:
         raise InputError("--task", f"dimension {other.task.dimension}", f"dimension {grasp.dimension}, as the contacts")
     about = Grasp(grasp.points, grasp.normals, grasp.contacts, other.grasp.torque_origin, grasp.tangents)
@@ -133,7 +155,7 @@ def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
         raise InputError(
             "--task", "a file whose force budget is that of its own contacts", "one with another force budget"
         )
-    yield ReadGrasp(path.name, about, other.task, other.budget)
+    return ReadGrasp(name, about, other.task, other.budget)
 
 
 CONTACTS_TABLE = ReadFormat((".csv",), ("friction", "task"), _read)

@@ -320,3 +320,17 @@ def test_interrupt_writes_the_best_grasp(tmp_path, workers):
     assert json.loads(out.splitlines()[-1])["status"] == "interrupted"
     assert json.loads((tmp_path / "square.json").read_text())["quality"]["mu"]["lower"] > 0.3
     assert "Traceback" not in err
+
+
+def test_many_grasps_are_kept_printed_and_exported(tmp_path):
+    (tmp_path / "square.py").write_text(SMALL)
+    done = run_here("solve", "square.py", "--starts", "2", "--keep", "3", cwd=tmp_path)
+    assert "3 grasps kept, best first" in done.stdout
+    assert len(json.loads((tmp_path / "square.json").read_text())["grasps"]) == 3
+    assert run_here("verify", "square.json", cwd=tmp_path).returncode == 0
+    run_here("export", "square.json", "--to", "csv", cwd=tmp_path)
+    assert len((tmp_path / "square.csv").read_text().splitlines()) == 1 + 3 * 2
+    again = run_here("quality", "square.csv", "--task", "square.json", cwd=tmp_path)
+    assert again.stdout.count("square.csv, grasp ") == 3
+    line = refused(run_here("solve", "square.py", "--keep", "0", cwd=tmp_path))
+    assert line == "nlpgrasp: --keep: got 0, expected a whole number from 1 to 10000"

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.interop.registry import format_named
+from nlpgrasp.interop import read_contacts_csv
+from nlpgrasp.interop.base import ReadOptions
+from nlpgrasp.interop.registry import format_named, reader_of
 from nlpgrasp.solution.solution import GraspSolution
 from tests.verify.edits import put
 from tests.verify.stated import edited
@@ -175,6 +177,16 @@ def test_a_contact_table_has_all_of_them(solution):
     assert len(rows) == 4 * KEEP
     assert [row["grasp"] for row in rows[::4]] == [str(i) for i in range(KEEP)]
     assert float(rows[-1]["p_x"]) == solution.grasps[-1].grasp.points[-1, 0]
+
+
+def test_a_table_of_several_is_read_grasp_by_grasp(solution, tmp_path):
+    path = tmp_path / "contacts.csv"
+    path.write_bytes(format_named("csv").export(solution))
+    read = list(reader_of(path).read(path, ReadOptions()))
+    assert [given.name for given in read] == [f"contacts.csv, grasp {i}" for i in range(KEEP)]
+    assert all(np.array_equal(r.grasp.points, f.grasp.points) for r, f in zip(read, solution.grasps, strict=True))
+    with pytest.raises(ng.InputError, match="grasp: got 8 grasps, expected one"):
+        read_contacts_csv(path)
 
 
 def test_files_of_kinds_that_nobody_knows_are_refused(data):
