@@ -24,16 +24,16 @@ def contacts_csv(solution: GraspSolution) -> str:
     InputError
         Without a grasp.
     """
-    space = solution.require_grasp().space
-    several = len(solution.grasps) > 1
+    own = solution.require_grasp()
+    space, several = own.space, bool(solution.others)
+    kept = [(g.grasp, g.faces, g.mu) for g in solution.grasps] if several else [(own, solution.faces, solution.mu)]
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     first = [GRASP, "mu"] if several else []
     writer.writerow([*first, "finger", *POSITION[:space], *NORMAL[:space], "face", MODEL, FRICTION, TORSION])
-    for number, found in enumerate(solution.grasps):
-        named = [number, found.mu.lower] if several else []
-        grasp = found.grasp
-        each = zip(grasp.points, grasp.normals, found.faces, grasp.contacts, strict=True)
+    for number, (grasp, faces, mu) in enumerate(kept):
+        named = [number, mu.lower] if several else []
+        each = zip(grasp.points, grasp.normals, faces, grasp.contacts, strict=True)
         for i, (p, n, face, model) in enumerate(each):
             rough = [model.coefficients.get(name, "") for name in (FRICTION, TORSION)]
             writer.writerow([*named, i, *p.tolist(), *n.tolist(), face, model.label, *rough])

@@ -87,7 +87,7 @@ def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict
     models = [_model(name, i, row, friction) for i, row in enumerate(table)]
     if friction is None:
         warn_frictionless(name, [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in table])
-    warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}", stacklevel=2)
+    warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}", stacklevel=3)
     normals = normals / lengths[:, None]
     rows_of: dict[str, list[int]] = {}
     for i, row in enumerate(table):

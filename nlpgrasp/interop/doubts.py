@@ -14,7 +14,7 @@ from nlpgrasp.interop.contacts_csv import FRICTION
 from nlpgrasp.solution.solution import GraspSolution
 
 STEP = 1e-3  # of the body's size: how far along a normal it is looked
-CALLER = 3  # as of ``warnings.warn``: the line that reads the table
+CALLER = 4  # as of ``warnings.warn``: the line that reads the table
 
 
 def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:

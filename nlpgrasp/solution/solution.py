@@ -127,8 +127,7 @@ class GraspSolution(Several):
     def with_answer(self, found: FoundGrasp) -> GraspSolution:
         """Return a solution with a grasp that was kept as its answer, and no others.
 
-        Of another than the answer, what is known of the answer alone is left out: delta, nu, prices of limits, and the
-        drawing of the hand.
+        Of another than the answer, what is known of the answer alone is left out: delta, nu, prices, the drawn hand.
         """
         if found.grasp is self.grasp:
             return replace(self, others=(), stated_first=None)
