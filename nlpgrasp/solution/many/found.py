@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
@@ -70,11 +70,12 @@ class FoundGrasp:
 
     def to_dict(self) -> FoundData:
         """Return the grasp as JSON data: parts named as those of a solution."""
+        bounds = replace(self.mu, task_beta=None)  # the file says once how the paper's beta goes with mu
         return {
             "start": self.start,
             "grasp": PlacedGrasp(self.grasp, self.faces, self.surface).to_dict(),
             "hand": None if self.hand is None else dict(self.hand),
-            "quality": Quality(self.mu, self.kind, robust=self.robust, needed=self.needed).to_dict(),
+            "quality": Quality(bounds, self.kind, robust=self.robust, needed=self.needed).to_dict(),
             "forces": [held.to_dict() for held in held_wrenches(self.forces, self.moments)],
             "constraints": [report.to_dict() for report in self.constraints],
         }

@@ -32,7 +32,7 @@ class Several(Measured):
         return FoundGrasp(
             self.require_grasp(),
             self.faces,
-            self._measured,
+            self.mu,
             self.kind,
             self.hand,
             self.robust,

@@ -81,6 +81,16 @@ def test_a_file_holds_all_of_them(solution, data, tmp_path):
     assert ng.verify(path)
 
 
+def test_a_task_of_another_scale_round_trips():
+    task = ng.TaskEllipsoid.from_quadratic(np.eye(3), np.zeros(3), 2.0)
+    square = ng.GraspProblem(ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]]), [ng.FrictionContact(0.5)] * 2, task)
+    found = ng.solve(square, starts=2, options=ng.SolveOptions(workers=1), keep=3)
+    told = json.loads(json.dumps(found.to_dict()))
+    assert task.paper_beta != 1.0
+    assert GraspSolution.from_dict(told).to_dict() == told
+    assert ng.verify(GraspSolution.from_dict(told))
+
+
 def test_a_file_with_fewer_passes(data):
     assert ng.verify(GraspSolution.from_dict({**data, "grasps": data["grasps"][:3]}))
 
