@@ -15,7 +15,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.product import lifted
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
-TOLERANCES = (1e-11, 1e-9, 3e-8)  # one after another until the solver reaches it; then again with shorter steps
+TOLERANCES = (1e-11, 1e-9, 3e-8)  # one after another until the solver reaches it, each also with shorter steps
 
 
 def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -35,7 +35,7 @@ def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArra
     A = sparse.csc_matrix(np.concatenate(rows))
     cost = np.zeros(n + 1)
     cost[n] = 1.0
-    settings = [quiet_settings(tolerance, step) for step in (LONG, SHORT) for tolerance in TOLERANCES]
+    settings = [quiet_settings(tolerance, step) for tolerance in TOLERANCES for step in (LONG, SHORT)]
     forces, directions = np.full((len(wrenches), len(lift)), np.nan), np.full((len(wrenches), d), np.nan)
     nothing = sparse.csc_matrix((n + 1, n + 1))
     for i, w in enumerate(wrenches):
