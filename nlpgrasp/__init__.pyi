@@ -52,6 +52,7 @@ from nlpgrasp.experiments import (
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
+from nlpgrasp.mjcf import HandSceneOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import (
     Bounds,
@@ -76,7 +77,7 @@ from nlpgrasp.quality import (
     smallest_singular_value,
 )
 from nlpgrasp.report.fit import draw_fit
-from nlpgrasp.simulation import Simulation, simulate
+from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_hand
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.needed import ForcesNeeded
@@ -157,6 +158,8 @@ __all__ = [
     "GraspSolution",
     "GraspStack",
     "HalfSpace",
+    "HandSceneOptions",
+    "HandSimulation",
     "HandTorques",
     "Implicit",
     "InputError",
@@ -256,6 +259,7 @@ __all__ = [
     "screen",
     "sensitivity",
     "simulate",
+    "simulate_hand",
     "smallest_singular_value",
     "solve",
     "solve_many",

@@ -17,6 +17,12 @@ Folders = Annotated[
     typer.Option("--folder", help="Where the file's mesh and URDF are looked for, after its own folder; repeatable."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="JSON lines on standard output instead of text.")]
+Gain = Annotated[float | None, typer.Option("--gain", help="With --hand: of the turning joints' servos, N m / rad.")]
+Damping = Annotated[float | None, typer.Option("--damping", help="With --hand: of the joints, N m s / rad.")]
+FrictionLoss = Annotated[float | None, typer.Option("--frictionloss", help="With --hand: dry friction of joints, N m.")]
+NormalForce = Annotated[
+    float | None, typer.Option("--normal-force", help="With --hand: what each finger squeezes with, newtons.")
+]
 Rtol = Annotated[float, typer.Option("--rtol", help="Relative gap of the certificate.")]
 
 

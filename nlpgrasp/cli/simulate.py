@@ -8,8 +8,11 @@ from typing import Annotated
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.options import AsJson, File, writable
+from nlpgrasp.cli.options import AsJson, Damping, File, FrictionLoss, Gain, NormalForce, writable
 from nlpgrasp.cli.progress import emit
+from nlpgrasp.errors import InputError
+
+THROUGH = "Press through the joints of this hand, the one the problem was solved with."
 
 
 def simulate_command(
@@ -22,9 +25,18 @@ def simulate_command(
         float | None, typer.Option("--mass", help="Of the object, kilograms; a light one by default.")
     ] = None,
     wrenches: Annotated[int, typer.Option("--wrenches", help="How many, beside the hardest one.")] = 12,
+    hand: Annotated[Path | None, typer.Option("--hand", metavar="URDF", help=THROUGH)] = None,
+    push: Annotated[float | None, typer.Option("--push", help="With --hand: newtons; 1 by default.")] = None,
+    gain: Gain = None,
+    damping: Damping = None,
+    frictionloss: FrictionLoss = None,
+    normal_force: NormalForce = None,
     as_json: AsJson = False,
 ) -> None:
-    """Press on the object in MuJoCo: hold the task's wrenches, then the hardest until it is lost."""
+    """Press on the object in MuJoCo: hold the task's wrenches, then the hardest until it is lost.
+
+    With --hand through the hand's own joints: pushes, less friction, the object elsewhere, lifting, a control.
+    """
     from nlpgrasp.common.extras.mujoco import import_mujoco
     from nlpgrasp.common.extras.pyplot import pyplot
     from nlpgrasp.simulation.strip import write_strip
@@ -34,6 +46,15 @@ def simulate_command(
     writable(target, file)
     import_mujoco("a simulation")
     pyplot("a strip of pictures")  # before the work
+    joints = {"push": push, "gain": gain, "damping": damping, "frictionloss": frictionloss}
+    joints["normal_force"] = normal_force
+    given = {name: value for name, value in joints.items() if value is not None}
+    if hand is not None:
+        _through_the_hand(solution, hand, mass, given, target, as_json)
+        return
+    if given:
+        name = next(iter(given))
+        raise InputError(f"--{name.replace('_', '-')}", given[name], "only with --hand, a hand's own joints")
     found = ng.simulate(solution, share, mass, wrenches, lambda words: typer.echo(words, err=True))
     if as_json:
         emit(_data(found))
@@ -41,6 +62,27 @@ def simulate_command(
         typer.echo(str(found))
         typer.echo(_verdict(found))
     picture = write_strip(found, solution, target)
+    if not as_json:
+        typer.echo(f"pictures written to {picture}")
+    if not found.confirmed:
+        raise typer.Exit(1)
+
+
+def _through_the_hand(
+    solution: ng.GraspSolution, hand: Path, mass: float | None, given: dict[str, float], target: Path, as_json: bool
+) -> None:
+    """Press the grasp through its hand's joints, and tell what became of it."""
+    from nlpgrasp.simulation.hand.hand_strip import write_hand_strip
+
+    push = given.pop("push", 1.0)
+    options = ng.HandSceneOptions(mass=mass, **given)
+    found = ng.simulate_hand(solution, hand, options, push, lambda words: typer.echo(words, err=True))
+    if as_json:
+        emit(found.to_dict())
+    else:
+        typer.echo(str(found))
+        typer.echo(found.verdict)
+    picture = write_hand_strip(found, solution, target)
     if not as_json:
         typer.echo(f"pictures written to {picture}")
     if not found.confirmed:

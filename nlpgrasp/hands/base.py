@@ -99,6 +99,11 @@ class Hand(StatedPart):
         """Names of the joints that move some contact, of a hand that has joints."""
         return ()
 
+    @property
+    def sliding_joints(self) -> dict[str, bool]:
+        """Of the joints that move some contact, which slide."""
+        return dict.fromkeys(self.loaded_joints, False)
+
     def palm(self, variables: dict[str, Expression]) -> PalmPose | None:
         """Return the palm's pose, where the hand has one."""
         return None

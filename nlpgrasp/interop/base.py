@@ -10,6 +10,7 @@ from pathlib import Path
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.mjcf import HandSceneOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
@@ -31,9 +32,12 @@ class ExportOptions:
     ----------
     hand : Path, optional
         URDF file of the hand, where the hand's own model belongs into the export.
+    scene : HandSceneOptions, optional
+        Gains, friction and masses of a scene with the hand.
     """
 
     hand: Path | None = None
+    scene: HandSceneOptions | None = None
 
 
 @dataclass(frozen=True)

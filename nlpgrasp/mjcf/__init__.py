@@ -1,9 +1,10 @@
 """A grasp as a MuJoCo scene (MJCF)."""
 
-from nlpgrasp.mjcf.hand import mjcf_with_hand
+from nlpgrasp.mjcf.hand_scene import HandSceneOptions, mjcf_with_hand
 from nlpgrasp.mjcf.scene import SceneOptions, mjcf
 
 __all__ = [
+    "HandSceneOptions",
     "SceneOptions",
     "mjcf",
     "mjcf_with_hand",

@@ -43,8 +43,16 @@ def joint_names(i: int, model: ContactModel, space: int) -> list[str]:
 
 def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, mass: Mass) -> Element:
     """Add the object, free (in the plane, if planar), with its mesh; return its body."""
+    body = add_free_body(world, mass, grasp.space)
+    _add_mesh(asset, "object", drawing.body)
+    SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
+    return body
+
+
+def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
+    """Add the object's body without a shape, free (in the plane, if planar); return it."""
     body = SubElement(world, "body", name="object")
-    if grasp.space == 3:
+    if space == 3:
         SubElement(body, "freejoint", name="object")
     else:
         SubElement(body, "joint", name="object_x", type="slide", axis="1 0 0")
@@ -52,8 +60,6 @@ def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, m
         SubElement(body, "joint", name="object_turn", type="hinge", axis="0 0 1")
     moments = numbers((mass.inertia + LEAST_INERTIA * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
     SubElement(body, "inertial", pos=numbers(mass.center), mass=f"{mass.mass:.9g}", fullinertia=moments)
-    _add_mesh(asset, "object", drawing.body)
-    SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
     return body
 
 

@@ -99,25 +99,21 @@ def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
         for joint in joint_names(i, model, held.space):
             SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
     SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=numbers(x[force_indices(held)]))
-    return _text(root)
-
-
-def mjcf_of_object(solution: GraspSolution) -> str:
-    """Return the scene of the object alone, for a hand's own model to be put beside it; else as ``mjcf``."""
-    drawing, held = solution.require_drawing(), _pressed(solution, None)
-    mass = mass_of(drawing.body, DENSITY)
-    root, asset, world = _empty(solution, held, scales(held, float(np.linalg.norm(pressing(held))), mass.mass))
-    add_object(asset, world, held, drawing, mass)
-    return _text(root)
+    return text(root)
 
 
 def _pressed(solution: GraspSolution, grasp: Grasp | None) -> Grasp:
     """Return the grasp, the solution's where none is given; one that pulls is refused."""
     held = solution.require_grasp() if grasp is None else grasp
+    require_pressing(held)
+    return held
+
+
+def require_pressing(held: Grasp) -> None:
+    """Refuse contacts that pull."""
     for given in held.contacts:
         if not given.unilateral:
             raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
-    return held
 
 
 def _empty(solution: GraspSolution, held: Grasp, unit: Scales) -> tuple[Element, Element, Element]:
@@ -132,6 +128,7 @@ def _empty(solution: GraspSolution, held: Grasp, unit: Scales) -> tuple[Element,
     return root, asset, world
 
 
-def _text(root: Element) -> str:
+def text(root: Element) -> str:
+    """Return a scene as indented text."""
     indent(root)
     return tostring(root, encoding="unicode") + "\n"

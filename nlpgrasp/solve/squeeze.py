@@ -14,7 +14,7 @@ from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.quality.forces.least_friction import balanced_forces
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solution.squeezed.joints import GAIN, Gain, JointSqueeze
+from nlpgrasp.solution.squeezed.joints import Gain, JointSqueeze, usual_gain
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 from nlpgrasp.tasks.tools import WEIGHT
 
@@ -88,7 +88,7 @@ def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or solution.grasp is None or solution.squeeze:
         return solution
     try:
-        found = squeeze(solution, gain=GAIN, hand=hand)
+        found = squeeze(solution, gain=usual_gain(hand.sliding_joints), hand=hand)
     except InputError:  # contacts that cannot press: ``squeeze`` says so to whoever asks
         return solution
     return replace(solution, hand={**(solution.hand or {}), "squeeze": found.to_dict()})

@@ -26,12 +26,18 @@ class Shape:
         The surface, metres, link frame; for spheres and cylinders a polyhedron around the exact surface.
     centre, radius : (3,) array and float, optional
         Of a sphere.
+    size : tuple of float
+        Of what is no sphere and no mesh, metres: radius and length, or the lengths of a box.
+    pose : (4, 4) array, optional
+        Of the same in the link's frame, along its z axis.
     """
 
     kind: str
     mesh: trimesh.Trimesh
     centre: FloatArray | None = None
     radius: float = 0.0
+    size: tuple[float, ...] = ()
+    pose: FloatArray | None = None
 
     @classmethod
     def sphere(cls, radius: float, pose: FloatArray) -> Shape:
@@ -53,7 +59,7 @@ class Shape:
         around = radius / np.cos(np.pi / sides)
         mesh.apply_scale([around, around, length])
         mesh.apply_transform(pose)
-        return cls("cylinder", mesh)
+        return cls("cylinder", mesh, size=(radius, length), pose=pose)
 
     @classmethod
     def capsule(cls, radius: float, length: float, pose: FloatArray) -> Shape:
@@ -63,14 +69,15 @@ class Shape:
         mesh = trimesh.creation.capsule(height=length / radius, radius=1.0)
         mesh.apply_scale(radius)
         mesh.apply_transform(pose)
-        return cls("capsule", mesh)
+        return cls("capsule", mesh, size=(radius, length), pose=pose)
 
     @classmethod
     def box(cls, size: FloatArray, pose: FloatArray) -> Shape:
         """Return a box at a pose (4, 4)."""
         import trimesh
 
-        return cls("box", trimesh.creation.box(size, transform=pose))
+        mesh = trimesh.creation.box(size, transform=pose)
+        return cls("box", mesh, size=tuple(map(float, size)), pose=pose)
 
     @property
     def content(self) -> bytes:

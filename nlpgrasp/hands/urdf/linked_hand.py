@@ -43,6 +43,12 @@ class LinkedHand(PosedHand):
         """Names of the joints that move some contact; those that follow others count as these."""
         return self.tree.loaded_joints
 
+    @property
+    def sliding_joints(self) -> dict[str, bool]:
+        """Of the joints that move some contact, which slide."""
+        kinds = {joint.name: not joint.turns for joint in self.tree.robot.free_joints}
+        return {name: kinds[name] for name in self.loaded_joints}
+
     def contact_motion(
         self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
     ) -> list[tuple[Expression, Expression]]:

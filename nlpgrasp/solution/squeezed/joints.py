@@ -12,7 +12,21 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 
 Gain = float | Mapping[str, float]
-GAIN = 5.0  # N m / rad (or N / m) of the joints' position control, where none is stated
+GAIN = 5.0  # N m / rad of the joints' position control, where none is stated
+LEVER = 0.05  # metres: a sliding joint is taken like a turning one whose force has this lever
+
+
+def usual_gain(sliding: Mapping[str, bool]) -> Gain:
+    """Return the gain of joints' position control where none is stated, N m / rad, N / m of those that slide.
+
+    Parameters
+    ----------
+    sliding : mapping of str to bool
+        By joint, whether it slides.
+    """
+    if not any(sliding.values()):
+        return GAIN
+    return {name: GAIN / LEVER**2 if slides else GAIN for name, slides in sliding.items()}
 
 
 @dataclass(frozen=True)

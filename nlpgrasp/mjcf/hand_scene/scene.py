@@ -1,0 +1,135 @@
+"""A MuJoCo scene of a grasp that runs as it is: object, hand, servos, and a keyframe for every phase."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree.ElementTree import Comment, Element, SubElement
+
+import numpy as np
+
+from nlpgrasp.common.extras.mujoco import import_mujoco
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.urdf.inertials import read_inertials
+from nlpgrasp.hands.urdf.robot import Robot
+from nlpgrasp.hands.urdf.urdf_file import read_urdf
+from nlpgrasp.mjcf.hand_scene.hand_bodies import PlacedRobot, add_hand
+from nlpgrasp.mjcf.hand_scene.keyframes import add_keyframes, gains_of, keyframes
+from nlpgrasp.mjcf.hand_scene.object_shape import add_object_geoms
+from nlpgrasp.mjcf.hand_scene.options import HandSceneOptions
+from nlpgrasp.mjcf.parts import add_free_body, numbers
+from nlpgrasp.mjcf.scene import DENSITY, require_pressing, text
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.squeezed.squeeze import Squeeze
+from nlpgrasp.tasks.mass import mass_of
+
+STEP = 1e-3  # seconds
+CONTACT = {"solref": "0.004 1", "solimp": "0.95 0.99 0.001"}  # of every geom, and of what makes joints follow others
+SOLVER = {
+    "timestep": f"{STEP:g}",
+    "gravity": "0 0 0",
+    "integrator": "implicitfast",
+    "cone": "elliptic",
+    "impratio": "20",
+    "iterations": "50",
+}
+SAID = """ Keyframes: {names}. Servos hold every joint where its control is: go from one
+     keyframe to the next by moving the controls from those of the one to those of the other, over a second or so.
+     No gravity; once the object is squeezed, switch it on. Links of the hand do not touch each other. """
+
+
+def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None) -> str:
+    """Return the scene as MJCF text; metres, newtons, the world's frame is the body's.
+
+    The hand is built from its file as the package reads it: collision shapes (meshes as their hulls), masses where
+    they are stated, followers as equalities. Each fingertip has the friction that its contact model states, and
+    collides as the shape that the problem gave it beside its link's own. Three sliding joints carry the palm. All is
+    in the one text: no meshes beside it.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        Of a problem with an ``URDFHand``, with a squeeze.
+    urdf : path
+        The hand's file: the one the problem was solved with.
+    options : HandSceneOptions, optional
+
+    Raises
+    ------
+    InputError
+        Without such a hand or a squeeze, on another hand's file, an object without a volume, or what MuJoCo refuses.
+    MissingExtraError
+        Without MuJoCo, or without coacd for a body that is not convex (extra ``sim``).
+    """
+    given = HandSceneOptions() if options is None else options
+    mujoco = import_mujoco("a scene with the hand")
+    hand = solution.hand or {}
+    if "palm_pose" not in hand or "joint_positions" not in hand:
+        raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
+    if solution.squeeze is None:
+        raise InputError("solution", "a hand without a squeeze", "one whose contacts can press: ng.squeeze says why")
+    grasp, robot = solution.require_grasp(), _robot(urdf, solution.palm, hand["joint_positions"])
+    drawing = solution.require_drawing()
+    require_pressing(grasp)
+    mass = mass_of(drawing.body, DENSITY)
+    mass = mass if given.mass is None else mass.scaled(given.mass)
+    surfaces = [_surface(model, given.friction) for model in grasp.contacts]
+    root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
+    SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="true")
+    SubElement(root, "option", SOLVER)
+    default = SubElement(root, "default")
+    SubElement(default, "geom", CONTACT)
+    SubElement(default, "equality", {name: CONTACT[name] for name in ("solref",)})
+    asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
+    SubElement(world, "light", pos=numbers([0.0, 0.0, 1.0]), dir="0 0 -1")
+    slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
+    others = {"friction": slipperiest["friction"], "condim": "3"}
+    add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, others)
+    gains = gains_of(robot, solution.squeeze, given.gain)
+    limits = _limits(solution)
+    tips = tuple(solution.problem["hand"]["fingertips"])
+    placed = PlacedRobot(robot, read_inertials(urdf), hand["palm_pose"], tips, gains, limits)
+    add_hand(root, placed, surfaces, given)
+    frames = keyframes(hand, robot, solution.squeeze, gains, _scale(solution.squeeze, given.normal_force))
+    root.insert(0, Comment(SAID.format(names=", ".join(frame.name for frame in frames))))
+    add_keyframes(root, frames)
+    told = text(root)
+    try:
+        mujoco.MjModel.from_xml_string(told)
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(str(urdf), " ".join(str(error).split()), "a hand that MuJoCo can simulate") from None
+    return told
+
+
+def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float]) -> Robot:
+    """Return the hand of a file, refusing one that is not the solution's."""
+    if not Path(urdf).is_file():
+        raise InputError("--hand", str(urdf), "the hand's URDF file")
+    robot = read_urdf(urdf, palm)
+    missing = sorted(set(joints) - {joint.name for joint in robot.joints if joint.moves})
+    if missing:
+        raise InputError(str(urdf), f"no joint {missing[0]}", "the solution's hand")
+    return robot
+
+
+def _surface(model: ContactModel, share: float) -> dict[str, str]:
+    """Return the attributes of geoms that touch as a contact model says; ``share`` of its friction is there."""
+    friction = share * model.coefficients.get("friction", 0.0)
+    torsion = share * model.coefficients.get("torsional_friction", 0.0)
+    dimension = 1 if friction == 0.0 else 4 if torsion else 3
+    return {"condim": str(dimension), "priority": "1", "friction": numbers([friction, torsion, 0.0])}
+
+
+def _limits(solution: GraspSolution) -> dict[str, float]:
+    stated = solution.problem["hand"].get("torque_limits") or {}
+    return {str(name): float(value) for name, value in stated.items()}
+
+
+def _scale(squeeze: Squeeze, normal_force: float | None) -> float:
+    """Return how many times as hard as the file's squeeze the scene's is; balanced forces stay so at any size."""
+    if normal_force is None:
+        return 1.0
+    if np.any(squeeze.wrench):
+        raise InputError("normal_force", normal_force, "none where the file's squeeze carries a weight")
+    return normal_force / squeeze.normal_force

@@ -1,0 +1,77 @@
+"""Pictures of a grasp that is pressed through its hand's joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nlpgrasp.common.extras.pyplot import draw_triangles, pyplot, show_at_one_scale, write_figure
+from nlpgrasp.common.shown.drawing import Drawing, Triangles
+from nlpgrasp.common.shown.palette import COLOURS
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.simulation.hand.motion import LOOSE
+from nlpgrasp.simulation.hand.outcome import AS_SOLVED, CONTROL, HandSimulation, HandTrial
+from nlpgrasp.simulation.hand.world import Seen
+from nlpgrasp.solution.solution import GraspSolution
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D
+
+PICTURES = 5  # of a run
+FAR = 3.0  # times what counts as lost: where the pictures end
+
+
+def write_hand_strip(simulation: HandSimulation, solution: GraspSolution, path: str | Path) -> Path:
+    """Write a row of pictures of the hardest trial as solved, and below it the worst of the control.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    InputError
+        When the file cannot be written.
+    """
+    plt = pyplot("a strip of pictures")
+    drawing = solution.require_drawing()
+    rows = [_worst(simulation, condition) for condition in (AS_SOLVED, CONTROL)]
+    figure = plt.figure(figsize=(3.0 * PICTURES, 6.4), layout="constrained")
+    figure.suptitle(f"{simulation.name}: {simulation.verdict}", fontsize=9)
+    for row, trial in enumerate(rows):
+        for column, seen in enumerate(_pictures(trial)):
+            ax = figure.add_subplot(2, PICTURES, row * PICTURES + column + 1, projection="3d")
+            _draw(ax, drawing, simulation.grasp, seen)
+            first = f"{trial.condition}, {trial.label}\n" if column == 0 else ""
+            ax.set_title(
+                f"{first}{seen.time:.2f} s: {seen.motion}{'' if seen.motion.within(LOOSE) else ', lost'}", fontsize=8
+            )
+    return write_figure(figure, path, dpi=110)
+
+
+def _worst(simulation: HandSimulation, condition: str) -> HandTrial:
+    return max(simulation.of(condition), key=lambda t: max(t.motion.slip / LOOSE[0], t.motion.turn / LOOSE[1]))
+
+
+def _pictures(trial: HandTrial) -> list[Seen]:
+    """Return a few times of a run, evenly, until the object is far away."""
+    near = [seen for seen in trial.seen if seen.motion.within((FAR * LOOSE[0], np.inf))]
+    return [near[i] for i in np.linspace(0, len(near) - 1, PICTURES).round().astype(int)]
+
+
+def _draw(ax: Axes3D, drawing: Drawing, grasp: Seen, seen: Seen) -> None:
+    """Draw the body and the hand's links at one time."""
+    palm = next(iter(seen.links.values()))[:3, 3] - next(iter(grasp.links.values()))[:3, 3]
+    shift = np.eye(4)
+    shift[:3, 3] = -palm  # the picture goes with the palm
+    draw_triangles(ax, _moved(drawing.body, shift @ seen.object), COLOURS["body"], 0.9)
+    for name, shape in drawing.links:
+        if name in seen.links:
+            step = shift @ seen.links[name] @ np.linalg.inv(grasp.links[name])
+            draw_triangles(ax, _moved(shape, step), COLOURS["link"], 0.35)
+    every = [drawing.body.vertices, *(shape.vertices for _, shape in drawing.links)]
+    show_at_one_scale(ax, np.vstack(every))
+
+
+def _moved(shape: Triangles, pose: FloatArray) -> Triangles:
+    return Triangles(shape.vertices @ pose[:3, :3].T + pose[:3, 3], shape.faces)

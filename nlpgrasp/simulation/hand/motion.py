@@ -1,0 +1,64 @@
+"""How far an object has moved in a hand, and what counts as held."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+
+STRICT, LOOSE = (0.01, float(np.radians(10.0))), (0.05, float(np.radians(15.0)))  # metres and radians
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How far an object has moved.
+
+    Parameters
+    ----------
+    slip : float
+        Of its centre of mass, metres.
+    turn : float
+        Radians.
+    """
+
+    slip: float = 0.0
+    turn: float = 0.0
+
+    def within(self, limits: tuple[float, float]) -> bool:
+        """Return whether both are at most what is given, metres and radians; false for no numbers."""
+        return self.slip <= limits[0] and self.turn <= limits[1]
+
+    @classmethod
+    def largest(cls, all_of: Iterable[Motion]) -> Motion:
+        """Return the largest slip and the largest turn; none where there is nothing."""
+        return reduce(lambda a, b: cls(max(a.slip, b.slip), max(a.turn, b.turn)), all_of, cls())
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.slip:.2g} mm, {np.degrees(self.turn):.2g} deg"
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where an object is in a hand.
+
+    Parameters
+    ----------
+    position : (3,) array
+        Of its centre of mass, metres, palm frame.
+    rotation : (3, 3) array
+        Palm frame.
+    """
+
+    position: FloatArray
+    rotation: FloatArray
+
+    def from_(self, before: Pose) -> Motion:
+        """Return how far it has moved from a pose before."""
+        cosine = (np.trace(self.rotation @ before.rotation.T) - 1.0) / 2.0
+        return Motion(
+            float(np.linalg.norm(self.position - before.position)), float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        )

@@ -1,0 +1,149 @@
+"""The protocol: six pushes, with torques, with less friction, with the object elsewhere, and lifting it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from nlpgrasp.common.extras.mujoco import import_mujoco
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.mjcf import HandSceneOptions, mjcf_with_hand
+from nlpgrasp.simulation.given import EARTH
+from nlpgrasp.simulation.hand.motion import Motion
+from nlpgrasp.simulation.hand.outcome import AS_SOLVED, CONTROL, HandSimulation, HandTrial
+from nlpgrasp.simulation.hand.world import SETTLE, TRAVEL, HandWorld, Seen
+from nlpgrasp.solution.solution import GraspSolution
+
+PUSH, SECONDS, MASS = 1.0, 2.0, 0.1  # newtons, for how long each, and kilograms
+TORQUES, SLIPPERY, OFF, LIFTED = (
+    "torques, a fifth of the gain",
+    "half the friction",
+    "object 5 mm, 5 deg off",
+    "lifted 20 cm",
+)
+LESS, SOFT = 0.5, 0.2  # of the friction, and of the gain
+MOVED, TURNED, DRAWS, SEED = 5e-3, float(np.radians(5.0)), 3, 0  # how far off the object is, and how many ways
+AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1), "-z": (0, 0, -1)}
+Told = Callable[[str], None]
+
+
+def simulate_hand(
+    solution: GraspSolution,
+    urdf: str | Path,
+    options: HandSceneOptions | None = None,
+    push: float = PUSH,
+    progress: Told | None = None,
+) -> HandSimulation:
+    """Press a grasp through its own hand's joints in MuJoCo, and try to take the object out of it.
+
+    The hand goes through the grasp's phases under position control: it opens, closes, squeezes. Then the object, of
+    100 g unless the options say otherwise and without gravity, is pushed along six directions for two seconds each.
+    Strictly held is what moves by at most 1 cm and 10 degrees in the hand, loosely by 5 cm and 15 degrees. It is lifted
+    by 20 cm under gravity. Pushes again with half the friction, with the object 5 mm and 5 degrees off, and with the
+    squeeze's torques at the joints and a fifth of their gain. A control does all but squeeze, and has to lose it.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        Of a problem with an ``URDFHand``.
+    urdf : path
+        The hand's file.
+    options : HandSceneOptions, optional
+        Gain, damping and dry friction of the joints, the object's mass, how hard the fingers press.
+    push : float
+        Newtons.
+    progress : callable, optional
+        Told in words how each condition ended.
+
+    Raises
+    ------
+    InputError
+        As ``mjcf_with_hand`` does.
+    MissingExtraError
+        Without MuJoCo or, for bodies that are not convex, coacd (extra ``sim``).
+    """
+    import_mujoco("a simulation")
+    size = number("push", push, above=0.0)
+    given = HandSceneOptions() if options is None else options
+    given = given if given.mass is not None else replace(given, mass=MASS)
+    scene = mjcf_with_hand(solution, urdf, given)
+    squeeze = solution.squeeze
+    if squeeze is None:
+        raise InputError("solution", "a hand without a squeeze", "one whose contacts can press")
+    trials: list[HandTrial] = []
+
+    def add(condition: str, found: list[HandTrial]) -> None:
+        trials.extend(found)
+        if progress is not None:
+            progress(f"{condition}: {sum(t.strict for t in found)} of {len(found)} held")
+
+    add(AS_SOLVED, [*_pushed(AS_SOLVED, HandWorld(scene), size), _lifted(AS_SOLVED, HandWorld(scene))])
+    add(TORQUES, _pushed(TORQUES, HandWorld(scene), size, torques=True))
+    slippery = HandWorld(mjcf_with_hand(solution, urdf, replace(given, friction=LESS * given.friction)))
+    add(SLIPPERY, _pushed(SLIPPERY, slippery, size))
+    rng = np.random.default_rng(SEED)
+    add(OFF, [t for _ in range(DRAWS) for t in _pushed(OFF, HandWorld(scene), size, off=_drawn(rng))])
+    add(CONTROL, [*_pushed(CONTROL, HandWorld(scene), size, squeeze=False), _lifted(CONTROL, HandWorld(scene), False)])
+    pressed = given.normal_force or squeeze.normal_force
+    return HandSimulation(solution.name, given.mass or MASS, size, pressed, tuple(trials), _in_the_grasp(scene))
+
+
+def _pushed(
+    condition: str,
+    world: HandWorld,
+    size: float,
+    *,
+    squeeze: bool = True,
+    torques: bool = False,
+    off: tuple[FloatArray, FloatArray] | None = None,
+) -> list[HandTrial]:
+    """Return six pushes of a grasp that was closed once, each from there."""
+    squeezed = _closed(world, squeeze, off)
+    if torques:
+        world.soften(SOFT)
+    result, closed = [], world.state()
+    for name, axis in AXES.items():
+        world.go_back(closed)
+        motion, seen = world.push(size * np.array(axis, float), SECONDS)
+        result.append(HandTrial(condition, f"a push along {name}", squeezed, motion, seen))
+    return result
+
+
+def _lifted(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
+    """Return the object lifted by the palm, gravity rising before."""
+    squeezed = _closed(world, squeeze, None)
+    target = world.controls("lift")
+    if not squeeze:
+        target = target - world.controls("squeeze") + world.controls("grasp")
+    motion, seen = world.watched(2.0 * TRAVEL, target, EARTH)
+    return HandTrial(condition, LIFTED, squeezed, motion, seen)
+
+
+def _closed(world: HandWorld, squeeze: bool, off: tuple[FloatArray, FloatArray] | None) -> Motion:
+    """Take the hand through its phases up to the squeeze; return how far that moved the object."""
+    keys = [key for key in world.keys if key not in ("lift", "squeeze")]
+    world.begin(keys[0], off)
+    for key in keys[1:]:
+        world.run(TRAVEL, world.controls(key))
+    before = world.pose()
+    if squeeze:
+        world.run(TRAVEL, world.controls("squeeze"))
+    world.run(SETTLE)
+    return world.pose().from_(before)
+
+
+def _in_the_grasp(scene: str) -> Seen:
+    world = HandWorld(scene)
+    world.begin("grasp")
+    return world.seen()
+
+
+def _drawn(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return a translation and a rotation vector of the stated size, in random directions."""
+    both = rng.standard_normal((2, 3))
+    both /= np.linalg.norm(both, axis=1, keepdims=True)
+    return MOVED * both[0], TURNED * both[1]

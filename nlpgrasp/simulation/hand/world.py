@@ -1,0 +1,152 @@
+"""A scene with a hand in MuJoCo, driven through its keyframes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.extras.mujoco import import_mujoco
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import NlpgraspError
+from nlpgrasp.simulation.hand.motion import Motion, Pose
+
+TRAVEL, SETTLE = 1.0, 0.5  # seconds from a keyframe to the next, and at rest after the squeeze
+LOOKS = 25  # times a second that the object is looked at
+PREFIX, STILL = "hand_", Motion()
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Where everything is at one time.
+
+    Parameters
+    ----------
+    time : float
+        Seconds.
+    object : (4, 4) array
+        Pose of the object, scene frame.
+    links : dict of str to (4, 4) array
+        Poses of the hand's links, scene frame; the palm first.
+    motion : Motion
+        How far the object has moved in the hand.
+    """
+
+    time: float
+    object: FloatArray
+    links: dict[str, FloatArray]
+    motion: Motion = STILL
+
+
+class HandWorld:
+    """A scene of ``mjcf_with_hand`` that runs.
+
+    Parameters
+    ----------
+    scene : str
+        MJCF text.
+    """
+
+    def __init__(self, scene: str) -> None:
+        self._mujoco = import_mujoco("a simulation")
+        self._mujoco.set_mju_user_warning(lambda _: None)  # no log files in the user's folder
+        self.model = self._mujoco.MjModel.from_xml_string(scene)
+        self.data = self._mujoco.MjData(self.model)
+        self.keys = [self.model.key(i).name for i in range(self.model.nkey)]
+        self._object, self._palm = self.model.body("object").id, self.model.body("hand").id
+        names = [self.model.body(i).name for i in range(self.model.nbody)]
+        self._links = {n.removeprefix(PREFIX): i for i, n in enumerate(names) if n.startswith(PREFIX)}
+
+    def begin(self, key: str, off: tuple[FloatArray, FloatArray] | None = None) -> None:
+        """Put everything where a keyframe has it, the object off by a translation and a rotation vector, (3,) each."""
+        self._mujoco.mj_resetDataKeyframe(self.model, self.data, self.keys.index(key))
+        if off is not None:
+            start = self.model.joint("object").qposadr[0]
+            turn = Rotation.from_rotvec(off[1])
+            centre = self.model.body_ipos[self._object]
+            self.data.qpos[start : start + 3] += off[0] + centre - turn.apply(centre)
+            self.data.qpos[start + 3 : start + 7] = turn.as_quat(scalar_first=True)
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def controls(self, key: str) -> FloatArray:
+        """Return what a keyframe tells the servos, (nu,)."""
+        return np.array(self.model.key_ctrl[self.keys.index(key)])
+
+    def run(self, seconds: float, to: FloatArray | None = None, each: Callable[[float], None] | None = None) -> None:
+        """Step, the controls moving evenly to ``to``; ``each`` is told the share of the time that is over."""
+        steps = max(round(seconds / self.model.opt.timestep), 1)
+        begin = np.array(self.data.ctrl)
+        look = max(round(1.0 / (LOOKS * self.model.opt.timestep)), 1)
+        for step in range(1, steps + 1):
+            if to is not None:
+                self.data.ctrl[:] = begin + (to - begin) * (step / steps)
+            self._mujoco.mj_step(self.model, self.data)
+            if each is not None and step % look == 0:
+                each(step / steps)
+        if any(warning.number for warning in self.data.warning):
+            raise NlpgraspError("simulation: MuJoCo became unstable; try another --gain or --damping")
+
+    def soften(self, share: float) -> None:
+        """Give the joints that squeeze this share of their gain, and their torque in the squeeze beside it."""
+        more = self.controls("squeeze") - self.controls("grasp")
+        for motor in np.flatnonzero(more):
+            self.model.actuator_gainprm[motor, 0] *= share
+            self.model.actuator_biasprm[motor, 1] *= share
+            self.data.ctrl[motor] += (1.0 / share - 1.0) * more[motor]
+
+    def push(self, force: FloatArray, seconds: float) -> tuple[Motion, tuple[Seen, ...]]:
+        """Push at the object's centre of mass with a force (3,), newtons; return its farthest motion, and the run."""
+        self.data.xfrc_applied[self._object, :3] = force
+        found = self.watched(seconds, None)
+        self.data.xfrc_applied[:] = 0.0
+        return found
+
+    def watched(self, seconds: float, to: FloatArray | None, gravity: float = 0.0) -> tuple[Motion, tuple[Seen, ...]]:
+        """Run as ``run`` does, gravity (m / s^2, along -z) rising before; return the object's farthest motion."""
+        before, motions, pictures = self.pose(), [STILL], [self.seen()]
+
+        def look(_: float) -> None:
+            motions.append(self.pose().from_(before))
+            pictures.append(self.seen(motions[-1]))
+
+        def heavier(share: float) -> None:
+            self.model.opt.gravity[2] = -share * gravity
+            look(share)
+
+        if gravity:
+            self.run(TRAVEL, None, heavier)
+        self.run(seconds, to, look)
+        self.model.opt.gravity[2] = 0.0
+        return Motion.largest(motions), tuple(pictures)
+
+    def state(self) -> tuple[FloatArray, FloatArray]:
+        """Return what MuJoCo integrates, and the controls."""
+        kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
+        found = np.zeros(self._mujoco.mj_stateSize(self.model, kind))
+        self._mujoco.mj_getState(self.model, self.data, found, kind)
+        return found, np.array(self.data.ctrl)
+
+    def go_back(self, state: tuple[FloatArray, FloatArray]) -> None:
+        """Go back to a state."""
+        self._mujoco.mj_setState(self.model, self.data, state[0], self._mujoco.mjtState.mjSTATE_INTEGRATION)
+        self.data.ctrl[:] = state[1]
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def pose(self) -> Pose:
+        """Return where the object is in the hand."""
+        palm = self.data.xmat[self._palm].reshape(3, 3)
+        here = self.data.xmat[self._object].reshape(3, 3)
+        way = self.data.xipos[self._object] - self.data.xpos[self._palm]
+        return Pose(palm.T @ way, palm.T @ here)
+
+    def seen(self, motion: Motion = STILL) -> Seen:
+        """Return where everything is."""
+        links = {name: self._frame(body) for name, body in self._links.items()}
+        return Seen(float(self.data.time), self._frame(self._object), links, motion)
+
+    def _frame(self, body: int) -> FloatArray:
+        frame = np.eye(4)
+        frame[:3, :3], frame[:3, 3] = self.data.xmat[body].reshape(3, 3), self.data.xpos[body]
+        return frame
