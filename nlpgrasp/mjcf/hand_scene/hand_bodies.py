@@ -20,7 +20,7 @@ from nlpgrasp.mjcf.parts import numbers
 from nlpgrasp.solution.squeezed.joints import LEVER
 
 PREFIX = "hand_"
-ARM = ("hand_x", "hand_y", "hand_z")  # the joints that carry the palm, along the axes of the body's frame
+ARM = ("palm_x", "palm_y", "palm_z")  # the joints that carry the palm, along the axes of the body's frame
 LEAST_MASS, LEAST_MOMENT = 1e-3, 1e-7  # kg and kg m^2, of a link: MuJoCo cannot move what has none
 ARMATURE = {True: 1e-3, False: 0.1}  # of a turning joint's motor, kg m^2, and of a sliding one's, kg
 LOOK = {"rgba": "0.71 0.61 0.48 1"}

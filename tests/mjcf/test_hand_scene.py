@@ -1,0 +1,183 @@
+"""The scene with the hand's own model: masses, poses and servos read back from MuJoCo, and all phases run."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.common.shown.drawing import Triangles
+from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.hands.urdf.inertials import read_inertials
+from nlpgrasp.mjcf import mjcf_with_hand
+from nlpgrasp.mjcf.hand_scene.object_shape import convex_pieces
+from nlpgrasp.mjcf.hand_scene.tip_geoms import tip_geom
+from tests.hands.urdf import three_finger_hand
+
+HAND = "problems/hands/three_finger_hand.urdf"
+
+
+@pytest.fixture(scope="module")
+def held():
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
+    body = ng.Ellipsoid([0.05, 0.03, 0.03])
+    problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand(), name="a <hand> & more")
+    return ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))
+
+
+def loaded(text, key):
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key(key).id)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def test_links_are_where_the_grasp_has_them(held):
+    model, data = loaded(mjcf_with_hand(held, HAND), "grasp")
+    np.testing.assert_allclose(data.body("hand_palm").xpos, held.hand["palm_pose"]["position"], atol=1e-6)
+    turned = np.abs(data.body("hand_palm").xquat @ held.hand["palm_pose"]["quaternion_wxyz"])
+    assert turned == pytest.approx(1.0, abs=1e-6)
+    radii = np.array([tip["radius"] for tip in held.problem["hand"]["fingertips"]])
+    for i, (point, radius) in enumerate(zip(held.grasp.points, radii, strict=True)):
+        geom = model.geom(f"fingertip_{i}")
+        assert np.linalg.norm(data.geom(f"fingertip_{i}").xpos - point) == pytest.approx(radius, abs=1e-6)
+        assert geom.size[0] == pytest.approx(radius)
+        np.testing.assert_allclose(geom.friction[:2], [0.7, 0.01])
+        assert (geom.condim[0], geom.priority[0]) == (4, 1)
+    for joint, value in held.hand["joint_positions"].items():
+        assert data.joint(f"hand_{joint}").qpos[0] == pytest.approx(value, abs=1e-8)
+    assert model.geom("object").type[0] == mujoco.mjtGeom.mjGEOM_ELLIPSOID
+    np.testing.assert_allclose(model.geom("object").size, [0.05, 0.03, 0.03])
+
+
+def test_keyframes_follow_from_the_file(held):
+    model, _ = loaded(mjcf_with_hand(held, HAND), "grasp")
+    assert [model.key(i).name for i in range(model.nkey)][-4:] == ["pregrasp", "grasp", "squeeze", "lift"]
+    told = held.squeeze.positions()
+    servos = [model.actuator(i).name.removeprefix("hand_") for i in range(model.nu)]
+    squeezed = dict(zip(servos, model.key("squeeze").ctrl, strict=True))
+    for joint, command in told.items():
+        assert squeezed[joint] == pytest.approx(command, abs=1e-8)
+    lifted = dict(zip(servos, model.key("lift").ctrl, strict=True))
+    assert lifted["palm_z"] == pytest.approx(0.2)
+    assert {name: lifted[name] for name in told} == pytest.approx(told)
+    assert model.key("lift").qpos[2] == pytest.approx(0.2)
+    softer = mujoco.MjModel.from_xml_string(mjcf_with_hand(held, HAND, ng.HandSceneOptions(gain=1.0, normal_force=4.0)))
+    there = dict(zip(servos, softer.key("squeeze").ctrl, strict=True))
+    for joint, torque in held.squeeze.torques.items():
+        assert there[joint] == pytest.approx(held.hand["joint_positions"][joint] + 2.0 * torque, abs=1e-7)
+
+
+def test_all_phases_run_as_exported(held):
+    """Nothing pushes itself apart, the squeeze hardly moves the object, and contacts press as stated."""
+    model, data = loaded(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.1)), "pregrasp")
+    assert data.ncon == 0
+    way = {}
+    for key in ("grasp", "squeeze"):
+        start, end = np.array(data.ctrl), model.key(key).ctrl
+        for step in range(1, 1501):
+            data.ctrl[:] = start + (end - start) * min(step / 1000, 1.0)
+            mujoco.mj_step(model, data)
+        way[key] = np.linalg.norm(data.qpos[:3])
+    assert way["grasp"] < 1e-4
+    assert way["squeeze"] < 5e-4
+    pressed, force = np.zeros(3), np.zeros(6)
+    tips = {model.body(f"hand_{link}").id: i for i, link in enumerate(held.hand["fingertips"])}
+    for c, contact in enumerate(data.contact[: data.ncon]):
+        bodies = [model.geom_bodyid[contact.geom1], model.geom_bodyid[contact.geom2]]
+        mujoco.mj_contactForce(model, data, c, force)
+        pressed[next(tips[b] for b in bodies if b in tips)] += force[0]
+    np.testing.assert_allclose(pressed, held.squeeze.normal, rtol=0.1)
+
+
+def test_masses_are_those_of_the_urdf(held):
+    stated = read_inertials(HAND)
+    model, _ = loaded(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.25)), "grasp")
+    assert model.body("object").mass[0] == pytest.approx(0.25)
+    for link, inertial in stated.items():
+        assert model.body(f"hand_{link}").mass[0] == pytest.approx(max(inertial.mass, 1e-3))
+
+
+def test_convex_pieces():
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    assert len(convex_pieces(Triangles(ball.vertices, ball.faces))) == 1
+    ring = trimesh.creation.torus(0.04, 0.01)
+    pieces = convex_pieces(Triangles(ring.vertices, ring.faces))
+    assert len(pieces) > 4
+    volume = sum(trimesh.convex.convex_hull(p).volume for p in pieces)
+    assert volume == pytest.approx(ring.volume, rel=0.1)
+    hulls = [trimesh.convex.convex_hull(p) for p in pieces]
+    assert not any(hull.contains([[0.0, 0.0, 0.0]])[0] for hull in hulls)  # the hole stays open
+
+
+@pytest.mark.parametrize(
+    ("tip", "point"),
+    [
+        (ng.SphereTip(0.01, [0.0, 0.0, 0.02]), [0.0, 0.0, 0.03]),
+        (ng.CylinderTip(0.01, [0.0, 0.0, 0.0], [0.0, 0.0, 0.03]), [0.01, 0.0, 0.015]),
+        (ng.FlatTip([0.02, 0.03], [0.0, 0.0, 0.01]), [0.005, 0.01, 0.01]),
+        (ng.FlatTip([0.02, 0.03], [0.0, 0.0, 0.01], [np.pi / 2, 0.0, 0.0]), [0.005, 0.0, 0.02]),
+        (ng.EllipsoidTip([0.01, 0.02, 0.03], [0.0, 0.0, 0.01]), [0.0, 0.0, 0.04]),
+    ],
+)
+def test_fingertips_are_geoms_with_the_same_surface(tip, point):
+    """A small ball that touches the patch from outside is as far from the geom as it should be."""
+    geom = "".join(f' {key}="{value}"' for key, value in tip_geom(tip.to_dict()).items())
+    scene = f'<mujoco><worldbody><geom name="tip"{geom}/><body name="b"><freejoint/><geom name="ball" size="0.001"/>'
+    model = mujoco.MjModel.from_xml_string(scene + "</body></worldbody></mujoco>")
+    data = mujoco.MjData(model)
+    data.qpos[:3] = point
+    mujoco.mj_forward(model, data)
+    gap = mujoco.mj_geomDistance(model, data, model.geom("tip").id, model.geom("ball").id, 1.0, None)
+    assert gap == pytest.approx(-0.001, abs=2e-5)
+    assert abs(tip.beyond(np.array([point]))[0]) < 1e-9
+
+
+def test_what_cannot_be_exported(held, tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"a grasp found with an ng\.URDFHand"):
+        mjcf_with_hand(replace(held, hand=None), HAND)
+    bare = replace(held, hand={k: v for k, v in held.hand.items() if k != "squeeze"})
+    with pytest.raises(InputError, match="a hand without a squeeze"):
+        mjcf_with_hand(bare, HAND)
+    with pytest.raises(InputError, match="the hand's URDF file"):
+        mjcf_with_hand(held, tmp_path / "none.urdf")
+    with pytest.raises(InputError, match="a link of the URDF|the solution's hand"):
+        mjcf_with_hand(held, "problems/hands/parallel_gripper.urdf")
+    (tmp_path / "broken.urdf").write_text("<robot name='x'><link")
+    with pytest.raises(InputError, match="broken XML"):
+        mjcf_with_hand(held, tmp_path / "broken.urdf")
+    flat = replace(held.drawing, body=Triangles(held.drawing.body.vertices * [1, 1, 0], held.drawing.body.faces))
+    with pytest.raises(InputError, match="enclose no volume"):
+        mjcf_with_hand(replace(held, drawing=flat), HAND)
+    for name in ("gain", "mass", "normal_force"):
+        with pytest.raises(InputError, match=f"{name}: got 0"):
+            ng.HandSceneOptions(**{name: 0.0})
+    with pytest.raises(InputError, match="damping: got -1"):
+        ng.HandSceneOptions(damping=-1.0)
+    monkeypatch.setitem(sys.modules, "coacd", None)
+    ring = trimesh.creation.torus(0.04, 0.01)
+    with pytest.raises(MissingExtraError, match=r'pip install "nlpgrasp\[sim\]"'):
+        convex_pieces(Triangles(ring.vertices, ring.faces))
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(MissingExtraError, match=r'pip install "nlpgrasp\[sim\]"'):
+        mjcf_with_hand(held, HAND)
+
+
+def test_from_the_command_line(held, tmp_path):
+    held.save(tmp_path / "held.json")
+
+    def run(*arguments):
+        command = [sys.executable, "-m", "nlpgrasp", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+    scene = tmp_path / "hand.xml"
+    done = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--mass", 0.3, "--out", scene)
+    assert done.returncode == 0, done.stderr
+    assert mujoco.MjModel.from_xml_path(str(scene)).body("object").mass[0] == pytest.approx(0.3)
+    done = run("export", tmp_path / "held.json", "--to", "mjcf", "--gain", 3)
+    assert (done.returncode, done.stderr) == (2, "nlpgrasp: --gain: got 3.0, expected only with --hand, of mjcf\n")

@@ -1,0 +1,128 @@
+"""A grasp pressed through its own joints: held as solved, lost without the squeeze, poses checked by hand."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import nlpgrasp as ng
+from nlpgrasp.errors import InputError
+from nlpgrasp.mjcf import mjcf_with_hand
+from nlpgrasp.simulation.hand.motion import Motion, Pose
+from nlpgrasp.simulation.hand.world import HandWorld
+from tests.hands.urdf import three_finger_hand
+from tests.images import panels_drawn
+
+HAND = "problems/hands/three_finger_hand.urdf"
+
+
+@pytest.fixture(scope="module")
+def held():
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
+    body = ng.Ellipsoid([0.05, 0.03, 0.03])
+    problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand(), name="held")
+    return ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))
+
+
+@pytest.fixture(scope="module")
+def simulated(held):
+    told = []
+    return ng.simulate_hand(held, HAND, progress=told.append), told
+
+
+def test_held_as_solved_and_lost_without_the_squeeze(simulated):
+    found, told = simulated
+    assert found.confirmed
+    assert found.verdict == "confirmed: held as solved, lost without the squeeze"
+    assert [t.label for t in found.of("as solved")] == [
+        *(f"a push along {axis}" for axis in ("+x", "-x", "+y", "-y", "+z", "-z")),
+        "lifted 20 cm",
+    ]
+    assert found.share("as solved") == found.share("half the friction") == 1.0
+    assert found.squeezed.within((5e-4, np.radians(0.5)))
+    assert found.share("control: no squeeze") < 1.0
+    assert len(found.of("object 5 mm, 5 deg off")) == 18
+    assert told[0] == "as solved: 7 of 7 held"
+    data = found.to_dict()
+    assert data["confirmed"] is True
+    assert len(data["trials"]) == len(found.trials)
+    json.dumps(data)
+
+
+def test_what_the_verdict_says(simulated):
+    found, _ = simulated
+    lost = replace(found.trials[0], motion=Motion(0.02, 0.0))
+    assert not lost.strict
+    assert lost.loose
+    assert replace(found, trials=(lost, *found.trials[1:])).verdict == (
+        "NOT confirmed: lost at a push along +x (20 mm, 0 deg)"
+    )
+    caged = tuple(replace(t, motion=Motion()) for t in found.trials)
+    assert "held without a squeeze as well" in replace(found, trials=caged).verdict
+    assert not replace(found, trials=caged).confirmed
+
+
+def test_motion_is_measured_in_the_hand():
+    turn = Rotation.from_rotvec([0.0, 0.0, 0.3]).as_matrix()
+    here, there = Pose(np.zeros(3), np.eye(3)), Pose(np.array([0.003, 0.004, 0.0]), turn)
+    motion = there.from_(here)
+    assert motion.slip == pytest.approx(0.005)
+    assert motion.turn == pytest.approx(0.3)
+    assert not Motion(float("nan"), 0.0).within((1.0, 1.0))
+    assert Motion.largest([Motion(1.0, 0.0), Motion(0.0, 2.0)]) == Motion(1.0, 2.0)
+
+
+def test_the_object_begins_where_it_is_put(held):
+    world = HandWorld(mjcf_with_hand(held, HAND))
+    world.begin("pregrasp")
+    before = world.pose()
+    way, turn = np.array([0.003, 0.0, 0.004]), np.array([0.0, 0.1, 0.0])
+    world.begin("pregrasp", (way, turn))
+    moved = world.pose().from_(before)
+    assert moved.slip == pytest.approx(0.005, rel=1e-6)
+    assert moved.turn == pytest.approx(0.1, rel=1e-6)
+
+
+def test_a_push_is_newtons_times_time(held):
+    """Far from the hand a free object of 0.1 kg under 1 N for 0.2 s goes 0.2 m: F t^2 / 2 m."""
+    world = HandWorld(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.1)))
+    world.begin("pregrasp", (np.array([2.0, 0.0, 0.0]), np.zeros(3)))
+    motion, seen = world.push(np.array([1.0, 0.0, 0.0]), 0.2)
+    assert motion.slip == pytest.approx(0.2, rel=0.01)
+    assert len(seen) == 6
+    closed = world.state()
+    world.push(np.array([0.0, 1.0, 0.0]), 0.1)
+    after = world.pose()
+    world.go_back(closed)
+    assert world.pose().from_(after).slip > 0.03
+
+
+def test_bad_input(held):
+    with pytest.raises(InputError, match="push: got -1"):
+        ng.simulate_hand(held, HAND, push=-1.0)
+    with pytest.raises(InputError, match="the hand's URDF file"):
+        ng.simulate_hand(held, "none.urdf")
+
+
+@pytest.mark.slow
+def test_from_the_command_line(held, tmp_path):
+    held.save(tmp_path / "held.json")
+
+    def run(*arguments):
+        command = [sys.executable, "-m", "nlpgrasp", "simulate", tmp_path / "held.json", *arguments]
+        return subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=300)
+
+    done = run("--hand", HAND)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "confirmed: held as solved, lost without the squeeze" in done.stdout
+    assert min(panels_drawn(tmp_path / "held-simulation.png", 5)) > 0.02
+    done = run("--hand", HAND, "--push", 50, "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["verdict"].startswith("NOT confirmed: lost at a push along")
+    done = run("--push", 2)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "nlpgrasp: --push: got 2.0, expected only with --hand, a hand's own joints\n"
