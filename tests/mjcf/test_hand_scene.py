@@ -146,7 +146,7 @@ def test_what_cannot_be_exported(held, tmp_path, monkeypatch):
         mjcf_with_hand(bare, HAND)
     with pytest.raises(InputError, match="the hand's URDF file"):
         mjcf_with_hand(held, tmp_path / "none.urdf")
-    with pytest.raises(InputError, match="a link of the URDF|the solution's hand"):
+    with pytest.raises(InputError, match=r"a link of the URDF|the solution's hand"):
         mjcf_with_hand(held, "problems/hands/parallel_gripper.urdf")
     (tmp_path / "broken.urdf").write_text("<robot name='x'><link")
     with pytest.raises(InputError, match="broken XML"):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.errors import InputError
 from nlpgrasp.mjcf import SceneOptions, mjcf
 from nlpgrasp.tasks.mass import mass_of
 from tests.hands.urdf import three_finger_hand
