@@ -141,7 +141,7 @@ class Mesh(Body):
 
     def clearance(self, points: FloatArray) -> FloatArray:
         """Return the distance of points (m, 3) from the mesh, (m,), metres, negative inside: of the nearest point."""
-        return np.asarray(np.where(self.signed_distance(points) < 0.0, -1.0, 1.0) * self.closest(points)[2])
+        return self._tree.clearance(points)
 
     def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the nearest points of the mesh, the outward normals there and the distances.
