@@ -50,8 +50,11 @@ def beside(problem: GraspProblem, placed: Placed, normals: FloatArray) -> Iterat
 
 def edge_distances(problem: GraspProblem, placed: Placed) -> FloatArray:
     """Return the distance of each contact from its face's sharp edges, (k,), metres; inf where there are none."""
-    each = zip(placed.faces, placed.points, strict=True)
-    return np.concatenate([problem.body.edge_distance(face, point[None]) for face, point in each])
+    apart, faces = np.empty(len(placed.points)), np.array(placed.faces)
+    for face in set(placed.faces):
+        on = faces == face
+        apart[on] = problem.body.edge_distance(face, placed.points[on])
+    return apart
 
 
 def near_edges(problem: GraspProblem, placed: Placed) -> FloatArray:
