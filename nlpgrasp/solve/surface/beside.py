@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.rows import ROOM, Label
+from nlpgrasp.common.rows import EDGE_MARGIN, ROOM, Label
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import FITS
@@ -39,7 +39,7 @@ def beside(problem: GraspProblem, placed: Placed, normals: FloatArray) -> Iterat
     """
     for i, value in enumerate(edge_distances(problem, placed)):
         if np.isfinite(value):
-            yield AtLeast(Label("edge margin", fingers=(i,)), float(value), problem.margin)
+            yield AtLeast(Label(EDGE_MARGIN, fingers=(i,)), float(value), problem.margin)
     body, hand = problem.body, problem.hand
     if isinstance(body, Mesh) and hand is not None and hand.follows_contacts:
         for i, radius in enumerate(hand.tip_radii):
