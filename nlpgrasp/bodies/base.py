@@ -59,6 +59,10 @@ class Body(StatedPart):
         """Names of the body's faces, in order."""
         return tuple(face.name for face in self.faces)
 
+    def face(self, name: str) -> Face:
+        """Return the face of that name."""
+        return next(face for face in self.faces if face.name == name)
+
     @property
     def size(self) -> float:
         """Characteristic length: half the bounding box's diagonal, metres."""
@@ -87,7 +91,7 @@ class Body(StatedPart):
         if len(self.faces) > 1:
             raise NotImplementedError(f"{type(self).__name__}.distance")
         h = self.faces[0].surface(p)
-        return h / ca.sqrt(ca.sumsqr(ca.gradient(h, p)) + 1e-24)
+        return h / ca.sqrt(ca.sumsqr(ca.gradient(h, p)) + TINY)
 
     def triangles(self) -> tuple[FloatArray, IntArray] | None:
         """Return the closed surface as vertices (n, 3) on it, metres, and triangles (m, 3); None where only implied.
@@ -123,13 +127,16 @@ class Body(StatedPart):
         """
         made = self._functions
         if (name, margin) not in made:
-            face = next(face for face in self.faces if face.name == name)
-            made[name, margin] = face.compiled(self.point(), margin)
+            made[name, margin] = self.face(name).compiled(self.point(), margin)
         return made[name, margin]
+
+    def room(self, name: str) -> float:
+        """Return the largest margin from sharp edges that leaves something of a face, metres; inf without any."""
+        return self.face(name).room
 
     def edge_distance(self, name: str, points: FloatArray) -> FloatArray:
         """Return the distance of points (m, space) of a face from its sharp edges, (m,), metres; inf without any."""
-        face = next(face for face in self.faces if face.name == name)
+        face = self.face(name)
         if not np.isfinite(face.room):
             return np.full(len(points), np.inf)
         sharp = slice(None) if face.sharp is None else np.asarray(face.sharp, dtype=bool)
@@ -226,22 +233,3 @@ def intersection(parts: Sequence[Expression]) -> Expression:
     for d in parts[1:]:
         largest = ca.fmax(largest, d)
     return ca.sqrt(positive + TINY) + ca.fmin(largest, 0.0)
-
-
-class CentredBody(Body):
-    """A body in space whose bounding box and volume are centred on the origin."""
-
-    @property
-    @abstractmethod
-    def half_size(self) -> FloatArray:
-        """Half the lengths of the bounding box, (3,), metres."""
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Bounding box, (2, 3): lower corner, upper corner, metres."""
-        return np.stack([-self.half_size, self.half_size])
-
-    @property
-    def centroid(self) -> FloatArray:
-        """Centre of volume, (3,), metres: the origin, also where it is not in the body."""
-        return np.zeros(3)

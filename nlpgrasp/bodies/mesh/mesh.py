@@ -173,9 +173,13 @@ class Mesh(Body):
         del name
         return self._edges.distance(points)
 
+    def room(self, name: str) -> float:
+        """Return how far from all sharp edges some point of the mesh is, metres; inf without any."""
+        del name
+        return self._room
+
     @cached_property
-    def edge_room(self) -> float:
-        """How far from all sharp edges some point of the mesh is, metres; inf without any."""
+    def _room(self) -> float:
         if not len(self._edges):
             return np.inf
         points, _ = self.surface_samples(ROOM_SAMPLES, np.random.default_rng(0))
