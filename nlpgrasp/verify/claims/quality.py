@@ -27,7 +27,6 @@ SAME = 1e-9  # of shares, which follow from other numbers of the file
 OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not along its tangent
 
 SLIPS = 0.99  # of the offset: a contact that is nearer to an edge slips over it
-WITHOUT_NUMBERS = ("l2", "per_finger", "per_finger_size", "shared")  # budgets that a lost contact is left out of
 
 
 def interval(stated: Bounds) -> Check:
@@ -89,7 +88,7 @@ def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceB
         there = Grasp(stated.points[rest], stated.normals[rest], [models[i] for i in rest], grasp.torque_origin)
         found = mu(there, task, rtol, force_budget=budget, seed=OTHER_SEED)
     near = {c.fingers[0] for c in solution.constraints if c.kind == EDGE_MARGIN and c.value < SLIPS * stated.offset}
-    over = near if budget.kind in WITHOUT_NUMBERS else set()
+    over = set() if budget.depends_on_frames else near
     off = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
     nothing = stated.mu.upper <= NOTHING * solution.mu.upper
     good = overlap("", stated.mu, found).passed and (nothing or width("", stated.mu, found, ANY_GAP).passed)
