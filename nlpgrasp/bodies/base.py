@@ -8,6 +8,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes.extruded import IntArray
@@ -17,6 +18,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
 TINY = 1e-24  # under a root, for its derivative at zero
+ON = 1e-6  # of the body's size: points that are as near to a face are on it
 
 
 class Body(StatedPart):
@@ -174,6 +176,11 @@ class Body(StatedPart):
         h, slope, normal, extent = (np.asarray(v.full()) for v in values)
         largest = extent.max(axis=0) if extent.shape[0] else np.full(len(points), -np.inf)
         return h[0], slope[0], normal.T, largest
+
+    def is_on(self, name: str, points: FloatArray, margin: float = 0.0) -> NDArray[np.bool_]:
+        """Return whether points (m, space) are on a face, and a margin, metres, away from its sharp edges, (m,)."""
+        h, slope, _, extent = self.evaluate(name, points, margin)
+        return (np.abs(h) <= ON * self.size * slope) & (extent <= ON * self.size)
 
     def snap(self, name: str, points: FloatArray, iterations: int = 12) -> FloatArray:
         """Return points (m, space) moved along the normals onto ``h = 0`` by Newton steps, near the box, (m, space)."""
