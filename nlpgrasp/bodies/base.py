@@ -8,6 +8,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes.extruded import IntArray
@@ -17,6 +18,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
 TINY = 1e-24  # under a root, for its derivative at zero
+ON = 1e-6  # of the body's size: points that are as near to a face are on it
 
 
 class Body(StatedPart):
@@ -59,6 +61,10 @@ class Body(StatedPart):
         """Names of the body's faces, in order."""
         return tuple(face.name for face in self.faces)
 
+    def face(self, name: str) -> Face:
+        """Return the face of that name."""
+        return next(face for face in self.faces if face.name == name)
+
     @property
     def size(self) -> float:
         """Characteristic length: half the bounding box's diagonal, metres."""
@@ -87,7 +93,7 @@ class Body(StatedPart):
         if len(self.faces) > 1:
             raise NotImplementedError(f"{type(self).__name__}.distance")
         h = self.faces[0].surface(p)
-        return h / ca.sqrt(ca.sumsqr(ca.gradient(h, p)) + 1e-24)
+        return h / ca.sqrt(ca.sumsqr(ca.gradient(h, p)) + TINY)
 
     def triangles(self) -> tuple[FloatArray, IntArray] | None:
         """Return the closed surface as vertices (n, 3) on it, metres, and triangles (m, 3); None where only implied.
@@ -123,13 +129,16 @@ class Body(StatedPart):
         """
         made = self._functions
         if (name, margin) not in made:
-            face = next(face for face in self.faces if face.name == name)
-            made[name, margin] = face.compiled(self.point(), margin)
+            made[name, margin] = self.face(name).compiled(self.point(), margin)
         return made[name, margin]
+
+    def room(self, name: str) -> float:
+        """Return the largest margin from sharp edges that leaves something of a face, metres; inf without any."""
+        return self.face(name).room
 
     def edge_distance(self, name: str, points: FloatArray) -> FloatArray:
         """Return the distance of points (m, space) of a face from its sharp edges, (m,), metres; inf without any."""
-        face = next(face for face in self.faces if face.name == name)
+        face = self.face(name)
         if not np.isfinite(face.room):
             return np.full(len(points), np.inf)
         sharp = slice(None) if face.sharp is None else np.asarray(face.sharp, dtype=bool)
@@ -167,6 +176,11 @@ class Body(StatedPart):
         h, slope, normal, extent = (np.asarray(v.full()) for v in values)
         largest = extent.max(axis=0) if extent.shape[0] else np.full(len(points), -np.inf)
         return h[0], slope[0], normal.T, largest
+
+    def is_on(self, name: str, points: FloatArray, margin: float = 0.0) -> NDArray[np.bool_]:
+        """Return whether points (m, space) are on a face, and a margin, metres, away from its sharp edges, (m,)."""
+        h, slope, _, extent = self.evaluate(name, points, margin)
+        return (np.abs(h) <= ON * self.size * slope) & (extent <= ON * self.size)
 
     def snap(self, name: str, points: FloatArray, iterations: int = 12) -> FloatArray:
         """Return points (m, space) moved along the normals onto ``h = 0`` by Newton steps, near the box, (m, space)."""
@@ -226,22 +240,3 @@ def intersection(parts: Sequence[Expression]) -> Expression:
     for d in parts[1:]:
         largest = ca.fmax(largest, d)
     return ca.sqrt(positive + TINY) + ca.fmin(largest, 0.0)
-
-
-class CentredBody(Body):
-    """A body in space whose bounding box and volume are centred on the origin."""
-
-    @property
-    @abstractmethod
-    def half_size(self) -> FloatArray:
-        """Half the lengths of the bounding box, (3,), metres."""
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Bounding box, (2, 3): lower corner, upper corner, metres."""
-        return np.stack([-self.half_size, self.half_size])
-
-    @property
-    def centroid(self) -> FloatArray:
-        """Centre of volume, (3,), metres: the origin, also where it is not in the body."""
-        return np.zeros(3)

@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import CentredBody, intersection
+from nlpgrasp.bodies.base import intersection
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.shapes.centred import CentredBody
 from nlpgrasp.bodies.shapes.extruded import IntArray, extruded
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number

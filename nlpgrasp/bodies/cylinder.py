@@ -8,8 +8,9 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, CentredBody, intersection
+from nlpgrasp.bodies.base import TINY, intersection
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.shapes.centred import CentredBody
 from nlpgrasp.bodies.shapes.extruded import IntArray, circle, extruded
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number

@@ -9,9 +9,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import TINY, CentredBody
+from nlpgrasp.bodies.base import TINY
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes import curved
+from nlpgrasp.bodies.shapes.centred import CentredBody
 from nlpgrasp.bodies.shapes.extruded import IntArray
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number

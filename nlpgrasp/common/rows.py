@@ -19,7 +19,10 @@ CLEARANCE = "clearance from the body"
 ON_FINGERTIP = "on fingertip"  # alone written in one with its link
 SELF_COLLISION = "self-collision"
 ROOM = "room for the fingertip"
+EDGE_MARGIN = "edge margin"
 UNIT_QUATERNION = "palm quaternion of unit length"
+
+EDGES = f"the {EDGE_MARGIN}"  # what is left out of a bound on a mesh
 
 
 @dataclass(frozen=True)

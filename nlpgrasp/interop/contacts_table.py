@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.budgets import force_budget
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftContact
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
@@ -22,6 +23,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 MOST_ROWS = 1000
 UNIT = 1e-2  # how far a normal may be from unit length: other tools write few digits
+Row = dict[str, str | None]  # the text of each column
 
 
 def read_contacts_csv(path: str | Path, friction: float | None = None, body: Body | None = None) -> Grasp:
@@ -57,6 +59,28 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
 
 def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict[str, Grasp]:
     """Return the grasps of a table by what its column ``grasp`` says; one without that column holds one."""
+    name, rows = str(path), _rows(path)
+    space = 3 if "p_z" in rows[0] else 2
+    points = np.array([[_number(name, i, row, c) for c in POSITION[:space]] for i, row in enumerate(rows)])
+    normals = _unit_normals(name, rows, NORMAL[:space])
+    models = [_model(name, i, row, friction) for i, row in enumerate(rows)]
+    if friction is None:
+        warn_frictionless(name, [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in rows])
+    warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}", stacklevel=3)
+    rows_of: dict[str, list[int]] = {}
+    for i, row in enumerate(rows):
+        rows_of.setdefault((row.get(GRASP) or "").strip(), []).append(i)
+    grasps = {
+        key: Grasp(points[own], normals[own], [models[i] for i in own], points[own].mean(axis=0))
+        for key, own in rows_of.items()
+    }
+    for grasp in grasps.values():
+        check_inward(name, grasp, body)
+    return grasps
+
+
+def _rows(path: str | Path) -> list[Row]:
+    """Return the rows of a table, at least one, that has the columns of contacts."""
     name = str(path)
     try:
         reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
@@ -77,31 +101,20 @@ def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict
         raise InputError(name, "a header without rows", "a row for each contact")
     if len(rows) > MOST_ROWS:
         raise InputError(name, f"{len(rows)} contacts", f"at most {MOST_ROWS}")
-    table = [{(k or "").strip(): v for k, v in row.items()} for row in rows]
-    points = np.array([[_number(name, i, row, c) for c in POSITION[:space]] for i, row in enumerate(table)])
-    normals = np.array([[_number(name, i, row, c) for c in NORMAL[:space]] for i, row in enumerate(table)])
+    return [{(k or "").strip(): v for k, v in row.items()} for row in rows]
+
+
+def _unit_normals(name: str, rows: Sequence[Row], columns: Sequence[str]) -> FloatArray:
+    """Return the normals of a table, (m, space), scaled to unit length; refuse those that are far from it."""
+    normals = np.array([[_number(name, i, row, c) for c in columns] for i, row in enumerate(rows)])
     lengths = np.linalg.norm(normals, axis=1)
     far = int(np.argmax(np.abs(lengths - 1.0)))
     if abs(lengths[far] - 1.0) > UNIT:
         raise InputError(f"{name}: row {far + 2}", f"a normal of length {lengths[far]:.4g}", "unit normals, inward")
-    models = [_model(name, i, row, friction) for i, row in enumerate(table)]
-    if friction is None:
-        warn_frictionless(name, [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in table])
-    warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}", stacklevel=3)
-    normals = normals / lengths[:, None]
-    rows_of: dict[str, list[int]] = {}
-    for i, row in enumerate(table):
-        rows_of.setdefault((row.get(GRASP) or "").strip(), []).append(i)
-    grasps = {
-        key: Grasp(points[own], normals[own], [models[i] for i in own], points[own].mean(axis=0))
-        for key, own in rows_of.items()
-    }
-    for grasp in grasps.values():
-        check_inward(name, grasp, body)
-    return grasps
+    return np.asarray(normals / lengths[:, None])
 
 
-def _number(name: str, index: int, row: dict[str, str | None], column: str) -> float:
+def _number(name: str, index: int, row: Row, column: str) -> float:
     text = (row.get(column) or "").strip()
     try:
         value = float(text)
@@ -112,7 +125,7 @@ def _number(name: str, index: int, row: dict[str, str | None], column: str) -> f
     return value
 
 
-def _model(name: str, index: int, row: dict[str, str | None], friction: float | None) -> ContactModel:
+def _model(name: str, index: int, row: Row, friction: float | None) -> ContactModel:
     """Return the contact model of a row: soft with torsion, with friction, or frictionless."""
     given = {c: _number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
     slide = given.get(FRICTION, friction)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
@@ -18,9 +18,7 @@ MOST = 0.1  # of the shortest extent, whatever the fingertips
 ROOM = 0.5  # of the widest room that is left, where the rest is more than the faces have
 
 
-def margin_of(
-    given: float | None, body: Body, hand: Hand | None, faces: Sequence[Sequence[str]], field: str = "GraspProblem"
-) -> float:
+def margin_of(given: float | None, body: Body, hand: Hand | None, faces: Sequence[Sequence[str]]) -> float:
     """Return the distance of contacts from edges at which the surface turns by more than 30 degrees, metres.
 
     Parameters
@@ -33,15 +31,13 @@ def margin_of(
     hand : Hand or None
     faces : sequence of k sequences of str
         That each contact may use.
-    field : str
-        Whose ``edge_margin`` it is.
 
     Raises
     ------
     InputError
         On a margin that is no length, or that leaves some contact no face.
     """
-    each = {name: room_of(body, name) for name in {name for own in faces for name in own}} if given != 0.0 else {}
+    each = {name: body.room(name) for name in {name for own in faces for name in own}} if given != 0.0 else {}
     room = min((max(each[name] for name in own) for own in faces if own and each), default=np.inf)
     if given is None:
         shortest = float(np.min(np.ptp(body.bounds, axis=0)))
@@ -49,19 +45,12 @@ def margin_of(
         least = min(OFF, SMALL * shortest)
         wanted = max(min(PATCH * radius, MOST * shortest) if radius > 0.0 else SHARE * shortest, least)
         return min(wanted, ROOM * room) if np.isfinite(room) or any(np.isfinite(list(each.values()))) else 0.0
-    margin = number(f"{field}.edge_margin", given, at_least=0.0)
+    margin = number("GraspProblem.edge_margin", given, at_least=0.0)
     if margin >= room:
         tight = max(each, key=lambda name: each[name])
         raise InputError(
-            f"{field}.edge_margin",
+            "GraspProblem.edge_margin",
             f"{margin:g} m, which leaves some contact no face",
             f"less than {room:.4g} m, with which something is left of {tight}",
         )
     return margin
-
-
-def room_of(body: Body, name: str) -> float:
-    """Return the largest margin from sharp edges that leaves something of a face, metres; inf without such edges."""
-    if isinstance(body, Mesh):
-        return body.edge_room
-    return next(face.room for face in body.faces if face.name == name)

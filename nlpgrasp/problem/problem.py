@@ -20,7 +20,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
 from nlpgrasp.problem.check import check_placements, check_size, warn_of_friction
 from nlpgrasp.problem.faces import allowed_faces
-from nlpgrasp.problem.margin import margin_of, room_of
+from nlpgrasp.problem.margin import margin_of
 from nlpgrasp.tasks import Task
 
 MOST_CONTACTS = 32
@@ -202,7 +202,7 @@ class GraspProblem:
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return names of the faces contact ``contact`` may use."""
         faces = allowed_faces(self.body, self.models, self.constraints, contact)
-        return tuple(f for f in faces if room_of(self.body, f) > self.margin) if self.margin > 0.0 else faces
+        return tuple(f for f in faces if self.body.room(f) > self.margin) if self.margin > 0.0 else faces
 
     def to_dict(self) -> Json:
         """Return the problem as JSON data (docs/json.md)."""

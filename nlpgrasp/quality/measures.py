@@ -108,10 +108,7 @@ def _certified(
     problem, proof = conditioned(wrenches, task)
     if problem is None:
         return Bounds(0.0, 0.0, proof)
-    bounds = sandwich(problem, rtol, seed, deadline)
-    worst = bounds.worst_direction
-    direction = None if worst is None else problem.original(worst)
-    return replace(bounds, worst_direction=direction)
+    return sandwich(problem, rtol, seed, deadline)
 
 
 @overload

@@ -145,7 +145,7 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
             solution = answer(search, after)
             clock.mark("answer")
             if best is not None and keeping.count > 1:
-                others = others_beside(runner, best, results, keeping, seed, stop)
+                others = others_beside(runner, best, results, keeping, stop)
                 solution = replace(solution, others=others)
                 clock.mark("other grasps")
     record = solver_record(options, seed, search.effort, time.monotonic() - begun, clock.seconds)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from nlpgrasp.common.rows import CLEARANCE, ON_FINGERTIP, ROOM, SELF_COLLISION, UNIT_QUATERNION
+from nlpgrasp.common.rows import CLEARANCE, EDGE_MARGIN, ON_FINGERTIP, ROOM, SELF_COLLISION, UNIT_QUATERNION
 from nlpgrasp.common.types import Json
 
 Owner = Callable[[str], bool]
@@ -53,7 +53,7 @@ def links_owner(contacts: int) -> Owner:
 
 def margin_owner(contacts: int) -> Owner:
     """Return which rows the margin from sharp edges may own."""
-    return _beginning(("edge margin, ",), contacts)
+    return _beginning((f"{EDGE_MARGIN}, ",), contacts)
 
 
 def room_owner(contacts: int) -> Owner:

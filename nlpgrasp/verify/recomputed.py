@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from nlpgrasp.common.rows import CLEARANCE, EDGE_MARGIN
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -27,7 +28,7 @@ from nlpgrasp.verify.rows import PROMISE, RowValue, StatedRows, compare, kept
 from nlpgrasp.verify.sources import Sources
 from nlpgrasp.verify.surface import face_check, size_of, surface_checks
 
-MARGIN, FITTING = "edge margin", "room for fingertips"
+FITTING = "room for fingertips"
 ON_MESH = 10.0  # times the promise: steps over a mesh end there
 
 
@@ -52,7 +53,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
         for i, data in enumerate(solution.problem["constraints"])
     }
     if "edge_margin" in solution.problem:
-        parts[MARGIN] = partial(margin_rows, solution.problem, solution.faces, grasp, surface)
+        parts[EDGE_MARGIN] = partial(margin_rows, solution.problem, solution.faces, grasp, surface)
     if hand is not None:
         parts["hand"] = partial(hand.rows, placement)
     if hand is not None and not hand.linked and "edge_margin" in solution.problem:
@@ -105,7 +106,7 @@ def link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlace
     if balls and surface is not None:
         distances = surface.distance(np.array([ball.centre for ball in balls]))
         for ball, value in zip(balls, distances.tolist(), strict=True):
-            name = f"clearance from the body, {ball.name}"
+            name = f"{CLEARANCE}, {ball.name}"
             yield RowValue(name, value, ball.least, scale=placement.size, error=placement.error)
     yield from hand.apart()
 
@@ -131,7 +132,7 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
     """Return which rows each part of the problem may own, by the part's name."""
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
     found = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
-    found[MARGIN], found[FITTING] = margin_owner(contacts), room_owner(contacts)
+    found[EDGE_MARGIN], found[FITTING] = margin_owner(contacts), room_owner(contacts)
     return found if hand is None else {**found, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
 
 

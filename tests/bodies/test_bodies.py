@@ -26,6 +26,16 @@ def test_samples_are_on_the_face_and_in_the_box(body, rng):
 
 
 @bodies
+def test_points_are_on_a_face_or_beside_it(body, rng):
+    for name in body.face_names:
+        p = body.sample(name, 50, rng)
+        assert np.all(body.is_on(name, p))
+        assert not np.any(body.is_on(name, p + 1e-3 * body.size * body.evaluate(name, p)[2]))
+        margin = min(0.5 * body.room(name), body.size)
+        np.testing.assert_array_equal(body.is_on(name, p, margin), body.edge_distance(name, p) >= margin)
+
+
+@bodies
 def test_normals_are_unit_gradients(body, rng):
     """Against central differences of the surface itself."""
     step = 1e-6 * body.size

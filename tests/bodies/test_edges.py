@@ -67,10 +67,10 @@ def test_a_mesh_against_code_that_shares_nothing(rng):
     np.testing.assert_allclose(body.edge_distance("surface", points), inner[:, 1], atol=1e-9)
     other = from_segments(sharp_segments(TriangleSurface(np.asarray(body.mesh.vertices), np.asarray(body.mesh.faces))))
     np.testing.assert_allclose([other(p) for p in points], inner[:, 1], atol=1e-9)
-    assert body.edge_room == pytest.approx(0.025, rel=0.05)
+    assert body.room("surface") == pytest.approx(0.025, rel=0.05)
 
 
 def test_a_round_mesh_has_no_sharp_edges():
     body = ng.Mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.04))
-    assert body.edge_room == np.inf
+    assert body.room("surface") == np.inf
     assert np.all(np.isinf(body.edge_distance("surface", np.zeros((2, 3)))))

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.solve.surface.beside import edge_distances
+from nlpgrasp.solve.workbench.placed import Placed
 
 QUICK = ng.SolveOptions(workers=1, extras=False)
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
@@ -33,6 +35,14 @@ def test_the_default_is_a_twentieth_of_the_shortest_extent_or_half_a_fingertips_
     assert problem(ng.Box([0.08, 0.002, 0.002])).margin == pytest.approx(0.0004)
     assert problem(ng.Sphere(0.04)).margin == 0.0
     assert problem(box, 0.0).margin == 0.0
+
+
+def test_each_contact_has_its_distance_from_the_edges_of_its_own_face():
+    faces = ("+x", "-y", "+x", "-x")
+    points = np.array([[0.04, 0.005, 0.01], [0.033, -0.02, 0.0], [0.04, 0.0, -0.018], [-0.04, 0.0, 0.0]])
+    found = edge_distances(problem(BODIES["box"]), Placed(faces, points))
+    np.testing.assert_allclose(found, [0.01, 0.007, 0.002, 0.02], atol=1e-12)
+    assert np.all(np.isinf(edge_distances(problem(ng.Sphere(0.04)), Placed(("surface",) * 4, points))))
 
 
 def test_edges_that_hardly_turn_have_no_margin():

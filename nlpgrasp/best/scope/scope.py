@@ -19,6 +19,7 @@ from nlpgrasp.best.scope.places import Places, places
 from nlpgrasp.best.scope.symmetry import Symmetry, symmetries
 from nlpgrasp.best.scope.turning import Turned, pinned
 from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.rows import EDGES
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
@@ -26,8 +27,6 @@ from nlpgrasp.tasks import Task
 
 KINDS = ("point", "friction", "soft")  # contacts without a direction along the surface, on which curved cells rest
 MOST_ROOTS = 300  # nodes that a tree begins with; of more, first cells are bundled
-
-EDGES = "the edge margin"  # what is left out of a bound on a mesh
 
 
 @dataclass(frozen=True)

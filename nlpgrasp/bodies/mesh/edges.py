@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.bodies.face import SHARP
+from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ class SharpEdges:
         areas = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)]
         solid = np.min(areas, axis=1, initial=np.inf) > FLAT * float(np.sum(np.ptp(mesh.bounds, axis=0) ** 2))
         turned = np.asarray(mesh.face_adjacency_angles) > SHARP
-        self._vertices = np.asarray(mesh.vertices, dtype=float)
-        self._edges = np.asarray(mesh.face_adjacency_edges, dtype=np.int64)[solid & turned]
+        self._edges = np.asarray(mesh.face_adjacency_edges)[solid & turned]
+        self._tree = SearchTree(np.asarray(mesh.vertices), self._edges)
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -39,7 +40,4 @@ class SharpEdges:
         """Return the distance of points (m, 3) from the nearest sharp edge, (m,), metres; inf where there is none."""
         if not len(self._edges) or not len(points):
             return np.full(len(points), np.inf)
-        import igl
-
-        squared = igl.point_mesh_squared_distance(np.ascontiguousarray(points), self._vertices, self._edges)[0]
-        return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
+        return np.asarray(np.sqrt(self._tree.nearest(points)[0]))

@@ -141,7 +141,7 @@ class Mesh(Body):
 
     def clearance(self, points: FloatArray) -> FloatArray:
         """Return the distance of points (m, 3) from the mesh, (m,), metres, negative inside: of the nearest point."""
-        return np.asarray(np.where(self.signed_distance(points) < 0.0, -1.0, 1.0) * self.closest(points)[2])
+        return self._tree.clearance(points)
 
     def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the nearest points of the mesh, the outward normals there and the distances.
@@ -173,9 +173,13 @@ class Mesh(Body):
         del name
         return self._edges.distance(points)
 
+    def room(self, name: str) -> float:
+        """Return how far from all sharp edges some point of the mesh is, metres; inf without any."""
+        del name
+        return self._room
+
     @cached_property
-    def edge_room(self) -> float:
-        """How far from all sharp edges some point of the mesh is, metres; inf without any."""
+    def _room(self) -> float:
         if not len(self._edges):
             return np.inf
         points, _ = self.surface_samples(ROOM_SAMPLES, np.random.default_rng(0))

@@ -1,1 +1,1 @@
-"""Surfaces of bodies as triangles, made from what defines them: their vertices are on the body itself."""
+"""What shapes of bodies share: a place about the origin, and surfaces as triangles whose vertices are on the body."""

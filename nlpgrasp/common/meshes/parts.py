@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from nlpgrasp.common.meshes.search_tree import IntArray
-from nlpgrasp.common.meshes.winding import winding_numbers
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.validation import FloatArray
 
 FLAT = 1e-9  # of the volume of the bounding box: a part with less is a sheet
@@ -107,6 +106,7 @@ class Parts:
         if len(signs) < 2 or np.all(signs[self.solid] == signs[self.solid[:1]]):
             return np.zeros(0, dtype=np.int64)
         lower, upper = self.boxes()
+        tree_of = cache(lambda part: SearchTree(*self.mesh_of(part)))
         found = []
         for part in self.solid:
             around = [
@@ -115,9 +115,8 @@ class Parts:
                 if other != part and np.all(lower[other] <= lower[part]) and np.all(upper[part] <= upper[other])
             ]
             corners = self.mesh_of(part)[0][:: max(1, self._size(part) // LOOKED_AT)]
-            outside = sum(
-                signs[other] for other in around if np.all(np.abs(winding_numbers(*self.mesh_of(other), corners)) > 0.5)
-            )
+            inside = [other for other in around if np.all(np.abs(tree_of(other).winding_numbers(corners)) > 0.5)]
+            outside = sum(signs[other] for other in inside)
             if abs(outside + signs[part]) < abs(outside):
                 found.append(part)
         return np.array(found, dtype=np.int64)

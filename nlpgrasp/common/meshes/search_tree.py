@@ -1,4 +1,4 @@
-"""Nearest points and signed distances of a triangle mesh, from search trees that are built once."""
+"""Nearest points, winding numbers and signed distances of a triangle mesh, from search trees that are built once."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ class SearchTree:
     vertices : (v, 3) array
         Metres.
     faces : (f, 3) int array
+        Triangles; or (f, 2), edges, of which the nearest points alone are known.
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
@@ -68,16 +69,27 @@ class SearchTree:
         self.__dict__.pop("_winding", None)
 
     def nearest(self, points: FloatArray) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
-        """Return squared distances (m,), triangles (m,) and nearest points (m, 3) of points (m, 3), metres."""
+        """Return squared distances (m,), faces (m,) and nearest points (m, 3) of points (m, 3), metres."""
         queries = np.ascontiguousarray(points, dtype=float)
-        squared, triangles, positions = self._boxes.squared_distance(self._vertices, self._faces, queries)
-        return np.asarray(squared), np.asarray(triangles), np.asarray(positions)
+        squared, faces, positions = self._boxes.squared_distance(self._vertices, self._faces, queries)
+        return np.asarray(squared), np.asarray(faces), np.asarray(positions)
+
+    def winding_numbers(self, points: FloatArray) -> FloatArray:
+        """Return the fast winding numbers of the mesh about points (m, 3), (m,).
+
+        They are 0 outside and 1 inside up to some thousandths, and between them beside defects (Barill et al. 2018,
+        doi:10.1145/3197517.3201337); negative where triangles face inwards.
+        """
+        return np.asarray(self._winding.winding_number(np.ascontiguousarray(points, dtype=float)))
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3), negative inside, metres, (m,).
 
-        It is the distance times ``1 - 2 |w|`` with the fast winding number w (Barill et al. 2018,
-        doi:10.1145/3197517.3201337): 0 outside and 1 inside up to some thousandths, and between them beside defects.
+        It is the distance times ``1 - 2 |w|`` with the winding number w: without a jump beside defects.
         """
-        winding = self._winding.winding_number(np.ascontiguousarray(points, dtype=float))
-        return np.asarray(np.sqrt(self.nearest(points)[0]) * (1.0 - 2.0 * np.abs(winding)))
+        return np.asarray(np.sqrt(self.nearest(points)[0]) * (1.0 - 2.0 * np.abs(self.winding_numbers(points))))
+
+    def clearance(self, points: FloatArray) -> FloatArray:
+        """Return the distance of points (m, 3) from the nearest point, negative inside, metres, (m,)."""
+        inside = np.abs(self.winding_numbers(points)) > 0.5
+        return np.asarray(np.where(inside, -1.0, 1.0) * np.sqrt(self.nearest(points)[0]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.meshes.search_tree import IntArray
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.validation import FloatArray
 
 BESIDE = 1e-6  # of the size: how far before and behind a triangle one looks; STL files round to about a tenth of it
@@ -15,39 +15,21 @@ UNCLEAR = 0.2  # from a whole number
 OPEN_SHARE = 0.01  # of the bounding box, at most, where the inside may be unclear
 
 
-def winding_numbers(vertices: FloatArray, faces: IntArray, points: FloatArray) -> FloatArray:
-    """Return the fast winding numbers (Barill et al. 2018) of a mesh about points (m, 3), (m,).
-
-    Parameters
-    ----------
-    vertices : (v, 3) array
-        Metres.
-    faces : (f, 3) int array
-    points : (m, 3) array
-        Metres.
-    """
-    import igl
-
-    if not len(points):
-        return np.zeros(0)
-    mesh = np.ascontiguousarray(vertices, dtype=float), np.ascontiguousarray(faces, dtype=np.int64)
-    return np.asarray(igl.fast_winding_number(*mesh, np.ascontiguousarray(points, dtype=float)))
-
-
 def unclear_share(vertices: FloatArray, faces: IntArray) -> float:
     """Return the share of the bounding box where the winding number is far from a whole number."""
     rng = np.random.default_rng(0)
     points = rng.uniform(vertices.min(axis=0), vertices.max(axis=0), (SAMPLES, 3))
-    winding = winding_numbers(vertices, faces, points)
+    winding = SearchTree(vertices, faces).winding_numbers(points)
     return float(np.mean(np.abs(winding - np.round(winding)) > UNCLEAR))
 
 
 def buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
     """Return which points (m, 3) of triangles with outward unit normals (m, 3) have the inside on both sides, (m,)."""
     step = BESIDE * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normals
-    result = winding_numbers(vertices, faces, points + step) > 0.5
+    tree = SearchTree(vertices, faces)
+    result = tree.winding_numbers(points + step) > 0.5
     behind = np.flatnonzero(result)
-    result[behind] = winding_numbers(vertices, faces, points[behind] - step[behind]) > 0.5
+    result[behind] = tree.winding_numbers(points[behind] - step[behind]) > 0.5
     return result
 
 

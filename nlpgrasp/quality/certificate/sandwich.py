@@ -74,18 +74,19 @@ def sandwich(
     Returns
     -------
     Bounds
-        ``worst_direction`` is in the problem's own coordinates. Wider than asked only past the deadline or
+        ``worst_direction`` is in the caller's wrench coordinates, unit. Wider than asked only past the deadline or
         where floating point allows no better: ``limit`` says which.
     """
     found = narrowed(problem, rtol, seed, deadline, begun)
+    worst = problem.original(found.worst)
     if found.upper == 0.0:
-        return Bounds(0.0, 0.0, found.worst)
+        return Bounds(0.0, 0.0, worst)
     if problem.rank == 1:
-        return Bounds(found.upper * (1.0 - problem.rounding), found.upper * (1.0 + problem.rounding), found.worst)
+        return Bounds(found.upper * (1.0 - problem.rounding), found.upper * (1.0 + problem.rounding), worst)
     lower = 0.0 if found.hull is None else _lower(problem, found.hull) * (1.0 - problem.rounding)
     upper = found.upper * (1.0 + problem.rounding)
     narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
-    return Bounds(min(lower, found.upper), upper, found.worst, limit="" if narrow else found.limit)
+    return Bounds(min(lower, found.upper), upper, worst, limit="" if narrow else found.limit)
 
 
 def narrowed(

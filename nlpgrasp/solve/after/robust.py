@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.budgets import ForceBudget, L2Budget, PerFingerBudget, PerFingerSizeBudget, SharedBudget
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
@@ -33,7 +33,6 @@ BEGINNINGS = 3  # at most
 RTOL, LOOSE = 0.02, 0.1
 Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
 SLIPS = 0.99  # of the reach: a contact that is nearer to an edge may slip over it
-WITHOUT_NUMBERS = (L2Budget, PerFingerBudget, PerFingerSizeBudget, SharedBudget)
 TOO_FAR = 1.5  # times the reach: such a place is not on the face any more
 
 
@@ -73,7 +72,7 @@ def _over_edges(bench: Workbench, placed: Placed) -> tuple[int, ...]:
 
     None where the force budget counts on each contact by its number, as that of a hand's joints does.
     """
-    if not isinstance(bench.problem.budget, WITHOUT_NUMBERS):
+    if bench.problem.budget.depends_on_frames:
         return ()
     apart = edge_distances(bench.problem, placed)
     return tuple(np.flatnonzero(apart < SLIPS * bench.options.robust_offset).tolist())

@@ -53,13 +53,13 @@ ONE = Keeping()
 
 
 def others_beside(
-    runner: Runner, best: StartGrasp, results: Sequence[StartResult], keeping: Keeping, seed: int, stop: Stop
+    runner: Runner, best: StartGrasp, results: Sequence[StartResult], keeping: Keeping, stop: Stop
 ) -> tuple[FoundGrasp, ...]:
     """Return the grasps that are kept beside the answer, best first.
 
     That are the ends of the starts, distinct from each other and from the answer, the best first. Where these are too
-    few, grasps that the look over all placements met, and then the best of many random placements, as they are, join
-    them: those with at least half the mu of the best.
+    few, grasps that the look over all placements met, and then the best neighbours of the grasps kept so far, with one
+    contact elsewhere, as they are, join them: those with at least half the mu of the best.
 
     Parameters
     ----------
@@ -68,7 +68,6 @@ def others_beside(
         The answer.
     results : sequence of StartResult
     keeping : Keeping
-    seed : int
     stop : Stop
     """
     if keeping.count == 1:
@@ -80,7 +79,7 @@ def others_beside(
         kept.offer(start)
     if not stop.requested():
         least = HALF * max(r.record.mu.lower for r in (best, *solved[:1]))
-        _fill(runner, kept, least, seed, stop)
+        _fill(runner, kept, least, stop)
     beside = kept.grasps[1:]
     work = _plain if stop.requested() else _finished
     found = runner.each(work, beside)
@@ -117,11 +116,11 @@ class _Distinct:
             self.grasps.append(start)
 
 
-def _fill(runner: Runner, kept: _Distinct, least: float, seed: int, stop: Stop) -> None:
+def _fill(runner: Runner, kept: _Distinct, least: float, stop: Stop) -> None:
     """Add grasps that the solve met besides its starts, with a certified mu of ``least`` or more."""
     if kept.missing <= 0 or not runner.bench.follows_contacts:
         return
-    waiting = _met(runner, kept, seed, stop)
+    waiting = _met(runner, kept, stop)
     while kept.missing > 0 and not stop.requested():
         batch: list[Placed] = []
         for placed in waiting:
@@ -136,8 +135,8 @@ def _fill(runner: Runner, kept: _Distinct, least: float, seed: int, stop: Stop) 
             kept.offer(start)
 
 
-def _met(runner: Runner, kept: _Distinct, seed: int, stop: Stop) -> Iterator[Placed]:
-    """Yield what the look over all placements met, then the best of many random ones."""
+def _met(runner: Runner, kept: _Distinct, stop: Stop) -> Iterator[Placed]:
+    """Yield what the look over all placements met, then the neighbours of the grasps kept so far, the best first."""
     bench, count = runner.bench, MET * kept.missing
     seen = runner.outlook(stop)
     if seen is not None:

@@ -87,8 +87,7 @@ class Symmetries:
         body, margin = self._bench.problem.body, self._bench.problem.margin
         on = np.zeros(len(points), dtype=bool)
         for face in faces:
-            h, slope, _, extent = body.evaluate(face, points, margin)
-            on |= (np.abs(h) <= SAME * body.size * slope) & (extent <= SAME * body.size)
+            on |= body.is_on(face, points, margin)
         return bool(np.all(on))
 
     def _violations(self, points: FloatArray, normals: FloatArray) -> FloatArray:

@@ -24,8 +24,6 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
-ON = 1e-6  # of the body's size: contacts that are as near to their face are on it
-
 
 @dataclass(frozen=True)
 class Given:
@@ -87,10 +85,8 @@ def _on_faces(bench: Workbench, placed: Placed) -> bool:
     for i, (face, point) in enumerate(zip(placed.faces, placed.points, strict=True)):
         if face not in problem.allowed_faces(i):
             return False
-        if not isinstance(body, Mesh):
-            h, slope, _, extent = body.evaluate(face, point[None], problem.margin)
-            if not (abs(h[0]) <= ON * body.size * slope[0] and extent[0] <= ON * body.size):
-                return False
+        if not (isinstance(body, Mesh) or body.is_on(face, point[None], problem.margin)[0]):
+            return False
     return True
 
 

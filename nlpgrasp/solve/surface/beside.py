@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.rows import ROOM, Label
+from nlpgrasp.common.rows import EDGE_MARGIN, ROOM, Label
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import FITS
@@ -39,7 +39,7 @@ def beside(problem: GraspProblem, placed: Placed, normals: FloatArray) -> Iterat
     """
     for i, value in enumerate(edge_distances(problem, placed)):
         if np.isfinite(value):
-            yield AtLeast(Label("edge margin", fingers=(i,)), float(value), problem.margin)
+            yield AtLeast(Label(EDGE_MARGIN, fingers=(i,)), float(value), problem.margin)
     body, hand = problem.body, problem.hand
     if isinstance(body, Mesh) and hand is not None and hand.follows_contacts:
         for i, radius in enumerate(hand.tip_radii):
@@ -50,8 +50,11 @@ def beside(problem: GraspProblem, placed: Placed, normals: FloatArray) -> Iterat
 
 def edge_distances(problem: GraspProblem, placed: Placed) -> FloatArray:
     """Return the distance of each contact from its face's sharp edges, (k,), metres; inf where there are none."""
-    each = zip(placed.faces, placed.points, strict=True)
-    return np.concatenate([problem.body.edge_distance(face, point[None]) for face, point in each])
+    apart, faces = np.empty(len(placed.points)), np.array(placed.faces)
+    for face in set(placed.faces):
+        on = faces == face
+        apart[on] = problem.body.edge_distance(face, placed.points[on])
+    return apart
 
 
 def near_edges(problem: GraspProblem, placed: Placed) -> FloatArray:

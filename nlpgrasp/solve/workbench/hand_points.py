@@ -56,11 +56,7 @@ class HandPoints:
 
     def mesh_clearances(self, body: Mesh, values: Values) -> FloatArray:
         """Return the links' signed distances to the mesh itself, (m,), one a clearance row, metres."""
-        centres = np.asarray(self._function(*values.values())[1].full()).T
-        if not len(centres):
-            return np.zeros(0)
-        rough = np.asarray(body.distance_function.map(len(centres))(centres.T).full()).ravel()
-        return np.asarray(np.where(rough < 0.0, -1.0, 1.0) * body.closest(centres)[2])
+        return body.clearance(np.asarray(self._function(*values.values())[1].full()).T)
 
     @cached_property
     def tip_motion(self) -> ca.Function:

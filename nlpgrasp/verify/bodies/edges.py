@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from nlpgrasp.common.rows import EDGE_MARGIN
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.grasp.grasp import Grasp
@@ -66,7 +67,7 @@ def margin_rows(problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: Su
     for i, (face, point) in enumerate(zip(faces, grasp.points, strict=True)):
         value = surface.edge_distance(face, point)
         if np.isfinite(value):
-            yield RowValue(f"edge margin, finger {i}", value, margin, scale=size)
+            yield RowValue(f"{EDGE_MARGIN}, finger {i}", value, margin, scale=size)
 
 
 def _cosine(a: FloatArray, b: FloatArray) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.rows import EDGES
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.bound.cells.cell import Cell, ball
@@ -100,7 +101,7 @@ def places(problem: Json, faces: Sequence[str], space: int, sources: Sources) ->
         if j not in known and not data.get("faces"):
             dropped.append(str(data.get("name", data["type"])))
     if problem["body"]["type"] == "mesh" and problem.get("edge_margin", 0.0) > 0.0:
-        dropped.append("the edge margin")
+        dropped.append(EDGES)
     return found, dropped
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.rows import EDGE_MARGIN
 from nlpgrasp.common.validation import number
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
@@ -25,8 +26,7 @@ NOTHING = 1e-3  # of the quality of the grasp: an upper bound below this says th
 SAME = 1e-9  # of shares, which follow from other numbers of the file
 OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not along its tangent
 
-MARGIN, SLIPS = "edge margin", 0.99  # rows; of the offset: a contact that is nearer to an edge slips over it
-WITHOUT_NUMBERS = ("l2", "per_finger", "per_finger_size", "shared")  # budgets that a lost contact is left out of
+SLIPS = 0.99  # of the offset: a contact that is nearer to an edge slips over it
 
 
 def interval(stated: Bounds) -> Check:
@@ -87,8 +87,8 @@ def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceB
     if rest:
         there = Grasp(stated.points[rest], stated.normals[rest], [models[i] for i in rest], grasp.torque_origin)
         found = mu(there, task, rtol, force_budget=budget, seed=OTHER_SEED)
-    near = {c.fingers[0] for c in solution.constraints if c.kind == MARGIN and c.value < SLIPS * stated.offset}
-    over = near if budget.kind in WITHOUT_NUMBERS else set()
+    near = {c.fingers[0] for c in solution.constraints if c.kind == EDGE_MARGIN and c.value < SLIPS * stated.offset}
+    over = set() if budget.depends_on_frames else near
     off = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
     nothing = stated.mu.upper <= NOTHING * solution.mu.upper
     good = overlap("", stated.mu, found).passed and (nothing or width("", stated.mu, found, ANY_GAP).passed)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from nlpgrasp.common.rows import ROOM
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import array
 from nlpgrasp.verify.check import NotMadeError
@@ -28,7 +29,7 @@ def room_rows(body: Json, surface: Surface | None, placement: StatedPlacement) -
         raise NotMadeError("the body is not there")
     for i in round_tips:
         value = float(surface.distance(placement.tips[i][None])[0])
-        yield RowValue(f"room for the fingertip, finger {i}", value, FITS * placement.radii[i], scale=placement.size)
+        yield RowValue(f"{ROOM}, finger {i}", value, FITS * placement.radii[i], scale=placement.size)
 
 
 def _points_inwards(body: Json) -> bool:

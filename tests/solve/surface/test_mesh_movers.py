@@ -1,5 +1,6 @@
 """From the smooth surface onto the mesh: contacts that slide, and a hand that moves until it touches."""
 
+import casadi as ca
 import numpy as np
 import pytest
 import trimesh
@@ -12,6 +13,7 @@ from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.surface.move_hand import TOUCHED, hand_onto_mesh, touch_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
+from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import four_finger_hand
@@ -83,6 +85,23 @@ def test_a_hand_touches_the_mesh(posed):
     clearances = bench.hand_points.mesh_clearances(MESH, found.placed.hand)
     lower = [bench.rows.named[i].lower for i in bench.rows.clearances]
     assert np.all(clearances >= np.array(lower) - 1e-6)
+
+
+def test_links_hardly_inside_a_mesh_are_inside(posed, rng):
+    """The sign is that of the mesh itself: the spline through its distances is some tenths of a millimetre off."""
+    half, palm = np.array([0.03, 0.025, 0.004]), posed[1].hand
+    brick = ng.Mesh(trimesh.creation.box(2.0 * half))
+    problem = ng.GraspProblem(brick, ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
+    symbols = problem.hand.symbols(brick.bounds)
+    centres = ca.horzcat(*(sphere.centre for sphere in problem.hand.spheres(symbols)))
+    links, points, near = ca.Function("links", list(symbols.values()), [centres]), HandPoints(problem), 0
+    for shift in rng.uniform(-0.03, 0.03, (1000, 3)):
+        values = {**palm, "palm_position": palm["palm_position"] + shift}
+        beyond = np.abs(links(*values.values()).full().T) - half
+        exact = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(np.max(beyond, axis=1), 0.0)
+        np.testing.assert_allclose(points.mesh_clearances(brick, values), exact, atol=1e-12)
+        near += np.count_nonzero(np.abs(exact) < 2e-4)
+    assert near > 20
 
 
 def test_a_hand_goes_to_the_contacts_it_is_told_first(posed):
