@@ -81,7 +81,15 @@ def test_messages_have_the_fields_of_moveit(which, request):
     pose = message["grasp_pose"]["pose"]
     assert list(pose["position"].values()) == solution.hand["palm_pose"]["position"]
     assert [pose["orientation"][k] for k in "wxyz"] == solution.hand["palm_pose"]["quaternion_wxyz"]
-    assert message["pre_grasp_approach"]["direction"]["header"]["frame_id"] == "palm"
+    approach, back = (message[f"{name}"]["direction"] for name in ("pre_grasp_approach", "post_place_retreat"))
+    assert approach["header"]["frame_id"] == back["header"]["frame_id"] == "palm"
+    forward = np.array(list(approach["vector"].values()))
+    np.testing.assert_array_equal(forward, -np.array(list(back["vector"].values())))
+    turn = Rotation.from_quat(solution.hand["palm_pose"]["quaternion_wxyz"], scalar_first=True)
+    ahead = solution.grasp.points.mean(axis=0) - solution.hand["palm_pose"]["position"]
+    assert turn.apply(forward) @ ahead > 0.9 * np.linalg.norm(ahead)  # towards what is held
+    if which == "jaws":
+        np.testing.assert_allclose(turn.apply(forward), solution.hand["approach"], atol=1e-12)
 
 
 def test_efforts_are_the_torques_of_the_squeeze(held):

@@ -60,3 +60,11 @@ def test_lies_about_the_gripper(name, data):
     check = recomputed_file(edited(data, lambda d: d.update(hand=change(d["hand"]))))[where]
     assert check.failed
     assert said in check.detail
+
+
+def test_without_the_body_the_way_in_is_not_judged(data):
+    """Of a mesh that is not there the pose is checked, its way in is not."""
+    mesh = {"type": "mesh", "source": "gone.stl", "unit": "m", "sha256": "0" * 64}
+    found = recomputed_file(edited(data, lambda d: d["problem"].update(body=mesh)))
+    assert found["gripper"].passed
+    assert not found["way in"].made

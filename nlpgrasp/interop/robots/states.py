@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
@@ -154,11 +153,6 @@ def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> Ha
 def _pose(data: Json) -> FloatArray:
     """Return position and quaternion of a pose, (7,)."""
     return np.array([*data["position"], *data["quaternion_wxyz"]], dtype=float)
-
-
-def turned(pose: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return a direction (3,) of a frame with a pose (7,) in the body's frame, (3,)."""
-    return np.asarray(Rotation.from_quat(pose[3:], scalar_first=True).apply(direction))
 
 
 def each_state(solution: GraspSolution, joints: Sequence[str]) -> list[tuple[GraspSolution, HandStates]]:
