@@ -28,6 +28,9 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
     content = f"{', '.join(first)}, or {last}."
     with_hand = " or ".join(given.name for given in formats if given.takes_hand)
     model = f"For {with_hand}: the hand's own model in place of balls for fingertips."
+    takers = {
+        field: " or ".join(f.name for f in formats if field in f.takes) for field in ("object", "gripper", "joints")
+    }
 
     def export(
         file: File,
@@ -39,6 +42,9 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         damping: Damping = None,
         frictionloss: FrictionLoss = None,
         normal_force: NormalForce = None,
+        thing: str | None = None,
+        gripper: str | None = None,
+        joint: list[str] | None = None,
     ) -> None:
         """Write a solution for other tools."""
         from nlpgrasp.interop import ExportOptions
@@ -52,13 +58,30 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         if scene and hand is None:
             name = next(iter(scene))
             raise InputError(f"--{name.replace('_', '-')}", scene[name], f"only with --hand, of {with_hand}")
+        given = {"object": thing, "gripper": gripper, "joints": ", ".join(joint or ())}
+        for field, value in given.items():
+            if value and field not in chosen.takes:
+                raise InputError(f"--{field.removesuffix('s')}", value, f"{takers[field]} with it")
+        options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()))
         solution = ng.GraspSolution.load(file)
         target = file.with_suffix(chosen.ending) if out is None else out
         writable(target, file)
-        write_bytes(target, chosen.export(solution, ExportOptions(hand, ng.HandSceneOptions(**scene))))
+        write_bytes(target, chosen.export(solution, options))
         typer.echo(f"written to {target}")
 
     chosen_by = typer.Option("--to", help=content[0].upper() + content[1:])
     export.__annotations__["to"] = Annotated[names, chosen_by]
     export.__annotations__["hand"] = Annotated[Path | None, typer.Option("--hand", metavar="URDF", help=model)]
+    helps = {
+        "thing": (
+            "--object",
+            "NAME",
+            f"For {takers['object']}: what it calls the body, a file or a frame.",
+        ),
+        "gripper": ("--gripper", "NAME", f"For {takers['gripper']}: what it calls the hand, a file or a frame."),
+        "joint": ("--joint", "NAME", f"For {takers['joints']}: a joint of the hand, in the order wanted; repeatable."),
+    }
+    for field, (flag, metavar, told) in helps.items():
+        kind = list[str] | None if field == "joint" else str | None
+        export.__annotations__[field] = Annotated[kind, typer.Option(flag, metavar=metavar, help=told)]
     return export

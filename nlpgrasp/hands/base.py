@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -107,6 +107,21 @@ class Hand(StatedPart):
     def palm(self, variables: dict[str, Expression]) -> PalmPose | None:
         """Return the palm's pose, where the hand has one."""
         return None
+
+    def at_contacts(self, points: FloatArray, size: float, distance: Callable[[FloatArray], FloatArray]) -> Json:
+        """Return what the contacts say of the hand, as JSON data of a solution; by default nothing.
+
+        Parameters
+        ----------
+        points : (k, space) array
+            The contacts, metres, body frame.
+        size : float
+            Of the body, metres.
+        distance : callable
+            Points (m, space) to their distances (m,), metres, from what the hand has to keep away from: the body,
+            tables, obstacles.
+        """
+        return {}
 
     def describe(self, values: Values) -> Json:
         """Return values of the variables as the JSON data of a solution."""

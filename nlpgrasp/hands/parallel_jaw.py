@@ -13,6 +13,7 @@ from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
+from nlpgrasp.hands.jaw_pose import Distance, Jaws
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,11 @@ class ParallelJaw(Hand):
     The line between the contacts is within an angle of both inward normals: jaws close along one line and touch
     flat. The opening is the distance of the contacts along it.
 
+    A solution states the gripper's pose in ``hand``: ``palm_pose`` (x from contact 0 to contact 1, z along the
+    approach), ``opening``, ``approach``, and ``depth``, how deep the fingers' way in leads into something. The
+    contacts leave free how the gripper is turned about the closing line: of 36 directions the clearest of the body, of
+    tables and of obstacles is taken (docs/hands.md says what is looked at).
+
     Parameters
     ----------
     opening : float
@@ -30,12 +36,18 @@ class ParallelJaw(Hand):
         Least distance between them, metres.
     tilt : float
         Most between a contact's normal and the closing direction, radians: compliant pads give a little.
+    finger_length : float
+        From the middle between the pads back to the gripper's frame, metres; 0 puts the frame between the pads.
+    finger_thickness : float
+        Of a finger in the closing direction, metres; 0 looks at the pads' lines alone.
     """
 
     kind: ClassVar[str] = "parallel_jaw"
     opening: float
     closed: float = 0.0
     tilt: float = 0.05
+    finger_length: float = 0.0
+    finger_thickness: float = 0.0
     count: int = field(default=2, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -45,6 +57,8 @@ class ParallelJaw(Hand):
         if tilt >= np.pi / 2.0:
             raise InputError("ParallelJaw.tilt", self.tilt, "an angle below a right angle")
         object.__setattr__(self, "tilt", tilt)
+        for name in ("finger_length", "finger_thickness"):
+            object.__setattr__(self, name, number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0))
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
@@ -69,6 +83,17 @@ class ParallelJaw(Hand):
             Row("facing", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size, part="jaw 1"),
         ]
 
+    def at_contacts(self, points: FloatArray, size: float, distance: Distance) -> Json:
+        """Return pose, opening and approach of the gripper, as JSON data."""
+        return Jaws(points, self.finger_length, self.finger_thickness).posture(size, distance)
+
     def to_dict(self) -> Json:
-        """Return the limits as JSON data."""
-        return {"type": self.kind, "opening": self.opening, "closed": self.closed, "tilt": self.tilt}
+        """Return limits and fingers as JSON data."""
+        return {
+            "type": self.kind,
+            "opening": self.opening,
+            "closed": self.closed,
+            "tilt": self.tilt,
+            "finger_length": self.finger_length,
+            "finger_thickness": self.finger_thickness,
+        }

@@ -7,6 +7,8 @@ from nlpgrasp.interop.glb import glb
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, isaac_grasp, read_isaac_grasps
 from nlpgrasp.interop.placed_hand import grasp_of_posture
 from nlpgrasp.interop.registry import register, register_reader
+from nlpgrasp.interop.robots.benchmark import benchmark_arrays, dexgraspbench
+from nlpgrasp.interop.robots.moveit import moveit
 
 __all__ = [
     "ExportFormat",
@@ -16,10 +18,13 @@ __all__ = [
     "ReadFormat",
     "ReadGrasp",
     "ReadOptions",
+    "benchmark_arrays",
     "contacts_csv",
+    "dexgraspbench",
     "glb",
     "grasp_of_posture",
     "isaac_grasp",
+    "moveit",
     "read_contacts_csv",
     "read_isaac_grasps",
     "register",

@@ -34,10 +34,17 @@ class ExportOptions:
         URDF file of the hand, where the hand's own model belongs into the export.
     scene : HandSceneOptions, optional
         Gains, friction and masses of a scene with the hand.
+    object, gripper : str, optional
+        What the other tool calls the body and the hand's palm: names of frames, or files.
+    joints : tuple of str
+        The joints that are wanted, in the other tool's order; of parallel jaws those that share the opening.
     """
 
     hand: Path | None = None
     scene: HandSceneOptions | None = None
+    object: str | None = None
+    gripper: str | None = None
+    joints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,8 @@ class ExportFormat:
         What the solution must have.
     takes_hand : bool
         Whether it holds a hand's own model: ``ExportOptions.hand`` plays a part.
+    takes : tuple of str
+        The other fields of ``ExportOptions`` that play a part.
     """
 
     name: str
@@ -66,6 +75,7 @@ class ExportFormat:
     write: Callable[[GraspSolution, ExportOptions], str | bytes]
     needs: Need = Need.GRASP
     takes_hand: bool = False
+    takes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():

@@ -12,7 +12,10 @@ import yaml
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
+from nlpgrasp.interop.robots.files import object_file, object_scale
+from nlpgrasp.interop.robots.states import HandStates
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.version import __version__
 
 FORMAT, VERSION = "isaac_grasp", 1.0
 LARGEST = 16 * 1024 * 1024
@@ -46,42 +49,50 @@ class IsaacGrasp:
     gripper_frame: str = ""
 
 
-def isaac_grasp(solutions: Mapping[str, GraspSolution]) -> str:
+def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions | None = None) -> str:
     """Return solutions as the text of an isaac_grasp file.
 
-    ``confidence`` is the certified lower bound over the best upper bound of the file.
+    ``confidence`` is the certified lower bound over the best upper bound of the file. The frames have both pairs of
+    names that are in use, those of Isaac Sim (``object_frame_link``) and of Isaac ROS (``object_frame``).
 
     Parameters
     ----------
     solutions : mapping of str to GraspSolution
-        By the names of the grasps; each with a hand that has a pose and joints.
+        By the names of the grasps; each with a hand that has a pose and joints, or with parallel jaws.
+    options : ExportOptions, optional
+        ``object`` and ``gripper`` are the files of body and gripper; of parallel jaws ``joints`` share the opening.
 
     Raises
     ------
     InputError
         Without such a hand, or without a grasp.
     """
+    given = options or ExportOptions()
     best = max((s.mu.upper for s in solutions.values() if s.success), default=0.0)
     grasps = {}
     for name, solution in solutions.items():
-        hand = solution.hand or {}
-        if not solution.success or "palm_pose" not in hand or "joint_positions" not in hand:
-            raise InputError(name, "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
-        w, *xyz = hand["palm_pose"]["quaternion_wxyz"]
-        opened = hand.get("pregrasp") or hand
+        hand = HandStates.of(solution, given.joints, name)
+        position, (w, *xyz) = hand.pose[:3].tolist(), hand.pose[3:].tolist()
         grasps[name] = {
             "confidence": solution.mu.lower / best,
-            "position": list(hand["palm_pose"]["position"]),
+            "position": position,
             "orientation": {"w": w, "xyz": xyz},
-            "cspace_position": dict(hand["joint_positions"]),
-            "pregrasp_cspace_position": dict(opened["joint_positions"]),
+            "cspace_position": dict(hand.joints),
+            "pregrasp_cspace_position": dict(hand.open_joints),
         }
     first = next(iter(solutions.values()))
+    thing, frame = object_file(first, None), first.palm
     data = {
         "format": FORMAT,
         "format_version": VERSION,
-        "object_frame": first.body.get("source") or first.body.get("type", "body"),
-        "gripper_frame": first.palm,
+        "created_with": f"nlpgrasp {__version__}",
+        "object_frame_link": thing,
+        "gripper_frame_link": frame,
+        "object_frame": thing,
+        "gripper_frame": frame,
+        **({} if given.object is None else {"object_file": given.object}),
+        **({} if given.object is None else {"object_scale": object_scale(first, given.object)}),
+        **({} if given.gripper is None else {"gripper_file": given.gripper}),
         "grasps": grasps,
     }
     return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120))
@@ -111,7 +122,7 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
     grasps = data.get("grasps")
     if not isinstance(grasps, Mapping) or not grasps:
         raise InputError(f"{name}: grasps", grasps, "a mapping of names to grasps, not empty")
-    frame = str(data.get("gripper_frame") or "")
+    frame = str(data.get("gripper_frame") or data.get("gripper_frame_link") or "")
     return tuple(_grasp(f"{name}: grasps.{key}", str(key), value, frame) for key, value in grasps.items())
 
 
@@ -148,8 +159,12 @@ def _joints(where: str, data: object) -> dict[str, float]:
 def _all(solution: GraspSolution, options: ExportOptions) -> str:
     """Return all grasps that were kept; one without a grasp is refused in the words of the format."""
     if solution.grasp is None:
-        return isaac_grasp({"grasp_0": solution})
-    return isaac_grasp({f"grasp_{i}": solution.with_answer(found) for i, found in enumerate(solution.grasps)})
+        return isaac_grasp({"grasp_0": solution}, options)
+    every = {f"grasp_{i}": solution.with_answer(found) for i, found in enumerate(solution.grasps)}
+    return isaac_grasp(every, options)
 
 
-ISAAC_GRASP = ExportFormat("isaac_grasp", ".yaml", "a gripper's pose and joints", _all, Need.NOTHING)
+ISAAC_GRASP = ExportFormat(
+    *("isaac_grasp", ".yaml", "a gripper's pose and joints", _all, Need.NOTHING),
+    takes=("object", "gripper", "joints"),
+)

@@ -12,6 +12,8 @@ from nlpgrasp.interop.glb import GLB
 from nlpgrasp.interop.isaac_grasp import ISAAC_GRASP
 from nlpgrasp.interop.mujoco_scene import MJCF
 from nlpgrasp.interop.placed_hand import POSTURES
+from nlpgrasp.interop.robots.benchmark import DEXGRASPBENCH, NPZ
+from nlpgrasp.interop.robots.moveit import MOVEIT
 from nlpgrasp.interop.solution_file import SOLUTION
 
 _formats: dict[str, ExportFormat] = {}
@@ -72,7 +74,7 @@ def reader_of(path: str | Path) -> ReadFormat:
     return _readers.get(Path(path).suffix.lower(), SOLUTION)
 
 
-for _format in (CSV, GLB, ISAAC_GRASP, MJCF):
+for _format in (CSV, GLB, ISAAC_GRASP, MJCF, MOVEIT, NPZ, DEXGRASPBENCH):
     register(_format)
 for _reader in (SOLUTION, CONTACTS_TABLE, POSTURES):
     register_reader(_reader)

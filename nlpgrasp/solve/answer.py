@@ -14,8 +14,10 @@ import scipy
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.problem.fields import distance_to_all, fields_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Volume, delta, mu, nu
 from nlpgrasp.solution.findings import WhyNot
@@ -184,14 +186,22 @@ def _status(options: SolveOptions, bound: GlobalBound | None, lower: float) -> S
 def hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json | None:
     """Return the hand in the grasp, and where it is just before."""
     hand = problem.hand
-    if hand is None or not found.placed.hand:
+    if hand is None:
         return None
-    data = dict(hand.describe(found.placed.hand))
+    data = dict(hand.describe(found.placed.hand)) if found.placed.hand else {}
+    data |= hand.at_contacts(found.grasp.points, problem.body.size, lambda points: _distance(problem, points))
+    if not data:
+        return None
     if after.pregrasp is not None:
         data["pregrasp"] = {"clearance": after.pregrasp.clearance, **hand.describe(after.pregrasp.hand)}
     if after.link_depth is not None:
         data["link_depth"] = after.link_depth.to_dict()
     return data
+
+
+def _distance(problem: GraspProblem, points: FloatArray) -> FloatArray:
+    """Return the distances of points (m, space) from the body and what constraints keep a hand away from, (m,)."""
+    return distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models)))(points)
 
 
 def volume_of(grasp: Grasp, budget: ForceBudget) -> Volume | None:

@@ -24,6 +24,7 @@ from nlpgrasp.solve.ascent.steps.registry import check_name
 from nlpgrasp.solve.many.collection import ONE, Keeping, others_beside
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.close_gap import close_gap
+from nlpgrasp.solve.squeeze import with_squeezes
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -147,6 +148,8 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
             if best is not None and keeping.count > 1:
                 others = others_beside(runner, best, results, keeping, stop)
                 solution = replace(solution, others=others)
+                if options.extras:
+                    solution = with_squeezes(solution, runner.problem.hand)
                 clock.mark("other grasps")
     record = solver_record(options, seed, search.effort, time.monotonic() - begun, clock.seconds)
     if keeping.count > 1:

@@ -94,6 +94,12 @@ def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     return replace(solution, hand={**(solution.hand or {}), "squeeze": found.to_dict()})
 
 
+def with_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
+    """Return a solution whose other grasps, those kept beside the answer, state a squeeze where the hand can."""
+    others = [replace(found, hand=with_squeeze(solution.with_answer(found), hand).hand) for found in solution.others]
+    return replace(solution, others=tuple(others))
+
+
 def _carried(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> FloatArray:
     """Return the wrench that the fingers exert, (d,)."""
     wrench = np.zeros(grasp.dimension)

@@ -14,7 +14,8 @@ from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.answer import solver_record
+from nlpgrasp.solve.after.look_back import Aftermath
+from nlpgrasp.solve.answer import hand_data, solver_record
 from nlpgrasp.solve.ascent.weakest import MISSED
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
@@ -145,7 +146,7 @@ class Follower:
 
 def _solution(bench: Workbench, held: Held) -> GraspSolution:
     """Return a step's grasp as a solution that can be saved and verified on its own."""
-    problem, found, hand = bench.problem, held.found, held.found.placed.hand
+    problem, found = bench.problem, held.found
     budget = bench.budget(found.placed)
     return GraspSolution(
         Status.SOLVED if held.holds else Status.NO_GRASP,
@@ -156,7 +157,7 @@ def _solution(bench: Workbench, held: Held) -> GraspSolution:
         mu=held.bounds,
         kind=problem.task.measure,
         constraints=constraint_reports(bench, found, held.state.multipliers),
-        hand=None if problem.hand is None or not hand else problem.hand.describe(hand),
+        hand=hand_data(problem, found, Aftermath()),
         surface=found.surface,
     )
 

@@ -17,6 +17,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bodies.edges import margin_rows
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, guarded, no_sense
 from nlpgrasp.verify.claims.drawing import drawing_check
+from nlpgrasp.verify.claims.gripper import gripper_checks
 from nlpgrasp.verify.claims.squeeze import squeeze_checks
 from nlpgrasp.verify.claims.torques import torque_checks
 from nlpgrasp.verify.hands.room import room_rows
@@ -66,6 +67,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
         rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
     checks += guarded("joint torques", lambda: torque_checks(solution, grasp, hand))
     checks += guarded("squeeze", lambda: squeeze_checks(solution, grasp, hand))
+    checks += guarded("gripper", lambda: gripper_checks(solution, placement, surface))
     checks += guarded("drawing", lambda: _drawing_checks(solution, surface))
     return [*checks, face_check(solution), *rows, *_stated_check(solution, stated, owners)]
 

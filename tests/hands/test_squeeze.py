@@ -1,5 +1,7 @@
 """The squeeze by a hand: torques against virtual work and MuJoCo, commands, limits, files."""
 
+from copy import copy
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solve.squeeze import with_squeeze
+from nlpgrasp.solve.squeeze import with_squeeze, with_squeezes
 from tests.hands.urdf import FOLDER, THREE, Mujoco, body_frame, solution_links, three_finger_hand
 from tests.verify import honest
 from tests.verify.edits import put
@@ -57,6 +59,13 @@ def test_torques_are_those_of_mujocos_jacobians():
         total += jacobian.T @ (base[:3, :3] @ f)
     expected = {joint: total[other.model.joint(joint).dofadr[0]] for joint in found.torques}
     assert found.torques == pytest.approx(expected, abs=1e-9)
+
+
+def test_grasps_kept_beside_the_answer_have_their_own():
+    other = replace(grasped().grasps[0], grasp=copy(grasped().grasp))
+    found = with_squeezes(replace(squeezed(), others=(other,)), three_finger_hand())
+    assert found.others[0].hand["squeeze"]["torques"] == pytest.approx(squeezed().squeeze.torques)
+    assert found.hand == squeezed().hand
 
 
 def test_commands_are_ahead_of_the_grasp_by_torque_over_gain():

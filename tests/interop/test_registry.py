@@ -26,6 +26,7 @@ def none():
 def test_formats_of_the_package():
     known = {given.name: given.ending for given in formats()}
     assert known.items() >= {"csv": ".csv", "glb": ".glb", "isaac_grasp": ".yaml", "mjcf": ".xml"}.items()
+    assert known.items() >= {"moveit": ".grasps.yaml", "npz": ".npz", "dexgraspbench": ".npy"}.items()
     assert [given.name for given in formats() if given.takes_hand] == ["mjcf"]
 
 
@@ -34,9 +35,10 @@ def test_a_format_writes_what_its_function_returns(box):
     assert format_named("glb").export(box) == glb(box)
 
 
-@pytest.mark.parametrize("name", ["csv", "glb", "isaac_grasp", "mjcf"])
+@pytest.mark.parametrize("name", ["csv", "glb", "isaac_grasp", "mjcf", "moveit", "npz", "dexgraspbench"])
 def test_no_format_is_written_without_a_grasp(name, none):
-    words = "no hand with a palm pose and joints" if name == "isaac_grasp" else "no grasp"
+    of_hands = name in ("isaac_grasp", "moveit", "npz", "dexgraspbench")
+    words = "no hand with a palm pose and joints" if of_hands else "no grasp"
     with pytest.raises(InputError, match=words):
         format_named(name).export(none)
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
+from nlpgrasp.problem.fields import fields_of
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.studies.space.fields import fields_of
 from nlpgrasp.studies.space.link_balls import LinkBalls
 
 IntArray = NDArray[np.intp]

@@ -70,7 +70,7 @@ def _together(solution: GraspSolution, size: float) -> Iterator[str]:
         yield f"{len(solution.grasps)} grasps where {solver.get('keep')} were to be kept"
     least = float(solver.get("distinct", 0.0)) * size * (1.0 - SLACK)
     for (i, one), (j, other) in combinations(enumerate(solution.grasps), 2):
-        if (one.hand is None or "palm_pose" not in one.hand) and _apart(one, other) < least:
+        if (one.hand is None or "joint_positions" not in one.hand) and _apart(one, other) < least:
             yield f"grasps[{i}] and grasps[{j}] are one: contacts less than {least:.3g} m apart"
 
 

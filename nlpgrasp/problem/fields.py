@@ -53,6 +53,11 @@ def fields_of(body: Body, constraints: Sequence[PlacementConstraint], contacts: 
     return fields
 
 
+def distance_to_all(fields: Sequence[Field]) -> Distance:
+    """Return the distance to the nearest of several things."""
+    return _least([field.distance for field in fields])
+
+
 def _distances(constraint: PlacementConstraint, contacts: int, body: Body) -> Iterator[Distance]:
     """Yield the rows that a constraint has about a probe, as functions of where it is."""
     where = ca.SX.sym("probe", body.space)

@@ -1,0 +1,98 @@
+"""Grasps as ``moveit_msgs/Grasp`` messages in YAML: postures with efforts, the hand's pose, approach and retreat.
+
+Field names are those of https://github.com/moveit/moveit_msgs (``msg/Grasp.msg``, ``msg/GripperTranslation.msg``) and
+of the ROS 2 messages in them. What is left out has its default: stamps, velocities of points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import yaml
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
+from nlpgrasp.interop.robots.states import HandStates, each_state
+from nlpgrasp.solution.solution import GraspSolution
+
+OBJECT = "object"  # name of the body's frame where none is given
+DESIRED, LEAST = 0.1, 0.05  # metres of approach and retreat, asked for and at least
+SECONDS = 1  # from the beginning of a posture's trajectory to its only point
+
+
+def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str:
+    """Return the grasps kept as a list of ``moveit_msgs/Grasp`` messages in YAML, best first.
+
+    ``grasp_quality`` is the certified lower bound of mu, ``effort`` what the joints exert in the squeeze,
+    ``max_contact_force`` the problem's limit or 0 (none).
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With a hand that has a pose and joints.
+    options : ExportOptions, optional
+        ``object`` names the body's frame, ``gripper`` the hand's, ``joints`` the joints.
+
+    Raises
+    ------
+    InputError
+        Without such a hand, or where its direction of approach is not known.
+    """
+    given = options or ExportOptions()
+    states = each_state(solution, given.joints)
+    messages = [_message(f"grasp_{i}", one, hand, given) for i, (one, hand) in enumerate(states)]
+    return str(yaml.safe_dump(messages, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _message(name: str, solution: GraspSolution, hand: HandStates, options: ExportOptions) -> Json:
+    """Return one message."""
+    if hand.approach is None:
+        raise InputError(name, "no direction of approach", "a solution of this version, whose hand states it")
+    thing, frame = options.object or OBJECT, options.gripper or hand.frame
+    x, y, z, *quaternion = hand.pose.tolist()
+    orientation = dict(zip("wxyz", quaternion, strict=True))
+    return {
+        "id": name,
+        "pre_grasp_posture": _posture(hand.open_joints, {}),
+        "grasp_posture": _posture(hand.joints, hand.efforts),
+        "grasp_pose": {
+            "header": {"frame_id": thing},
+            "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": orientation},
+        },
+        "grasp_quality": float(solution.mu.lower),
+        "pre_grasp_approach": _translation(frame, hand.approach),
+        "post_grasp_retreat": _translation(thing, np.array([0.0, 0.0, 1.0])),
+        "post_place_retreat": _translation(frame, -hand.approach),
+        "max_contact_force": float(solution.max_force or 0.0),
+        "allowed_touch_objects": [],
+    }
+
+
+def _posture(positions: Mapping[str, float], efforts: Mapping[str, float]) -> Json:
+    """Return a ``trajectory_msgs/JointTrajectory`` of one point; joints without a torque of their own exert none."""
+    point = {
+        "positions": [float(position) for position in positions.values()],
+        "velocities": [],
+        "accelerations": [],
+        "effort": [float(efforts.get(name, 0.0)) for name in positions] if efforts else [],
+        "time_from_start": {"sec": SECONDS, "nanosec": 0},
+    }
+    return {"header": {"frame_id": ""}, "joint_names": list(positions), "points": [point]}
+
+
+def _translation(frame: str, direction: FloatArray) -> Json:
+    """Return a ``moveit_msgs/GripperTranslation``."""
+    vector = dict(zip("xyz", (direction + 0.0).tolist(), strict=True))
+    return {
+        "direction": {"header": {"frame_id": frame}, "vector": vector},
+        "desired_distance": DESIRED,
+        "min_distance": LEAST,
+    }
+
+
+MOVEIT = ExportFormat(
+    "moveit", ".grasps.yaml", "MoveIt's messages", moveit, Need.NOTHING, takes=("object", "gripper", "joints")
+)

@@ -1,0 +1,163 @@
+"""A hand about its grasp: where it is, and its joints before, in and after closing, of any hand that has a pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solve.squeeze import squeeze
+
+FINGER_JOINT = "finger_joint"  # of parallel jaws where none is named: its position is the opening
+JAWS = "parallel_jaw"
+
+
+@dataclass(frozen=True)
+class HandStates:
+    """A hand before, in and after closing.
+
+    Parameters
+    ----------
+    frame : str
+        The link whose pose it is.
+    pose, open_pose : (7,) array
+        Of that link in the body's frame, in the grasp and in the pregrasp: metres, then a unit quaternion, w first.
+    joints, open_joints : mapping of str to float
+        Positions in the grasp and in the pregrasp, radians (metres of sliding joints).
+    commands : mapping of str to float
+        Positions to command in the squeeze, of the joints that it moves.
+    efforts : mapping of str to float
+        What these joints exert in the squeeze, newton-metres (newtons of sliding joints); positive towards larger
+        positions. Empty where no squeeze is known.
+    approach : (3,) array or None
+        Unit direction in which the hand moves to the body, in its own frame; None where it is not known.
+    """
+
+    frame: str
+    pose: FloatArray
+    open_pose: FloatArray
+    joints: Mapping[str, float]
+    open_joints: Mapping[str, float]
+    commands: Mapping[str, float]
+    efforts: Mapping[str, float]
+    approach: FloatArray | None
+
+    @classmethod
+    def of(cls, solution: GraspSolution, joints: Sequence[str] = (), name: str = "solution") -> HandStates:
+        """Return the states of the hand of a solution.
+
+        Parameters
+        ----------
+        solution : GraspSolution
+        joints : sequence of str
+            Of a hand with joints those that are wanted, in this order; of parallel jaws those that share the opening
+            evenly, by default ``finger_joint`` alone.
+        name : str
+            Of the grasp, for messages.
+
+        Raises
+        ------
+        InputError
+            Without a grasp or a hand with a pose; on a joint that the hand does not have.
+        """
+        hand = solution.hand or {}
+        if not solution.success or "palm_pose" not in hand:
+            found = "a grasp found with an ng.URDFHand or, in space, an ng.ParallelJaw"
+            raise InputError(name, "no hand with a palm pose and joints", found)
+        if "joint_positions" in hand:
+            return _of_joints(solution, hand)._chosen(joints)
+        return _of_jaws(solution, hand, tuple(joints) or (FINGER_JOINT,))
+
+    def row(self, at: str) -> FloatArray:
+        """Return pose and joints, (7 + j,), ``at`` "pregrasp", "grasp" or "squeeze"; NaN where no squeeze is known."""
+        pose = self.open_pose if at == "pregrasp" else self.pose
+        positions = self.open_joints if at == "pregrasp" else self.joints
+        if at == "squeeze":
+            unknown = dict.fromkeys(self.joints, np.nan) if not self.efforts else {}
+            positions = {**self.joints, **self.commands, **unknown}
+        return np.concatenate([pose, [positions[name] for name in self.joints]])
+
+    def effort_row(self) -> FloatArray:
+        """Return what each joint exerts in the squeeze, (j,): 0 of joints that move no contact; NaN where not known."""
+        return np.array([self.efforts.get(name, 0.0 if self.efforts else np.nan) for name in self.joints])
+
+    def _chosen(self, names: Sequence[str]) -> HandStates:
+        """Return the same with some joints alone, in their order; all where none is named."""
+        unknown = [name for name in names if name not in self.joints]
+        if unknown:
+            raise InputError("--joint", unknown[0], "joints of the hand: " + ", ".join(self.joints))
+        if not names:
+            return self
+
+        def of(values: Mapping[str, float]) -> dict[str, float]:
+            return {name: values[name] for name in names if name in values}
+
+        return replace(
+            self,
+            joints=of(self.joints),
+            open_joints=of(self.open_joints),
+            commands=of(self.commands),
+            efforts=of(self.efforts),
+        )
+
+
+def _of_joints(solution: GraspSolution, hand: Json) -> HandStates:
+    """Return the states of a hand with joints."""
+    opened, held = hand.get("pregrasp") or hand, solution.squeeze
+    exerted = None if held is None else held.joints
+    commands = {} if exerted is None or exerted.gain is None else exerted.positions()
+    direction = (solution.problem.get("hand") or {}).get("approach")
+    return HandStates(
+        solution.palm,
+        _pose(hand["palm_pose"]),
+        _pose(opened["palm_pose"]),
+        dict(hand["joint_positions"]),
+        {name: opened["joint_positions"][name] for name in hand["joint_positions"]},
+        commands,
+        dict(exerted.torques) if exerted is not None and commands else {},
+        None if direction is None else np.asarray(direction, dtype=float),
+    )
+
+
+def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> HandStates:
+    """Return the states of parallel jaws, whose joints share the opening evenly; they close with the squeeze's force.
+
+    Virtual work: with ``sum q_j`` the opening, each joint exerts the force between the pads, towards smaller positions.
+    """
+    asked = solution.problem["hand"]
+    try:
+        force = float(np.mean(squeeze(solution).normal))
+    except InputError:  # contacts that cannot press
+        efforts = {}
+    else:
+        efforts = dict.fromkeys(joints, -force)
+    opening, most = hand["opening"] / len(joints), asked["opening"] / len(joints)
+    pose, closed = _pose(hand["palm_pose"]), asked["closed"] / len(joints)
+    return HandStates(
+        solution.palm,
+        pose,
+        pose,
+        dict.fromkeys(joints, opening),
+        dict.fromkeys(joints, most),
+        dict.fromkeys(joints, closed) if efforts else {},
+        efforts,
+        np.array([0.0, 0.0, 1.0]),
+    )
+
+
+def _pose(data: Json) -> FloatArray:
+    """Return position and quaternion of a pose, (7,)."""
+    return np.array([*data["position"], *data["quaternion_wxyz"]], dtype=float)
+
+
+def each_state(solution: GraspSolution, joints: Sequence[str]) -> list[tuple[GraspSolution, HandStates]]:
+    """Return every grasp that was kept as a solution of its own, best first, with its hand."""
+    if solution.grasp is None:
+        HandStates.of(solution, joints)  # refuses it
+    alone = [solution.with_answer(found) for found in solution.grasps]
+    return [(one, HandStates.of(one, joints, f"grasp_{i}")) for i, one in enumerate(alone)]

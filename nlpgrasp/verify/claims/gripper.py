@@ -1,0 +1,124 @@
+"""Whether the pose of parallel jaws is that of their contacts, and the way in as free as the file says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.hands.free import FreeHand
+from nlpgrasp.verify.placement import Ball, StatedPlacement, Surface
+from nlpgrasp.verify.registry import CONSTRAINTS
+from nlpgrasp.verify.rows import RowValue
+
+UNIT = 1e-9  # of a direction or a quaternion
+CLOSE = 1e-6  # of the body's size
+POINTS, PALM = 24, 5  # of a line on the way in; lines of the palm
+WAY = 2.0  # of the body's size
+
+
+@dataclass(frozen=True)
+class _Probes(FreeHand):
+    """Points that stand for a hand's links."""
+
+    points: Sequence[FloatArray] = ()
+
+    def rows(self, placement: StatedPlacement) -> Sequence[RowValue]:
+        """Return no rows: they are looked at, not asked."""
+        return []
+
+    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
+        """Return a ball of no size about each point."""
+        return [Ball(f"probe/{i}", point, 0.0, 0.0) for i, point in enumerate(self.points)]
+
+
+def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface: Surface | None) -> list[Check]:
+    """Return the check of ``hand.palm_pose``, ``opening`` and ``approach`` of parallel jaws, and that of ``depth``.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    placement : StatedPlacement
+        Contacts and hand.
+    surface : Surface or None
+        The body; None where it is not there.
+    """
+    asked, hand = solution.problem.get("hand") or {}, solution.hand or {}
+    if asked.get("type") != "parallel_jaw" or "opening" not in hand:
+        return []
+    wrong = "; ".join(_pose(asked, hand, placement))
+    checks = [Check("gripper", not wrong, wrong or f"opening {1e3 * hand['opening']:.4g} mm, pose of the contacts")]
+    try:
+        depth = _depth(solution, asked, hand, placement, surface)
+    except NotMadeError as reason:
+        return [*checks, Check.not_made("way in", str(reason))]
+    off = CLOSE * placement.size + (0.0 if surface is None else surface.rough)
+    told = f"{1e3 * number('hand.depth', hand['depth']):.3g} mm deep in something"
+    same = abs(hand["depth"] - depth) <= off
+    return [*checks, Check("way in", same, told if same else f"{told} stated, {1e3 * depth:.3g} mm found")]
+
+
+def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
+    """Yield what is wrong with opening, approach and pose."""
+    (p, q), size, space = placement.points, placement.size, placement.points.shape[1]
+    opening = float(np.linalg.norm(q - p))
+    closing, approach = (q - p) / opening, array("hand.approach", hand["approach"], (space,))
+    if not abs(hand["opening"] - opening) <= CLOSE * size:
+        yield f"opening {hand['opening']:.6g} m stated, the contacts are {opening:.6g} m apart"
+    if not abs(float(np.linalg.norm(approach)) - 1.0) <= UNIT:
+        yield "the approach is no unit direction"
+    if not abs(float(approach @ closing)) <= UNIT:
+        yield "the approach is not at right angles to the closing line"
+    if space == 2:
+        return
+    back = number("finger_length", asked.get("finger_length", 0.0), at_least=0.0)
+    position = array("hand.palm_pose.position", hand["palm_pose"]["position"], (3,))
+    if not np.linalg.norm(position - ((p + q) / 2.0 - back * approach)) <= CLOSE * size:
+        yield "the pose is not behind the middle between the contacts"
+    w, x, y, z = array("hand.palm_pose.quaternion_wxyz", hand["palm_pose"]["quaternion_wxyz"], (4,))
+    along = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)])
+    forward = np.array([2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)])
+    if not abs(w * w + x * x + y * y + z * z - 1.0) <= UNIT:
+        yield "the quaternion is not of unit length"
+    if not (np.linalg.norm(along - closing) <= CLOSE and np.linalg.norm(forward - approach) <= CLOSE):
+        yield "the pose has other axes than x along the closing line and z along the approach"
+
+
+def _depth(
+    solution: GraspSolution, asked: Json, hand: Json, placement: StatedPlacement, surface: Surface | None
+) -> float:
+    """Return how deep the way in leads into body, tables and obstacles, metres; at least zero."""
+    if surface is None:
+        raise NotMadeError("the body is not there")
+    thickness = number("finger_thickness", asked.get("finger_thickness", 0.0), at_least=0.0)
+    points = _way(asked, hand, placement, surface, thickness)
+    values = [*surface.distance(points)]
+    probed = replace(placement, hand=_Probes(asked, hand, placement.radii, points=list(points)))
+    for data in solution.problem["constraints"]:
+        try:
+            rows = list(CONSTRAINTS.of(data)(data, probed))
+        except NotMadeError:
+            if data["type"] == "obstacle":
+                raise
+            continue  # an expression of a script's own, which speaks of no link
+        values += [row.value - row.lower for row in rows if "probe/" in row.name and row.value is not None]
+    return max(0.0, thickness / 2.0 - float(np.min(values)))
+
+
+def _way(asked: Json, hand: Json, placement: StatedPlacement, surface: Surface, thickness: float) -> FloatArray:
+    """Return the points (n, space) of fingers and palm on their way in."""
+    p, q = placement.points
+    closing, approach = (q - p) / np.linalg.norm(q - p), array("hand.approach", hand["approach"], p.shape)
+    length = number("finger_length", asked.get("finger_length", 0.0), at_least=0.0)
+    far = WAY * float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+    one, other = p - closing * thickness / 2.0, q + closing * thickness / 2.0
+    points = [end - t * approach for end in (one, other) for t in np.linspace(0.0, length + far, POINTS)]
+    if length > 0.0:
+        across = [one + share * (other - one) for share in np.linspace(0.0, 1.0, PALM)]
+        points += [end - t * approach for end in across for t in np.linspace(length, length + far, POINTS)]
+    return np.array(points)

@@ -1,0 +1,204 @@
+"""Grasps in the formats of robots' programs: MoveIt's messages, isaac_grasp files, arrays of benchmarks."""
+
+import io
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+import nlpgrasp as ng
+from nlpgrasp.errors import InputError
+from nlpgrasp.interop import ExportOptions, benchmark_arrays, dexgraspbench, isaac_grasp, moveit, read_isaac_grasps
+from tests.hands.urdf import GRIPPER, solution_links
+
+# github.com/moveit/moveit_msgs: msg/Grasp.msg, msg/GripperTranslation.msg; trajectory_msgs, geometry_msgs, std_msgs,
+# builtin_interfaces of ROS 2. Nested messages by field; numbers, names and lists of them are leaves.
+VECTOR, HEADER = dict.fromkeys("xyz"), {"frame_id": None}
+POSTURE = {"header": HEADER, "joint_names": None, "points": None}
+POINT = {
+    **dict.fromkeys(["positions", "velocities", "accelerations", "effort"]),
+    "time_from_start": dict.fromkeys(["sec", "nanosec"]),
+}
+TRANSLATION = {"direction": {"header": HEADER, "vector": VECTOR}, "desired_distance": None, "min_distance": None}
+GRASP = {
+    "id": None,
+    "pre_grasp_posture": POSTURE,
+    "grasp_posture": POSTURE,
+    "grasp_pose": {"header": HEADER, "pose": {"position": VECTOR, "orientation": dict.fromkeys("xyzw")}},
+    "grasp_quality": None,
+    "pre_grasp_approach": TRANSLATION,
+    "post_grasp_retreat": TRANSLATION,
+    "post_place_retreat": TRANSLATION,
+    "max_contact_force": None,
+    "allowed_touch_objects": None,
+}
+
+
+def fields(data, definition):
+    """Assert that data have the fields of a message, all of them and no others."""
+    assert set(data) == set(definition)
+    for name, inner in definition.items():
+        if inner is not None:
+            fields(data[name], inner)
+
+
+@pytest.fixture(scope="module")
+def held():
+    """A box between the pads of a gripper with two sliding joints."""
+    from tests.hands.urdf import gripper
+
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
+    body, contact = ng.Box([0.05, 0.03, 0.03]), ng.SoftContact(0.7, 0.01)
+    problem = ng.GraspProblem(body, contact, task, hand=gripper(), name="held box", max_force=40.0)
+    options = ng.SolveOptions(workers=1, exchange=False, final_rtol=0.05)
+    return ng.solve(problem, starts=2, options=options)
+
+
+@pytest.fixture(scope="module")
+def jaws():
+    """The same between parallel jaws with fingers of 60 mm."""
+    hand = ng.ParallelJaw(0.06, 0.002, finger_length=0.06)
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
+    problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.06]), ng.SoftContact(0.6, 0.005), task, hand=hand)
+    options = ng.SolveOptions(workers=1, exchange=False, extras=False, final_rtol=0.05)
+    return ng.solve(problem, starts=1, options=options)
+
+
+@pytest.mark.parametrize("which", ["held", "jaws"])
+def test_messages_have_the_fields_of_moveit(which, request):
+    solution = request.getfixturevalue(which)
+    (message,) = yaml.safe_load(moveit(solution))
+    fields(message, GRASP)
+    for posture in ("pre_grasp_posture", "grasp_posture"):
+        (point,) = message[posture]["points"]
+        fields(point, POINT)
+        assert len(point["positions"]) == len(message[posture]["joint_names"])
+    assert message["grasp_quality"] == solution.mu.lower
+    assert message["max_contact_force"] == (40.0 if which == "held" else 0.0)
+    pose = message["grasp_pose"]["pose"]
+    assert list(pose["position"].values()) == solution.hand["palm_pose"]["position"]
+    assert [pose["orientation"][k] for k in "wxyz"] == solution.hand["palm_pose"]["quaternion_wxyz"]
+    approach, back = (message[f"{name}"]["direction"] for name in ("pre_grasp_approach", "post_place_retreat"))
+    assert approach["header"]["frame_id"] == back["header"]["frame_id"] == "palm"
+    forward = np.array(list(approach["vector"].values()))
+    np.testing.assert_array_equal(forward, -np.array(list(back["vector"].values())))
+    turn = Rotation.from_quat(solution.hand["palm_pose"]["quaternion_wxyz"], scalar_first=True)
+    ahead = solution.grasp.points.mean(axis=0) - solution.hand["palm_pose"]["position"]
+    assert turn.apply(forward) @ ahead > 0.9 * np.linalg.norm(ahead)  # towards what is held
+    if which == "jaws":
+        np.testing.assert_allclose(turn.apply(forward), solution.hand["approach"], atol=1e-12)
+
+
+def test_efforts_are_the_torques_of_the_squeeze(held):
+    (message,) = yaml.safe_load(moveit(held, ExportOptions(object="box", gripper="hand")))
+    posture, squeeze = message["grasp_posture"], held.squeeze
+    efforts = dict(zip(posture["joint_names"], posture["points"][0]["effort"], strict=True))
+    assert {name: efforts[name] for name in squeeze.torques} == pytest.approx(squeeze.torques)
+    assert posture["points"][0]["positions"] == list(held.hand["joint_positions"].values())
+    opened = dict(zip(posture["joint_names"], message["pre_grasp_posture"]["points"][0]["positions"], strict=True))
+    assert opened == held.hand["pregrasp"]["joint_positions"]
+    assert message["grasp_pose"]["header"]["frame_id"] == "box"
+    assert message["pre_grasp_approach"]["direction"]["header"]["frame_id"] == "hand"
+
+
+def test_jaws_close_with_what_the_pads_press(jaws):
+    """Force times the change of the opening is what the joints work, however many share it."""
+    for names in (("finger_joint",), ("left", "right")):
+        given = ExportOptions(joints=names) if len(names) > 1 else ExportOptions()
+        (message,) = yaml.safe_load(moveit(jaws, given))
+        posture = message["grasp_posture"]
+        (point,) = posture["points"]
+        assert tuple(posture["joint_names"]) == names
+        assert sum(point["positions"]) == pytest.approx(jaws.hand["opening"])
+        assert sum(message["pre_grasp_posture"]["points"][0]["positions"]) == pytest.approx(0.06)
+        forces = ng.squeeze(jaws.grasp).forces
+        change = 1e-3 / len(names)
+        closing = np.array([[-0.5e-3], [0.5e-3]]) * (np.diff(jaws.grasp.points, axis=0) / jaws.hand["opening"])
+        assert sum(e * change for e in point["effort"]) == pytest.approx(float(np.sum(forces * closing)), rel=2e-3)
+
+
+def test_jaws_of_an_isaac_grasp_are_on_the_contacts(jaws, tmp_path):
+    path = tmp_path / "jaws.yaml"
+    path.write_text(isaac_grasp({"grasp_0": jaws}))
+    (read,) = read_isaac_grasps(path)
+    back = Rotation.from_quat(read.quaternion, scalar_first=True).inv().apply(jaws.grasp.points - read.position)
+    half = read.joints["finger_joint"] / 2.0
+    np.testing.assert_allclose(back, [[-half, 0.0, 0.06], [half, 0.0, 0.06]], atol=1e-9)
+    assert read.open_joints == {"finger_joint": 0.06}
+
+
+def test_an_isaac_grasp_names_files_and_frames(jaws):
+    plain = yaml.safe_load(isaac_grasp({"g": jaws}))
+    assert not {"object_file", "object_scale", "gripper_file"} & set(plain)
+    assert plain["object_frame"] == plain["object_frame_link"] == "box"
+    assert plain["gripper_frame"] == plain["gripper_frame_link"] == "palm"
+    assert plain["created_with"] == f"nlpgrasp {ng.__version__}"
+    given = yaml.safe_load(isaac_grasp({"g": jaws}, ExportOptions(object="box.usd", gripper="jaws.usd")))
+    assert (given["object_file"], given["object_scale"], given["gripper_file"]) == ("box.usd", 1.0, "jaws.usd")
+    mesh = replace(jaws, problem={**jaws.problem, "body": {"type": "mesh", "source": "cup.obj", "unit": "mm"}})
+    own = yaml.safe_load(isaac_grasp({"g": mesh}, ExportOptions(object="models/cup.obj")))
+    assert (own["object_file"], own["object_scale"]) == ("models/cup.obj", 0.001)
+
+
+def test_arrays_read_back_without_pickles(held, tmp_path):
+    path = tmp_path / "held.npz"
+    path.write_bytes(benchmark_arrays(held))
+    with np.load(path, allow_pickle=False) as data:
+        names, rows = data["joint_names"].tolist(), {at: data[f"{at}_qpos"] for at in ("pregrasp", "grasp", "squeeze")}
+        assert names == list(held.hand["joint_positions"])
+        assert {rows[at].shape for at in rows} == {(1, 7 + len(names))}
+        np.testing.assert_array_equal(data["obj_pose"], [[0, 0, 0, 1, 0, 0, 0]])
+        np.testing.assert_array_equal(data["mu"], [[held.mu.lower, held.mu.upper]])
+        np.testing.assert_array_equal(data["contact_points"], held.grasp.points[None])
+        efforts = dict(zip(names, data["squeeze_effort"][0], strict=True))
+        assert (str(data["obj_path"]), str(data["gripper_frame"]), data["obj_scale"].tolist()) == ("box", "palm", [1.0])
+    assert {name: efforts[name] for name in held.squeeze.torques} == pytest.approx(held.squeeze.torques)
+    commands = dict(zip(names, rows["squeeze"][0, 7:], strict=True))
+    assert {name: commands[name] for name in held.squeeze.torques} == pytest.approx(held.squeeze.positions())
+    pose = rows["grasp"][0]
+    posture = {
+        "joint_positions": dict(zip(names, pose[7:].tolist(), strict=True)),
+        "palm_pose": {"position": pose[:3].tolist(), "quaternion_wxyz": pose[3:7].tolist()},
+    }
+    ours = solution_links(GRIPPER, held.hand)
+    for name, there in solution_links(GRIPPER, posture).items():  # by MuJoCo
+        np.testing.assert_allclose(there, ours[name], atol=1e-12)
+
+
+def test_a_row_for_each_grasp_kept_and_joints_in_another_order(held):
+    names = list(held.hand["joint_positions"])[::-1]
+    quick = {k: v for k, v in held.hand.items() if k != "squeeze"}
+    other = replace(held.grasps[0], grasp=copy(held.grasp), hand=quick, start=None)
+    file = benchmark_arrays(replace(held, others=(other,)), ExportOptions(joints=tuple(names)))
+    with np.load(io.BytesIO(file)) as data:
+        assert data["joint_names"].tolist() == names
+        np.testing.assert_array_equal(data["grasp_qpos"][0], data["grasp_qpos"][1])
+        assert data["grasp_qpos"][0, 7:].tolist() == [held.hand["joint_positions"][name] for name in names]
+        assert np.isnan(data["squeeze_qpos"][1, 7:]).all()
+        assert np.isnan(data["squeeze_effort"][1]).all()
+    with pytest.raises(InputError, match=r"--joint: got thumb, expected joints of the hand"):
+        benchmark_arrays(held, ExportOptions(joints=("thumb",)))
+
+
+def test_a_record_of_dexgraspbench(held):
+    file = dexgraspbench(held, ExportOptions(object="assets/box"))
+    record = np.load(io.BytesIO(file), allow_pickle=True).item()  # as the benchmark reads it
+    assert set(record) == {"pregrasp_qpos", "grasp_qpos", "squeeze_qpos", "obj_pose", "obj_scale", "obj_path"}
+    assert (record["obj_path"], record["obj_scale"]) == ("assets/box", 1.0)
+    with np.load(io.BytesIO(benchmark_arrays(held))) as data:
+        for at in ("pregrasp_qpos", "grasp_qpos", "squeeze_qpos"):
+            np.testing.assert_array_equal(record[at], data[at][0])
+    quick = replace(held, hand={k: v for k, v in held.hand.items() if k != "squeeze"})
+    with pytest.raises(InputError, match="got no squeeze"):
+        dexgraspbench(quick)
+
+
+@pytest.mark.parametrize("write", [moveit, benchmark_arrays, dexgraspbench])
+def test_what_has_no_hand_is_refused(write, jaws):
+    with pytest.raises(InputError, match=r"a grasp found with an ng\.URDFHand or, in space, an ng\.ParallelJaw"):
+        write(replace(jaws, hand=None))
+    with pytest.raises(InputError, match="no hand with a palm pose"):
+        write(replace(jaws, grasp=None, others=()))

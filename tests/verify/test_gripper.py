@@ -1,0 +1,70 @@
+"""The pose of parallel jaws is recomputed from the contacts, and how free their way in is."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import nlpgrasp as ng
+from nlpgrasp.problem.fields import distance_to_all, fields_of
+from tests.verify.stated import edited, problem_of, recomputed_file, stated_file
+
+BODY = ng.Box([0.08, 0.04, 0.06])
+CONSTRAINTS = [
+    ng.Table(-0.031),
+    ng.Obstacle(ng.Box([0.2, 0.2, 0.02]), 0.0, [0.0, 0.0, 0.06]),
+    ng.Constraint("level", lambda p, n: p[0][2] - p[1][2], 0.0, 0.0),
+]
+
+
+@pytest.fixture(scope="module")
+def data():
+    hand = ng.ParallelJaw(0.05, finger_length=0.04, finger_thickness=0.02)
+    points, normals = np.array([[0.01, 0.02, 0.0], [0.01, -0.02, 0.0]]), [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]
+    problem = problem_of(BODY, 2, hand=hand, constraints=CONSTRAINTS)
+    found = stated_file(problem, ["+y", "-y"], points, normals)
+    return {**found, "hand": hand.at_contacts(points, BODY.size, distance_to_all(fields_of(BODY, CONSTRAINTS, 2)))}
+
+
+def test_an_honest_pose_passes(data):
+    found = recomputed_file(data)
+    assert found["gripper"].passed, found["gripper"]
+    assert found["way in"].passed, found["way in"]
+    assert "gripper" not in recomputed_file({**data, "hand": None})  # files of earlier versions
+
+
+def turned(hand):
+    quaternion = Rotation.from_quat(hand["palm_pose"]["quaternion_wxyz"], scalar_first=True)
+    other = (quaternion * Rotation.from_rotvec([0.0, 0.0, 1e-3])).as_quat(scalar_first=True).tolist()
+    return {**hand, "palm_pose": {**hand["palm_pose"], "quaternion_wxyz": other}}
+
+
+def moved(hand):
+    return {**hand, "palm_pose": {**hand["palm_pose"], "position": [0.0, 0.0, 0.04]}}
+
+
+LIES = {
+    "another opening": (lambda hand: {**hand, "opening": 0.041}, "gripper", "opening 0.041 m stated"),
+    "a longer direction": (lambda hand: {**hand, "approach": [0.0, 0.0, -1.1]}, "gripper", "no unit direction"),
+    "along the line": (lambda hand: {**hand, "approach": [0.0, 1.0, 0.0]}, "gripper", "not at right angles"),
+    "elsewhere": (moved, "gripper", "not behind the middle"),
+    "turned": (turned, "gripper", "other axes"),
+    "freer": (lambda hand: {**hand, "depth": hand["depth"] + 1e-3}, "way in", "found"),
+    "through the shelf": (lambda hand: {**hand, "approach": [0.0, 0.0, -1.0]}, "way in", "found"),
+    "through the table": (lambda hand: {**hand, "approach": [0.0, 0.0, 1.0]}, "way in", "found"),
+}
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_lies_about_the_gripper(name, data):
+    change, where, said = LIES[name]
+    check = recomputed_file(edited(data, lambda d: d.update(hand=change(d["hand"]))))[where]
+    assert check.failed
+    assert said in check.detail
+
+
+def test_without_the_body_the_way_in_is_not_judged(data):
+    """Of a mesh that is not there the pose is checked, its way in is not."""
+    mesh = {"type": "mesh", "source": "gone.stl", "unit": "m", "sha256": "0" * 64}
+    found = recomputed_file(edited(data, lambda d: d["problem"].update(body=mesh)))
+    assert found["gripper"].passed
+    assert not found["way in"].made
