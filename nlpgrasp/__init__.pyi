@@ -80,6 +80,8 @@ from nlpgrasp.simulation import Simulation, simulate
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.phases.phase import Phase
+from nlpgrasp.solution.phases.trajectory import Trajectory, trajectory
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.joints import JointSqueeze
@@ -172,6 +174,7 @@ __all__ = [
     "Obstacle",
     "PalmPath",
     "ParallelJaw",
+    "Phase",
     "PlanarImplicit",
     "PlaneContact",
     "PointContact",
@@ -203,6 +206,7 @@ __all__ = [
     "TaskSet",
     "TaskSum",
     "Torus",
+    "Trajectory",
     "TypeChoice",
     "URDFHand",
     "VariationResult",
@@ -260,6 +264,7 @@ __all__ = [
     "solve",
     "solve_many",
     "squeeze",
+    "trajectory",
     "turn",
     "verify",
     "with_extras",

@@ -13,6 +13,7 @@ from nlpgrasp.interop.isaac_grasp import ISAAC_GRASP
 from nlpgrasp.interop.mujoco_scene import MJCF
 from nlpgrasp.interop.placed_hand import POSTURES
 from nlpgrasp.interop.solution_file import SOLUTION
+from nlpgrasp.interop.trajectory_file import TRAJECTORY, TRAJECTORY_JSON
 
 _formats: dict[str, ExportFormat] = {}
 _readers: dict[str, ReadFormat] = {}
@@ -72,7 +73,7 @@ def reader_of(path: str | Path) -> ReadFormat:
     return _readers.get(Path(path).suffix.lower(), SOLUTION)
 
 
-for _format in (CSV, GLB, ISAAC_GRASP, MJCF):
+for _format in (CSV, GLB, ISAAC_GRASP, MJCF, TRAJECTORY, TRAJECTORY_JSON):
     register(_format)
 for _reader in (SOLUTION, CONTACTS_TABLE, POSTURES):
     register_reader(_reader)

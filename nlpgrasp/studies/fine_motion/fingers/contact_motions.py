@@ -18,12 +18,12 @@ from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Hand
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solve.space.fields import fields_of
 from nlpgrasp.studies.fine_motion.finger_path import FingerPath
 from nlpgrasp.studies.fine_motion.fingers.smallest_ball import smallest_ball
 from nlpgrasp.studies.fine_motion.fingers.stopped import place
 from nlpgrasp.studies.fine_motion.paths.footpath import Footpath, Station
 from nlpgrasp.studies.fine_motion.paths.strides import Foothold, Stride
-from nlpgrasp.studies.space.fields import fields_of
 
 STEP = 5e-3  # of the body's size
 ENOUGH = 1e-6  # of a row's scale: how well a grasp keeps its rows

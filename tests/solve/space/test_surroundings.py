@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.studies.space import Surroundings
-from nlpgrasp.studies.space.fields import fields_of
+from nlpgrasp.solve.space import Surroundings
+from nlpgrasp.solve.space.fields import fields_of
 from tests.hands.urdf import GRIPPER, PADS
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, two_fingers
 

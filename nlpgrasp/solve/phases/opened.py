@@ -9,8 +9,8 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.studies.space.straight import Place, straight_way
-from nlpgrasp.studies.space.surroundings import BoolArray, Surroundings
+from nlpgrasp.solve.space.straight import Place, straight_way
+from nlpgrasp.solve.space.surroundings import BoolArray, Surroundings
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,13 @@ class Opened:
         The grasp first.
     blocked_by : str
         What is in the way where no finger opens at all; empty otherwise.
+    straight : bool
+        Whether all joints go on one straight line.
     """
 
     places: tuple[Place, ...]
     blocked_by: str
+    straight: bool = True
 
     @property
     def values(self) -> Values:
@@ -51,12 +54,13 @@ def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) 
     lower, upper = around.hand.tree.joint_limits
     joints = grasp["joints"] + times * (pregrasp["joints"] - grasp["joints"])
     aim = {**grasp, "joints": np.clip(joints, lower, upper), "palm_position": pregrasp["palm_position"]}
-    places, free, blocked = list[Place](), np.ones(len(lower), bool), ""
+    places, free, blocked, legs = list[Place](), np.ones(len(lower), bool), "", 0
     while not places or free.any():
         here = places[-1].values if places else grasp
         way = straight_way(around, _towards(here, aim, free), lambda _: around.allowed())
         if not way.places:
             return Opened((), way.blocked_by)
+        legs += len(way.places) > 1
         places += way.places[1:] if places else way.places
         while len(places) > 1 and _least(around, places[-1]) < min(0.0, _least(around, places[0])):
             places.pop()  # open, the fingers stay out of everything, also by less than the tolerance
@@ -64,7 +68,20 @@ def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) 
         if not np.any(free & way.moved_by):  # nothing is in the way, or nothing that a joint moves
             break
         free &= ~way.moved_by
-    return Opened(tuple(places), "" if len(places) > 1 else blocked)
+    return Opened(tuple(places), "" if len(places) > 1 else blocked, legs <= 1)
+
+
+def opened_straight(around: Surroundings, grasp: Values, pregrasp: Values, times: float) -> Opened:
+    """Return the hand opened as by ``opened``, or less, so that all its joints go there on one straight line."""
+    found = opened(around, grasp, pregrasp, times)
+    if found.blocked_by or found.straight:
+        return found
+    ends, free = found.values, np.ones(len(grasp["joints"]), bool)
+    way = straight_way(around, _towards(grasp, ends, free), lambda _: around.allowed())
+    places = list(way.places)
+    while len(places) > 1 and _least(around, places[-1]) < min(0.0, _least(around, places[0])):
+        places.pop()
+    return Opened(tuple(places), "" if len(places) > 1 else way.blocked_by)
 
 
 def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Values]:

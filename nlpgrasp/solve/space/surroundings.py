@@ -19,8 +19,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.studies.space.fields import fields_of
-from nlpgrasp.studies.space.link_balls import LinkBalls
+from nlpgrasp.solve.space.fields import fields_of
+from nlpgrasp.solve.space.link_balls import LinkBalls
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
@@ -61,6 +61,12 @@ class Surroundings:
         moves = np.any(self.balls.reach[:, joints] > 0.0, axis=1)
         result.seen = np.flatnonzero(moves)
         result.pairs = self.balls.pairs[np.any(moves[self.balls.pairs], axis=1)]
+        return result
+
+    def of_palm(self) -> Surroundings:
+        """Return the same without pairs of balls: the palm alone moves, and none of them comes nearer to another."""
+        result = copy(self)
+        result.pairs = self.pairs[:0]
         return result
 
     def clearances(self, values: Values) -> FloatArray:
