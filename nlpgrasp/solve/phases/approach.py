@@ -122,8 +122,8 @@ def _away(around: Surroundings, start: Values, way: FloatArray, distance: float,
 
     def allowed(first: Place) -> FloatArray:
         least = around.allowed()
-        tips = around.of_tips()
-        least[tips] = np.minimum(first.clearances[tips], 0.0)
+        as_there = around.of_tips() | around.of_pairs()
+        least[as_there] = np.minimum(first.clearances[as_there], 0.0)
         return least
 
     return straight_way(around, away, allowed, locate)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -41,7 +42,8 @@ def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) 
     """Return the hand opened from its grasp towards its pregrasp, so many times as far, joints within their limits.
 
     All go on together; what is blocked stays where it is, and the others go on without. Fingertips may be as near the
-    body as in the program (``Surroundings.allowed``): they touch it in the end.
+    body as in the program (``Surroundings.allowed``): they touch it in the end. Balls of links that overlap in
+    the grasp, which the program allows where they hardly ever do, may go on doing so, no deeper.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) 
     places, free, blocked, legs = list[Place](), np.ones(len(lower), bool), "", 0
     while not places or free.any():
         here = places[-1].values if places else grasp
-        way = straight_way(around, _towards(here, aim, free), lambda _: around.allowed())
+        way = straight_way(around, _towards(here, aim, free), partial(_allowed, around))
         if not way.places:
             return Opened((), way.blocked_by)
         legs += len(way.places) > 1
@@ -77,11 +79,18 @@ def opened_straight(around: Surroundings, grasp: Values, pregrasp: Values, times
     if found.blocked_by or found.straight:
         return found
     ends, free = found.values, np.ones(len(grasp["joints"]), bool)
-    way = straight_way(around, _towards(grasp, ends, free), lambda _: around.allowed())
+    way = straight_way(around, _towards(grasp, ends, free), partial(_allowed, around))
     places = list(way.places)
     while len(places) > 1 and _least(around, places[-1]) < min(0.0, _least(around, places[0])):
         places.pop()
     return Opened(tuple(places), "" if len(places) > 1 else way.blocked_by)
+
+
+def _allowed(around: Surroundings, first: Place) -> FloatArray:
+    """Return the least of each clearance, (n,), metres: links whose balls overlap in the grasp may, as far as there."""
+    least, pairs = around.allowed(), around.of_pairs()
+    least[pairs] = np.minimum(first.clearances[pairs], 0.0)
+    return least
 
 
 def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Values]:

@@ -103,6 +103,11 @@ class Surroundings:
         least[: len(tips)] = np.where(tips, -TIP_SHARE * self.balls.radii[self.seen], 0.0)
         return least
 
+    def of_pairs(self) -> BoolArray:
+        """Return which clearances are those of two balls of the hand, (n,)."""
+        things = len(self.fields) * len(self.seen)
+        return np.arange(things + len(self.pairs)) >= things
+
     def say(self, index: int) -> str:
         """Return in words which ball and which thing a clearance is of."""
         count = len(self.seen)

@@ -5,6 +5,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.solve.phases.keyframes import AWAY, NO_PREGRASP, keyframes
+from nlpgrasp.solve.phases.opened import opened
+from nlpgrasp.solve.space import Surroundings
 from nlpgrasp.solve.squeeze import with_squeeze
 from tests.studies.held_box import HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
@@ -116,3 +118,21 @@ def test_without_a_pregrasp_there_is_no_approach(tmp_path):
     found = keyframes(problem, problem.hand, problem.hand.values_of(solution.hand), None)
     assert found["approach"] == {"direction": None, "distance": None, "reason": NO_PREGRASP}
     assert [phase["name"] for phase in found["phases"]] == ["grasp"]
+
+
+def test_balls_of_links_that_overlap_in_the_grasp_may_do_so_on_the_way(tmp_path):
+    """Two balls are made so large that they overlap in the grasp, as those of links that hardly ever meet may."""
+    solution, problem = grasped(tmp_path)
+    hand = problem.hand
+    postures = [hand.values_of(solution.hand[key] if key else solution.hand) for key in ("", "pregrasp")]
+    around = Surroundings(problem, hand)
+    large = [i for i, link in enumerate(around.balls.links) if link in ("a0", "b0")]
+    places = around.balls.places(postures[0])
+    around.balls.radii[large] = np.linalg.norm(places[large[0]] - places[large[1]]) / 2.0 + 2e-3
+    first = around.clearances(postures[0])[around.of_pairs()]
+    assert np.min(first) < -1e-3
+    found = opened(around, *postures, 1.0)
+    assert found.blocked_by == ""
+    assert len(found.places) > 1
+    for place in found.places:
+        assert np.all(place.clearances[around.of_pairs()] >= np.minimum(first, 0.0) - around.tolerance)
