@@ -81,6 +81,8 @@ from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_h
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.phases.phase import Phase
+from nlpgrasp.solution.phases.trajectory import Trajectory, trajectory
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.joints import JointSqueeze
@@ -175,6 +177,7 @@ __all__ = [
     "Obstacle",
     "PalmPath",
     "ParallelJaw",
+    "Phase",
     "PlanarImplicit",
     "PlaneContact",
     "PointContact",
@@ -206,6 +209,7 @@ __all__ = [
     "TaskSet",
     "TaskSum",
     "Torus",
+    "Trajectory",
     "TypeChoice",
     "URDFHand",
     "VariationResult",
@@ -264,6 +268,7 @@ __all__ = [
     "solve",
     "solve_many",
     "squeeze",
+    "trajectory",
     "turn",
     "verify",
     "with_extras",

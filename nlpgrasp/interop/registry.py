@@ -15,6 +15,7 @@ from nlpgrasp.interop.placed_hand import POSTURES
 from nlpgrasp.interop.robots.benchmark import DEXGRASPBENCH, NPZ
 from nlpgrasp.interop.robots.moveit import MOVEIT
 from nlpgrasp.interop.solution_file import SOLUTION
+from nlpgrasp.interop.trajectory_file import TRAJECTORY, TRAJECTORY_JSON
 
 _formats: dict[str, ExportFormat] = {}
 _readers: dict[str, ReadFormat] = {}
@@ -74,7 +75,7 @@ def reader_of(path: str | Path) -> ReadFormat:
     return _readers.get(Path(path).suffix.lower(), SOLUTION)
 
 
-for _format in (CSV, GLB, ISAAC_GRASP, MJCF, MOVEIT, NPZ, DEXGRASPBENCH):
+for _format in (CSV, GLB, ISAAC_GRASP, MJCF, MOVEIT, NPZ, DEXGRASPBENCH, TRAJECTORY, TRAJECTORY_JSON):
     register(_format)
 for _reader in (SOLUTION, CONTACTS_TABLE, POSTURES):
     register_reader(_reader)

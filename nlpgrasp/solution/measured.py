@@ -15,6 +15,7 @@ from nlpgrasp.solution.asked import Asked
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.phases.phase import Phase, phases_from
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality import Quality
 from nlpgrasp.solution.records import StartRecord, Status, passed_over, winner_of
@@ -97,7 +98,9 @@ class Measured(Asked):
         if self.bound is not None:
             lines.append(f"  {self.bound.line(self.mu.lower)}")
         squeezed = [] if self.squeeze is None else [self.squeeze.line()]
-        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *squeezed])]
+        reason = ((self.hand or {}).get("approach") or {}).get("reason")
+        came = [f"no free straight way of the palm to the grasp: {reason}"] if reason else []
+        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *squeezed, *came])]
 
     def needed_lines(self) -> list[str]:
         """Return what the fingers press for the task as it was given, in words; nothing where it is not known."""
@@ -109,6 +112,11 @@ class Measured(Asked):
         if self.grasp is None or self.hand is None or "squeeze" not in self.hand:
             return None
         return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
+
+    @cached_property
+    def phases(self) -> tuple[Phase, ...]:
+        """The keyframes of the hand, from afar to the lift; none without a hand with links, or in older files."""
+        return phases_from((self.hand or {}).get("phases", ()), "hand.phases")
 
     @property
     def winner(self) -> StartRecord | None:

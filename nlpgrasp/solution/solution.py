@@ -220,7 +220,7 @@ class GraspSolution(Several):
         for part in (grasp, *(found.grasp for found in kept)):
             solution.check_against(part, name)
         with within(f"{name}: "):
-            _ = solution.squeeze
+            _ = solution.squeeze, solution.phases
         check_beta(data["quality"], solution.beta, f"{name}: quality")
         return solution
 

@@ -194,6 +194,8 @@ def hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json | 
         return None
     if after.pregrasp is not None:
         data["pregrasp"] = {"clearance": after.pregrasp.clearance, **hand.describe(after.pregrasp.hand)}
+    if after.phases is not None:
+        data.update(after.phases)
     if after.link_depth is not None:
         data["link_depth"] = after.link_depth.to_dict()
     return data

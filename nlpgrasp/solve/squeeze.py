@@ -16,6 +16,7 @@ from nlpgrasp.quality.forces.least_friction import balanced_forces
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.joints import Gain, JointSqueeze, usual_gain
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
+from nlpgrasp.solve.phases.keyframes import with_commands
 from nlpgrasp.tasks.tools import WEIGHT
 
 NORMAL_FORCE = 2.0  # newtons
@@ -91,7 +92,8 @@ def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
         found = squeeze(solution, gain=usual_gain(hand.sliding_joints), hand=hand)
     except InputError:  # contacts that cannot press: ``squeeze`` says so to whoever asks
         return solution
-    return replace(solution, hand={**(solution.hand or {}), "squeeze": found.to_dict()})
+    posture = with_commands(hand, {**(solution.hand or {}), "squeeze": found.to_dict()}, found.positions())
+    return replace(solution, hand=posture)
 
 
 def with_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:

@@ -107,6 +107,27 @@ def test_pregrasp_is_open_by_the_clearance_and_free(tmp_path):
 
 
 @pytest.mark.slow
+def test_the_phases_of_a_solve_are_free_and_verified(tmp_path):
+    """The palm's way to the pregrasp, by the same links' kinematics as the pregrasp's own test."""
+    hand, body = four_finger_hand(), BODIES["box"]
+    solution = solved(body, hand)
+    assert [phase.name for phase in solution.phases] == ["approach", "pregrasp", "grasp", "squeeze", "lift"]
+    afar, opened = solution.phases[:2]
+    links = solution_links(FOUR, opened.to_dict())
+    least = np.inf
+    for link, fit in hand.fits.items():
+        centres = fit.centres @ links[link][:3, :3].T + links[link][:3, 3]
+        for share in np.linspace(0.0, 1.0, 100):
+            there = centres + share * (afar.palm_position - opened.palm_position)
+            distance = np.asarray(body.distance_function.map(len(there))(there.T).full()).ravel()
+            least = min(least, np.min(distance - fit.radii))
+    assert least > opened.clearance - 1e-4
+    found = {check.name: check for check in ng.verify(solution.save(tmp_path / "f.json"), folders=[FOUR.parent]).checks}
+    assert found["phases"].passed, found["phases"]
+    assert found["approach"].passed, found["approach"]
+
+
+@pytest.mark.slow
 def test_table_and_approach_hold_for_the_whole_hand():
     hand = three_finger_hand()
     body = BODIES["cylinder"]

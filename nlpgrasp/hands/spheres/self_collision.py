@@ -32,12 +32,34 @@ def colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple
 
 def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple[str, str]]:
     """Return the pairs of links that are neither neighbours in the chain nor overlap in nearly all positions."""
-    return [(a, b) for a, b, _ in _meetings(tree, fits)]
+    centres = _random_centres(tree, fits)
+    around = {name: _enclosing(centres[name], fits[name].radii) for name in fits}
+    found = []
+    for a, b in _not_neighbours(tree, fits):
+        (p, r), (q, s) = around[a], around[b]
+        if np.mean(np.linalg.norm(p - q, axis=1) < r + s) <= ALWAYS or _meeting(centres, fits, a, b) is not None:
+            found.append((a, b))
+    return found
+
+
+def _enclosing(centres: FloatArray, radii: FloatArray) -> tuple[FloatArray, float]:
+    """Return a ball around a link's spheres: its centre in each position, (samples, 3), and its radius."""
+    middle = centres.mean(axis=1)
+    return middle, float(np.max(np.linalg.norm(centres[0] - middle[0], axis=1) + radii))
 
 
 def _meetings(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str, FloatArray]]:
     """Yield pairs of links and the share of random positions in which each two of their spheres meet."""
-    robot, names, limits = tree.robot, tree.used_links, tree.joint_limits
+    centres = _random_centres(tree, fits)
+    for a, b in _not_neighbours(tree, fits):
+        shares = _meeting(centres, fits, a, b)
+        if shares is not None:
+            yield a, b, shares
+
+
+def _random_centres(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, FloatArray]:
+    """Return where the spheres of each link are in random joint positions, (samples, spheres, 3)."""
+    names, limits = tree.used_links, tree.joint_limits
     rng = np.random.default_rng(0)
     joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
     poses = np.asarray(tree.link_function.map(SAMPLES)(joints.T).full()).reshape(4, SAMPLES, len(names), 4)
@@ -45,14 +67,22 @@ def _meetings(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[s
     for name, fit in fits.items():
         pose = poses[:3, :, names.index(name)]  # (3, samples, 4)
         centres[name] = np.einsum("xsa,ma->smx", pose[..., :3], fit.centres) + pose[..., 3].T[:, None]
-    groups = robot.rigid_groups
+    return centres
+
+
+def _not_neighbours(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str]]:
+    """Yield the pairs of links that move against each other and have more than one joint between them."""
+    groups = tree.robot.rigid_groups
     for a, b in combinations(fits, 2):
-        if groups[a] == groups[b] or robot.adjacent(a, b):
-            continue
-        apart = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
-        meet = apart < fits[a].radii[:, None] + fits[b].radii
-        if np.mean(meet.any(axis=(1, 2))) <= ALWAYS:
-            yield a, b, meet.mean(axis=0)
+        if groups[a] != groups[b] and not tree.robot.adjacent(a, b):
+            yield a, b
+
+
+def _meeting(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: str, b: str) -> FloatArray | None:
+    """Return how often each two spheres of two links meet, (m, n) shares; None where the links nearly always do."""
+    apart = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
+    meet = apart < fits[a].radii[:, None] + fits[b].radii
+    return np.asarray(meet.mean(axis=0)) if np.mean(meet.any(axis=(1, 2))) <= ALWAYS else None
 
 
 def apart(pairs: Sequence[tuple[str, str]], spheres: Sequence[LinkSphere], span: float) -> list[Row]:

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.types import Json
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solve.after.drawing import drawing_of
@@ -15,8 +16,10 @@ from nlpgrasp.solve.after.pregrasp import Pregrasp, pregrasp
 from nlpgrasp.solve.after.prices import shadow_prices
 from nlpgrasp.solve.after.robust import robustness
 from nlpgrasp.solve.after.why_not import why_not
+from nlpgrasp.solve.phases.keyframes import keyframes
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.link_depth import LinkDepth, link_depth
+from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -33,6 +36,8 @@ class Aftermath:
     prices : tuple of ShadowPrice
     pregrasp : Pregrasp or None
         With a hand that has a pose.
+    phases : mapping or None
+        With a hand that has links: what the file says of its phases up to the grasp.
     why_not : WhyNot or None
         Without a grasp.
     link_depth : LinkDepth or None
@@ -50,6 +55,7 @@ class Aftermath:
     robust: Robustness | None = None
     drawing: Drawing | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
+    phases: Json | None = None
 
 
 def look_back(
@@ -65,12 +71,22 @@ def look_back(
             found_out = attempted(lambda: why_not(bench, results, seed, stop))
             clock.mark("why not")
             return Aftermath(why_not=found_out, seconds=clock.seconds)
-        found, options, opened = best.found, bench.options, None
-        if not bench.follows_contacts:
-            opened = attempted(lambda: pregrasp(bench, found, options.pregrasp_clearance))
-            clock.mark("pregrasp")
-        told = extras(bench, best, stop, clock) if options.extras else Aftermath(robust=best.robust)
-        return replace(told, pregrasp=opened, seconds=clock.seconds)
+        before = before_grasp(bench, best.found, clock)
+        told = extras(bench, best, stop, clock) if bench.options.extras else Aftermath(robust=best.robust)
+        return replace(told, pregrasp=before.pregrasp, phases=before.phases, seconds=clock.seconds)
+
+
+def before_grasp(bench: Workbench, found: OnBody, clock: Clock) -> Aftermath:
+    """Return the pregrasp and the phases of a grasp, with a hand that has them."""
+    hand, opened, phases = bench.problem.hand, None, None
+    if not bench.follows_contacts:
+        opened = attempted(lambda: pregrasp(bench, found, bench.options.pregrasp_clearance))
+        clock.mark("pregrasp")
+    if isinstance(hand, URDFHand):
+        linked, grasp = hand, found.placed.hand
+        phases = attempted(lambda: keyframes(bench.problem, linked, grasp, None if opened is None else opened.hand))
+        clock.mark("phases")
+    return Aftermath(pregrasp=opened, phases=phases)
 
 
 def extras(bench: Workbench, best: StartGrasp, stop: Stop, clock: Clock) -> Aftermath:

@@ -23,6 +23,7 @@ IntArray = NDArray[np.intp]
 STAGES = 4  # the clearance grows in stages, each with a few Newton steps
 STAGE = NewtonRules(steps=8, enough=1e-6)  # solver units: how well a stage is met
 FINEST = 0.02  # of the clearance: the smallest stage tried
+ENOUGH = 0.2  # of the clearance: with more than that the palm stays where it is in the grasp
 LONGEST = 0.2  # radians or solver units a step
 
 
@@ -35,7 +36,7 @@ class Pregrasp:
     clearance : float
         Distance that every fingertip has moved away along its contact normal, metres.
     hand : dict
-        Values of the hand's variables; the palm is where it is in the grasp.
+        Values of the hand's variables; the palm is turned as in the grasp, and where it is there if joints are enough.
     """
 
     clearance: float
@@ -47,7 +48,7 @@ def pregrasp(bench: Workbench, found: OnBody, clearance: float) -> Pregrasp:
 
     The joints move as little as they can while each fingertip goes back by the clearance along its normal, links
     and fingertips stay off the body, off each other and within all constraints. Where the joints alone do not
-    allow that the palm moves too; where that does not help either, the largest clearance reached is returned.
+    allow that, the largest clearance that they reach is returned; where that is below a fifth the palm moves too.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ def pregrasp(bench: Workbench, found: OnBody, clearance: float) -> Pregrasp:
     """
     opening = _Opening(bench, found)
     best = opening.open(clearance, ("joints",))
-    if best.clearance < clearance:
+    if best.clearance < ENOUGH * clearance:
         best = max(best, opening.open(clearance, ("joints", "palm_position")), key=lambda p: p.clearance)
     return best
 

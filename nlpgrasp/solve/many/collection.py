@@ -10,8 +10,7 @@ from nlpgrasp.common.validation import integer, share
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solve.after.least_forces import least_forces
-from nlpgrasp.solve.after.look_back import Aftermath, attempted
-from nlpgrasp.solve.after.pregrasp import Pregrasp, pregrasp
+from nlpgrasp.solve.after.look_back import Aftermath, attempted, before_grasp
 from nlpgrasp.solve.after.robust import robustness
 from nlpgrasp.solve.answer import hand_data
 from nlpgrasp.solve.many.likeness import Likeness
@@ -19,6 +18,7 @@ from nlpgrasp.solve.many.neighbours import neighbours
 from nlpgrasp.solve.start.given import Given, run_given
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import with_hand
+from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -153,21 +153,20 @@ def _as_it_is(bench: Workbench, placed: Placed) -> StartGrasp | None:
 def _finished(bench: Workbench, start: StartGrasp) -> FoundGrasp:
     """Return a grasp with its forces, and what the options ask for besides: robustness, the hand just before."""
     placed, grasp = start.found.placed, start.found.grasp
-    robust, opened = start.robust, None
+    robust = start.robust
     with one_thread():
         if robust is None and bench.options.extras:
             robust = attempted(lambda: robustness(bench, placed, grasp, quickly=True))
-        if not bench.follows_contacts:
-            opened = attempted(lambda: pregrasp(bench, start.found, bench.options.pregrasp_clearance))
-    return _told(bench, start, robust, opened)
+        before = before_grasp(bench, start.found, Clock())
+    return _told(bench, start, robust, before)
 
 
 def _plain(bench: Workbench, start: StartGrasp) -> FoundGrasp:
     """Return a grasp with its forces alone, where there is no time left."""
-    return _told(bench, start, start.robust, None)
+    return _told(bench, start, start.robust, Aftermath())
 
 
-def _told(bench: Workbench, start: StartGrasp, robust: Robustness | None, opened: Pregrasp | None) -> FoundGrasp:
+def _told(bench: Workbench, start: StartGrasp, robust: Robustness | None, before: Aftermath) -> FoundGrasp:
     found, bounds = start.found, start.record.mu
     with one_thread():
         exerted = least_forces(bench.problem, found.grasp, bench.budget(found.placed), bounds)
@@ -176,7 +175,7 @@ def _told(bench: Workbench, start: StartGrasp, robust: Robustness | None, opened
         found.placed.faces,
         bounds,
         bench.problem.task.measure,
-        hand_data(bench.problem, found, Aftermath(pregrasp=opened)),
+        hand_data(bench.problem, found, before),
         None if robust is None else robust.beside(bounds),
         exerted.forces,
         exerted.moments,

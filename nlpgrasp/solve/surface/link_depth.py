@@ -49,7 +49,7 @@ def link_depth(body: Body, hand: URDFHand, values: dict[str, FloatArray]) -> Lin
         Of the hand's variables.
     """
     rng = np.random.default_rng(0)
-    own = _surface(body, rng)
+    own = body_samples(body, rng)
     worst, link_of, samples = 0.0, None, len(own)
     for link, pose in hand.tree.body_poses(values).items():
         shapes = hand.robot.shapes.get(link, ())
@@ -72,7 +72,7 @@ def _deepest(shape: Shape, points: FloatArray) -> float:
     return float(np.max(shape.depth(inside), initial=0.0)) if len(inside) else 0.0
 
 
-def _surface(body: Body, rng: np.random.Generator) -> FloatArray:
+def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
     """Return samples of the body's surface; of a mesh its vertices too."""
     if isinstance(body, Mesh):
         vertices = np.asarray(body.mesh.vertices, dtype=float)

@@ -11,13 +11,12 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.studies.palm.opened import Opened, opened, openings
-from nlpgrasp.studies.palm.records import APPROACHING, CLOSING, BlockedDirection, PalmPath
-from nlpgrasp.studies.space import Surroundings
-from nlpgrasp.studies.space.straight import Place, StraightWay, straight_way
+from nlpgrasp.solve.phases.approach import Approach, BlockedDirection, directions_around, facing, free_approach
+from nlpgrasp.solve.phases.opened import Opened, opened, openings
+from nlpgrasp.solve.space import Surroundings
+from nlpgrasp.studies.palm.records import APPROACHING, CLOSING, PalmPath
 
 DIRECTIONS = 100
-WIDER = (1.0, 2.0, 4.0)  # times the pregrasp's opening
 LIMIT_ROUNDING = 1e-6  # radians or metres
 
 
@@ -61,30 +60,14 @@ def palm_path(
     directions = integer("directions", directions, at_least=1, at_most=10_000)
     grasp, pregrasp = hand.values_of(solution.hand or {}), hand.values_of((solution.hand or {})["pregrasp"])
     around = Surroundings(problem, hand)
-    ways = _given(direction) if direction is not None else _around(_facing(hand, grasp), directions)
     reason = _beyond_limits(hand, grasp, pregrasp)
     if reason:
         return _none(around, distance, reason, ())
-    blocked: list[BlockedDirection] = []
-    for times in WIDER:
-        fingers = opened(around, grasp, pregrasp, times)
-        if fingers.blocked_by:
-            return _none(around, distance, f"the fingers cannot open: {fingers.blocked_by}", ())
-        for way in ways:
-            found = _approach(around, fingers, way, distance)
-            if not found.blocked_by:
-                return _found(around, fingers, found, way, distance, tuple(blocked))
-            blocked.append(BlockedDirection(way, found.free * distance, times, found.blocked_by))
-    return _none(around, distance, _why_none(blocked, len(ways), distance), tuple(blocked))
-
-
-def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> str:
-    """Return the reason where every direction is blocked: the one that is free longest."""
-    best = max(blocked, key=lambda b: b.free)
-    which = np.array2string(best.direction, precision=2, suppress_small=True)
-    said = f"the longest, along {which}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
-    one = "the direction is not" if count == 1 else f"none of {count} directions is"
-    return f"{one} free for {1e3 * distance:.0f} mm; {said}"
+    ways = [_given(direction)] if direction is not None else directions_around(facing(hand, grasp), directions)
+    found = free_approach(around, lambda times: opened(around, grasp, pregrasp, times), ways, lambda *_: distance)
+    if found.fingers is None or found.direction is None:
+        return _none(around, distance, found.reason, found.blocked)
+    return _found(around, found.fingers, found.direction, found)
 
 
 def _hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
@@ -103,29 +86,13 @@ def _hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
     return problem.hand
 
 
-def _given(direction: ArrayLike) -> list[FloatArray]:
+def _given(direction: ArrayLike) -> FloatArray:
     """Return the direction that was asked for, of unit length."""
     vector = array("direction", direction, (3,))
     size = float(np.linalg.norm(vector))
     if size == 0.0:
         raise InputError("direction", vector.tolist(), "a direction that is not zero")
-    return [vector / size]
-
-
-def _facing(hand: URDFHand, values: Values) -> FloatArray:
-    """Return the direction in which the palm faces, body frame."""
-    return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
-
-
-def _around(first: FloatArray, count: int) -> list[FloatArray]:
-    """Return a direction and others, spread over the sphere by the golden angle about it, the nearest first."""
-    i = np.arange(count)
-    cosine = 1.0 - 2.0 * i / max(count - 1, 1)
-    angle, sine = i * np.pi * (3.0 - np.sqrt(5.0)), np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-    least = np.eye(3)[int(np.argmin(np.abs(first)))]
-    u = np.cross(first, least) / np.linalg.norm(np.cross(first, least))
-    v = np.cross(first, u)
-    return list(cosine[:, None] * first + sine[:, None] * (np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v))
+    return vector / size
 
 
 def _beyond_limits(hand: URDFHand, *postures: Values) -> str:
@@ -138,48 +105,25 @@ def _beyond_limits(hand: URDFHand, *postures: Values) -> str:
     return ""
 
 
-def _approach(around: Surroundings, fingers: Opened, way: FloatArray, distance: float) -> StraightWay:
-    """Return how far out a direction is free, from the open hand at the grasp on."""
-    start = fingers.values
-
-    def away(share: float) -> Values:
-        return {**start, "palm_position": start["palm_position"] - share * distance * way}
-
-    def allowed(first: Place) -> FloatArray:
-        least = around.allowed()
-        tips = around.of_tips()
-        least[tips] = np.minimum(first.clearances[tips], 0.0)
-        return least
-
-    return straight_way(around, away, allowed)
-
-
-def _found(
-    around: Surroundings,
-    fingers: Opened,
-    found: StraightWay,
-    way: FloatArray,
-    distance: float,
-    blocked: tuple[BlockedDirection, ...],
-) -> PalmPath:
+def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: Approach) -> PalmPath:
     """Return the record of a way, from afar to the grasp."""
     tree, others = around.hand.tree, ~around.of_tips()
-    outside, inside = list(reversed(found.places)), list(reversed(fingers.places))[1:]
+    outside, inside = list(reversed(found.outside)), list(reversed(fingers.places))[1:]
     values = [place.values for place in (*outside, *inside)]
     positions = [tree.joint_positions(v["joints"]) for v in values]
     clear = [float(np.min(p.clearances, initial=np.inf)) for p in outside]
     clear += [float(np.min(p.clearances[others], initial=np.inf)) for p in inside]
     return PalmPath(
         reason="",
-        direction=way,
-        distance=distance,
+        direction=direction,
+        distance=found.distance,
         openings=openings(around, fingers.values, fingers.places[0].values),
         phases=(APPROACHING,) * len(outside) + (CLOSING,) * len(inside),
         poses=np.array([tree.palm_frame(v) for v in values]),
         joint_names=tuple(positions[0]),
         joints=np.array([list(p.values()) for p in positions]),
         clearances=np.array(clear),
-        blocked=blocked,
+        blocked=found.blocked,
         tolerance=around.tolerance,
     )
 

@@ -8,39 +8,9 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solve.phases.approach import BlockedDirection
 
 APPROACHING, CLOSING = "approaching", "closing"
-
-
-@dataclass(frozen=True)
-class BlockedDirection:
-    """A direction that is not free.
-
-    Parameters
-    ----------
-    direction : (3,) array
-        Of the palm towards the grasp, unit, body frame.
-    free : float
-        Metres before the grasp from which on it is free.
-    times : float
-        How wide the fingers were open, times the pregrasp's opening.
-    reason : str
-        What is in the way farther out.
-    """
-
-    direction: FloatArray
-    free: float
-    times: float
-    reason: str
-
-    def to_dict(self) -> Json:
-        """Return the direction as JSON data."""
-        return {
-            "direction": self.direction.tolist(),
-            "free": self.free,
-            "times": self.times,
-            "reason": self.reason,
-        }
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.solution.phases.phase import LIFT, SQUEEZE
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.hands.kinematics import Link, jacobian, links_below, loaded, poses, reach
@@ -198,13 +199,17 @@ class URDFNumbers:
         if before is not None:
             unit("hand.pregrasp.palm_pose.quaternion_wxyz", before["palm_pose"]["quaternion_wxyz"], 4)
             yield from self._joints("pregrasp, joint", before["joint_positions"])
+        for phase in self.posture.get("phases", ()):
+            told = phase["name"] in (SQUEEZE, LIFT)  # commands may be beyond the limits: torque is what they are for
+            yield from self._joints(f"{phase['name']}, joint", phase["joint_positions"], limited=not told)
 
-    def _joints(self, name: str, positions: Json) -> Iterator[RowValue]:
-        """Yield the limits of joints in a posture."""
+    def _joints(self, name: str, positions: Json, limited: bool = True) -> Iterator[RowValue]:
+        """Yield the limits of joints in a posture, and that those that follow others do."""
         for link in self.links:
             if link.moves:
                 value = number(f"joint_positions.{link.joint}", positions[link.joint])
-                yield RowValue(f"{name} {link.joint}", value, link.lower, link.upper)
+                if limited:
+                    yield RowValue(f"{name} {link.joint}", value, link.lower, link.upper)
                 follow = link.follow
                 if follow is not None:
                     off = value - follow.multiplier * float(positions[follow.joint]) - follow.offset

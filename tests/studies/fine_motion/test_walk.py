@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.solve.space import Surroundings
+from nlpgrasp.solve.space.straight import straight_way
 from nlpgrasp.studies.fine_motion.fingers.finger_joints import FingerJoints
 from nlpgrasp.studies.fine_motion.fingers.linked_motions import LinkedMotions
 from nlpgrasp.studies.fine_motion.paths.footpath import Station
-from nlpgrasp.studies.space import Surroundings
-from nlpgrasp.studies.space.straight import straight_way
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, inverse, two_fingers, urdf
 
 BODY = ng.Box([0.06, 0.2, 0.06])

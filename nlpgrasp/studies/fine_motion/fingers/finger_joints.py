@@ -14,8 +14,8 @@ from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.tips import Touch
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
 from nlpgrasp.solve.ascent.quadratic import Linearised, step_bounds
+from nlpgrasp.solve.space import Surroundings
 from nlpgrasp.studies.fine_motion.paths.strides import Foothold
-from nlpgrasp.studies.space import Surroundings
 
 ENOUGH = 1e-6  # of the body's size, and radians: how well the fingertip is at its contact
 STEPS = NewtonRules(steps=15, enough=ENOUGH)

@@ -9,12 +9,12 @@ import numpy as np
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solve.space import Surroundings
 from nlpgrasp.studies.fine_motion.finger_path import FingerPath
 from nlpgrasp.studies.fine_motion.fingers.finger_joints import FingerJoints
 from nlpgrasp.studies.fine_motion.fingers.walk import Walk
 from nlpgrasp.studies.fine_motion.paths.footpath import Footpath, Station
 from nlpgrasp.studies.fine_motion.paths.strides import SLIDING, Foothold, Stride
-from nlpgrasp.studies.space import Surroundings
 
 SLIDES = np.linspace(0.0, 1.0, 201)  # of a tip's own coordinate, which a solution does not state
 

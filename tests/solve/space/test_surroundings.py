@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.problem.fields import fields_of
-from nlpgrasp.studies.space import Surroundings
+from nlpgrasp.solve.space import Surroundings
 from tests.hands.urdf import GRIPPER, PADS
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, two_fingers
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.studies.space.straight import Place, straight_way
-from nlpgrasp.studies.space.surroundings import BoolArray, Surroundings
+from nlpgrasp.solve.space.straight import Place, straight_way
+from nlpgrasp.solve.space.surroundings import BoolArray, Surroundings
 
 
 @dataclass(frozen=True)
@@ -23,10 +24,13 @@ class Opened:
         The grasp first.
     blocked_by : str
         What is in the way where no finger opens at all; empty otherwise.
+    straight : bool
+        Whether all joints go on one straight line.
     """
 
     places: tuple[Place, ...]
     blocked_by: str
+    straight: bool = True
 
     @property
     def values(self) -> Values:
@@ -38,7 +42,8 @@ def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) 
     """Return the hand opened from its grasp towards its pregrasp, so many times as far, joints within their limits.
 
     All go on together; what is blocked stays where it is, and the others go on without. Fingertips may be as near the
-    body as in the program (``Surroundings.allowed``): they touch it in the end.
+    body as in the program (``Surroundings.allowed``): they touch it in the end. Balls of links that overlap in
+    the grasp, which the program allows where they hardly ever do, may go on doing so, no deeper.
 
     Parameters
     ----------
@@ -51,12 +56,13 @@ def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) 
     lower, upper = around.hand.tree.joint_limits
     joints = grasp["joints"] + times * (pregrasp["joints"] - grasp["joints"])
     aim = {**grasp, "joints": np.clip(joints, lower, upper), "palm_position": pregrasp["palm_position"]}
-    places, free, blocked = list[Place](), np.ones(len(lower), bool), ""
+    places, free, blocked, legs = list[Place](), np.ones(len(lower), bool), "", 0
     while not places or free.any():
         here = places[-1].values if places else grasp
-        way = straight_way(around, _towards(here, aim, free), lambda _: around.allowed())
+        way = straight_way(around, _towards(here, aim, free), partial(_allowed, around))
         if not way.places:
             return Opened((), way.blocked_by)
+        legs += len(way.places) > 1
         places += way.places[1:] if places else way.places
         while len(places) > 1 and _least(around, places[-1]) < min(0.0, _least(around, places[0])):
             places.pop()  # open, the fingers stay out of everything, also by less than the tolerance
@@ -64,7 +70,27 @@ def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) 
         if not np.any(free & way.moved_by):  # nothing is in the way, or nothing that a joint moves
             break
         free &= ~way.moved_by
-    return Opened(tuple(places), "" if len(places) > 1 else blocked)
+    return Opened(tuple(places), "" if len(places) > 1 else blocked, legs <= 1)
+
+
+def opened_straight(around: Surroundings, grasp: Values, pregrasp: Values, times: float) -> Opened:
+    """Return the hand opened as by ``opened``, or less, so that all its joints go there on one straight line."""
+    found = opened(around, grasp, pregrasp, times)
+    if found.blocked_by or found.straight:
+        return found
+    ends, free = found.values, np.ones(len(grasp["joints"]), bool)
+    way = straight_way(around, _towards(grasp, ends, free), partial(_allowed, around))
+    places = list(way.places)
+    while len(places) > 1 and _least(around, places[-1]) < min(0.0, _least(around, places[0])):
+        places.pop()
+    return Opened(tuple(places), "" if len(places) > 1 else way.blocked_by)
+
+
+def _allowed(around: Surroundings, first: Place) -> FloatArray:
+    """Return the least of each clearance, (n,), metres: links whose balls overlap in the grasp may, as far as there."""
+    least, pairs = around.allowed(), around.of_pairs()
+    least[pairs] = np.minimum(first.clearances[pairs], 0.0)
+    return least
 
 
 def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Values]:

@@ -20,7 +20,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.fields import fields_of
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.studies.space.link_balls import LinkBalls
+from nlpgrasp.solve.space.link_balls import LinkBalls
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
@@ -63,6 +63,12 @@ class Surroundings:
         result.pairs = self.balls.pairs[np.any(moves[self.balls.pairs], axis=1)]
         return result
 
+    def of_palm(self) -> Surroundings:
+        """Return the same without pairs of balls: the palm alone moves, and none of them comes nearer to another."""
+        result = copy(self)
+        result.pairs = self.pairs[:0]
+        return result
+
     def clearances(self, values: Values) -> FloatArray:
         """Return all clearances, (n,), metres."""
         places, radii = self.balls.places(values), self.balls.radii
@@ -96,6 +102,11 @@ class Surroundings:
         tips = self.balls.fingers[self.seen] >= 0
         least[: len(tips)] = np.where(tips, -TIP_SHARE * self.balls.radii[self.seen], 0.0)
         return least
+
+    def of_pairs(self) -> BoolArray:
+        """Return which clearances are those of two balls of the hand, (n,)."""
+        things = len(self.fields) * len(self.seen)
+        return np.arange(things + len(self.pairs)) >= things
 
     def say(self, index: int) -> str:
         """Return in words which ball and which thing a clearance is of."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.studies.space.surroundings import BoolArray, Surroundings
+from nlpgrasp.solve.space.surroundings import BoolArray, Surroundings
 
 LARGEST = 1.0 / 8.0  # of the whole way: the first step
 
@@ -58,7 +58,10 @@ class StraightWay:
 
 
 def straight_way(
-    around: Surroundings, posture: Callable[[float], Values], allowed: Callable[[Place], FloatArray]
+    around: Surroundings,
+    posture: Callable[[float], Values],
+    allowed: Callable[[Place], FloatArray],
+    locate: bool = True,
 ) -> StraightWay:
     """Return the places of a way, as near each other as it takes to be certain that nothing is between them.
 
@@ -69,6 +72,8 @@ def straight_way(
         Share of the way, from 0 to 1, to values of the hand's variables, linear in it; the palm does not turn.
     allowed : callable
         The first place to the least of each clearance, (n,), metres.
+    locate : bool
+        Whether to find out how far a blocked way is free, to the tolerance; else it ends where that is seen.
     """
 
     def at(share: float) -> Place:
@@ -91,8 +96,9 @@ def straight_way(
         if np.all(spare >= 0.0):
             done.append(there)
             step = min(2.0 * step, LARGEST)
-        elif np.max(swept) <= around.tolerance / 2.0:  # the bound holds where both ends do: it is the end that does not
-            worst = int(np.argmin(spare))
+        elif np.max(swept) <= around.tolerance / 2.0 or (not locate and np.any(ends < 0.0)):
+            # within half the tolerance the bound holds where both ends do: it is the end that does not
+            worst = int(np.argmin(ends if np.any(ends < 0.0) else spare))
             return StraightWay(tuple(done), around.say(worst), around.moved_by(worst))
         else:
             step = (there.share - here.share) / 2.0

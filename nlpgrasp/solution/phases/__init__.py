@@ -1,0 +1,1 @@
+"""The phases of a grasp by a hand, and the trajectory through them."""

@@ -1,0 +1,136 @@
+"""The way through the phases of a grasp, sampled in time."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.solution.solution import GraspSolution
+
+RATE, SPEED, JOINT_SPEED = 50.0, 0.1, 0.5  # 1/s, m/s, rad/s
+PALM = ("palm_x", "palm_y", "palm_z", "palm_qw", "palm_qx", "palm_qy", "palm_qz")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A hand in time: straight from keyframe to keyframe of ``solution.phases``, each leg at constant speeds.
+
+    Parameters
+    ----------
+    times : (m,) array
+        Seconds, from 0.
+    phases : tuple of m str
+        The phase that is going on: that of the keyframe that the hand is on its way to.
+    palm_positions : (m, 3) array
+        Metres, in the frame of the body as it stands in the grasp.
+    palm_quaternion : (4,) array
+        w, x, y, z: the palm does not turn.
+    joint_names : tuple of n str
+        Every joint that moves, those that follow others included.
+    joints : (m, n) array
+        Radians or metres.
+    """
+
+    times: FloatArray
+    phases: tuple[str, ...]
+    palm_positions: FloatArray
+    palm_quaternion: FloatArray
+    joint_names: tuple[str, ...]
+    joints: FloatArray
+
+    def to_dict(self) -> Json:
+        """Return the trajectory as JSON data."""
+        return {
+            "times": self.times.tolist(),
+            "phases": list(self.phases),
+            "palm_positions": self.palm_positions.tolist(),
+            "palm_quaternion_wxyz": self.palm_quaternion.tolist(),
+            "joint_names": list(self.joint_names),
+            "joints": self.joints.tolist(),
+        }
+
+    def to_csv(self) -> str:
+        """Return the trajectory as CSV text: time, phase, palm position and quaternion, every joint."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text)
+        writer.writerow(["time", "phase", *PALM, *self.joint_names])
+        turn = self.palm_quaternion.tolist()
+        for time, phase, palm, joints in zip(self.times, self.phases, self.palm_positions, self.joints, strict=True):
+            writer.writerow([float(time), phase, *palm.tolist(), *turn, *joints.tolist()])
+        return text.getvalue()
+
+
+def trajectory(
+    solution: GraspSolution,
+    rate: float = RATE,
+    speed: float = SPEED,
+    joint_speed: float | Mapping[str, float] = JOINT_SPEED,
+) -> Trajectory:
+    """Return the way of a hand through the phases of a grasp: approach, pregrasp, grasp, squeeze, lift.
+
+    Palm and joints go on straight lines from keyframe to keyframe, all at once, as fast as the slowest of them may: the
+    lines that were looked at for collisions. Every keyframe is one of the samples; between them they are at most
+    ``1 / rate`` apart.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With ``phases``.
+    rate : float
+        Samples a second, at least.
+    speed : float
+        Of the palm, metres a second.
+    joint_speed : float or mapping of str to float
+        Of the joints, radians a second (metres a second of sliding joints), for all or by joint.
+
+    Raises
+    ------
+    InputError
+        On a solution without phases, or numbers that are not above zero.
+    """
+    frames = solution.phases
+    if not frames:
+        raise InputError("solution", "no phases of a hand", "a solution with a URDF hand, made by this version")
+    rate, speed = number("rate", rate, above=0.0), number("speed", speed, above=0.0)
+    names = tuple(frames[0].joints)
+    fastest = _speeds(joint_speed, names)
+    joints = [np.array([frame.joints[name] for name in names]) for frame in frames]
+    shares, legs, times, phases = [np.zeros(1)], [0], [np.zeros(1)], [frames[0].name]
+    for i, ((a, b), (q, r)) in enumerate(zip(pairwise(frames), pairwise(joints), strict=True)):
+        seconds = max(
+            float(np.linalg.norm(b.palm_position - a.palm_position)) / speed, float(np.max(abs(r - q) / fastest))
+        )
+        count = max(int(np.ceil(seconds * rate)), 1)
+        shares.append(np.arange(1, count + 1) / count)
+        times.append(times[-1][-1] + shares[-1] * seconds)
+        legs += [i] * count
+        phases += [b.name] * count
+    share, begin = np.concatenate(shares)[:, None], np.array(legs)
+    end = np.minimum(begin + 1, len(frames) - 1)
+    palms, postures = np.array([frame.palm_position for frame in frames]), np.array(joints)
+    return Trajectory(
+        np.concatenate(times),
+        tuple(phases),
+        (1.0 - share) * palms[begin] + share * palms[end],
+        frames[0].palm_quaternion,
+        names,
+        (1.0 - share) * postures[begin] + share * postures[end],
+    )
+
+
+def _speeds(given: float | Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
+    """Return the speed of each joint, checked, (n,)."""
+    if not isinstance(given, Mapping):
+        return np.full(len(names), number("joint_speed", given, above=0.0))
+    missing = [name for name in names if name not in given]
+    if missing:
+        raise InputError("joint_speed", f"none of joint {missing[0]}", "a speed for every joint that moves")
+    return np.array([number(f"joint_speed of {name}", given[name], above=0.0) for name in names])

@@ -1,0 +1,1 @@
+"""The phases of a grasp by hand: approach, pregrasp, grasp, squeeze, lift."""

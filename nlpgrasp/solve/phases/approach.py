@@ -1,0 +1,154 @@
+"""The straight way of the palm to the open hand: which direction is free, and how wide the fingers are open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.solve.phases.opened import Opened
+from nlpgrasp.solve.space.straight import Place, StraightWay, straight_way
+from nlpgrasp.solve.space.surroundings import Surroundings
+
+WIDER = (1.0, 2.0, 4.0)  # times the pregrasp's opening
+
+
+@dataclass(frozen=True)
+class BlockedDirection:
+    """A direction that is not free.
+
+    Parameters
+    ----------
+    direction : (3,) array
+        Of the palm towards the grasp, unit, body frame.
+    free : float
+        Metres before the grasp from which on it is free.
+    times : float
+        How wide the fingers were open, times the pregrasp's opening.
+    reason : str
+        What is in the way farther out.
+    """
+
+    direction: FloatArray
+    free: float
+    times: float
+    reason: str
+
+    def to_dict(self) -> Json:
+        """Return the direction as JSON data."""
+        return {
+            "direction": self.direction.tolist(),
+            "free": self.free,
+            "times": self.times,
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True)
+class Approach:
+    """What was found: a free direction, or why there is none.
+
+    Parameters
+    ----------
+    reason : str
+        Why no direction is free; empty where one is.
+    blocked : tuple of BlockedDirection
+        Those that were looked at before.
+    fingers : Opened or None
+        The hand as wide open as at the last look; None where it does not open.
+    direction : (3,) array or None
+        In which the palm moves towards the grasp, unit, body frame.
+    distance : float
+        How far, metres.
+    outside : tuple of Place
+        From the open hand at the grasp on, away from it.
+    """
+
+    reason: str
+    blocked: tuple[BlockedDirection, ...] = ()
+    fingers: Opened | None = None
+    direction: FloatArray | None = None
+    distance: float = 0.0
+    outside: tuple[Place, ...] = ()
+
+
+def free_approach(
+    around: Surroundings,
+    open_hand: Callable[[float], Opened],
+    ways: Sequence[FloatArray],
+    distance: Callable[[Values, FloatArray], float],
+    locate: bool = True,
+) -> Approach:
+    """Return the first direction in which the palm comes straight, its fingers open; wider where none is free.
+
+    Parameters
+    ----------
+    around : Surroundings
+    open_hand : callable
+        How wide, times the pregrasp's opening, to the opened hand.
+    ways : sequence of (3,) arrays
+        Directions of the palm towards the grasp, unit, body frame, those that are liked best first.
+    distance : callable
+        The open hand and a direction to how far the palm moves, metres.
+    locate : bool
+        Whether ``BlockedDirection.free`` is to be found to the tolerance.
+    """
+    blocked = list[BlockedDirection]()
+    fingers, longest = None, 0.0
+    for times in WIDER:
+        opened = open_hand(times)
+        if opened.blocked_by:
+            return Approach(f"the fingers cannot open: {opened.blocked_by}", (), fingers)
+        fingers = fingers or opened
+        for way in ways:
+            longest = distance(opened.values, way)
+            found = _away(around, opened.values, way, longest, locate)
+            if not found.blocked_by:
+                return Approach("", tuple(blocked), opened, way, longest, found.places)
+            blocked.append(BlockedDirection(way, found.free * longest, times, found.blocked_by))
+    return Approach(_why_none(blocked, len(ways), longest), tuple(blocked), fingers)
+
+
+def _away(around: Surroundings, start: Values, way: FloatArray, distance: float, locate: bool) -> StraightWay:
+    """Return how far out a direction is free, from the open hand at the grasp on."""
+
+    def away(share: float) -> Values:
+        return {**start, "palm_position": start["palm_position"] - share * distance * way}
+
+    def allowed(first: Place) -> FloatArray:
+        least = around.allowed()
+        as_there = around.of_tips() | around.of_pairs()
+        least[as_there] = np.minimum(first.clearances[as_there], 0.0)
+        return least
+
+    return straight_way(around, away, allowed, locate)
+
+
+def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> str:
+    """Return the reason where every direction is blocked: the one that is free longest."""
+    best = max(blocked, key=lambda b: b.free)
+    which = np.array2string(best.direction, precision=2, suppress_small=True)
+    said = f"the longest, along {which}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
+    one = "the direction is not" if count == 1 else f"none of {count} directions is"
+    return f"{one} free for {1e3 * distance:.0f} mm; {said}"
+
+
+def facing(hand: URDFHand, values: Values) -> FloatArray:
+    """Return the direction in which the palm faces, (3,), body frame."""
+    return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
+
+
+def directions_around(first: FloatArray, count: int) -> list[FloatArray]:
+    """Return a direction and others, spread over the sphere by the golden angle about it, the nearest first."""
+    i = np.arange(count)
+    cosine = 1.0 - 2.0 * i / max(count - 1, 1)
+    angle, sine = i * np.pi * (3.0 - np.sqrt(5.0)), np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    least = np.eye(3)[int(np.argmin(np.abs(first)))]
+    u = np.cross(first, least) / np.linalg.norm(np.cross(first, least))
+    v = np.cross(first, u)
+    return list(cosine[:, None] * first + sine[:, None] * (np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v))
