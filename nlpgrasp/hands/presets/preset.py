@@ -11,7 +11,7 @@ from typing import TypedDict, Unpack
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips import Tip
 from nlpgrasp.hands.urdf.robot import Joint, Robot
-from nlpgrasp.hands.urdf.urdf_file import link_names, read_urdf
+from nlpgrasp.hands.urdf.robot_file import read_robot, robot_links
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
 
 Direction = tuple[float, float, float]
@@ -74,8 +74,8 @@ class Preset:
         """
         path = self._described() if urdf is None else urdf
         if "palm" not in options:
-            options["palm"] = self._named(path, link_names(path), self.palms)
-        robot = read_urdf(path, options["palm"])
+            options["palm"] = self._named(path, robot_links(path), self.palms)
+        robot = read_robot(path, options["palm"])
         above = {joint.child: joint for joint in robot.joints}
         tips: dict[str, float | Tip | Sequence[Tip]] = {}
         for name, tip in self.tips.items():
@@ -119,7 +119,7 @@ class Preset:
 
 def _is(link: str, name: str) -> bool:
     """Return whether a link has a name, with any prefix."""
-    return link == name or link.endswith(f"_{name}")
+    return link == name or link.endswith(tuple(f"{mark}{name}" for mark in "_:/"))
 
 
 def same_for_all(torque: float) -> Callable[[Robot], Mapping[str, float]]:

@@ -21,7 +21,7 @@ class Shape:
 
     Parameters
     ----------
-    kind : {"sphere", "cylinder", "capsule", "box", "mesh"}
+    kind : {"sphere", "cylinder", "capsule", "ellipsoid", "box", "mesh"}
     mesh : trimesh.Trimesh
         The surface, metres, link frame; for spheres and cylinders a polyhedron around the exact surface.
     centre, radius : (3,) array and float, optional
@@ -64,6 +64,17 @@ class Shape:
         mesh.apply_scale(radius)
         mesh.apply_transform(pose)
         return cls("capsule", mesh)
+
+    @classmethod
+    def ellipsoid(cls, semi_axes: FloatArray, pose: FloatArray) -> Shape:
+        """Return an ellipsoid at a pose (4, 4), as a polyhedron that encloses it."""
+        import trimesh
+
+        mesh = trimesh.creation.icosphere(subdivisions=3)
+        inner = np.min(np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles[:, 0]))  # its faces' least distance
+        mesh.apply_scale(semi_axes / inner)
+        mesh.apply_transform(pose)
+        return cls("ellipsoid", mesh)
 
     @classmethod
     def box(cls, size: FloatArray, pose: FloatArray) -> Shape:

@@ -65,4 +65,6 @@ def remarks(robot: Robot) -> list[str]:
         found.append(f"nothing keeps links without a collision shape off the body: {', '.join(robot.bare)}")
     if robot.turned:
         found.append(f"taken with the other sign: {'; '.join(robot.turned)}")
+    if robot.unmodelled:
+        found.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled)}")
     return found
