@@ -68,6 +68,8 @@ def test_the_shadow_preset_takes_it():
     with pytest.warns(UserWarning, match="joints move on their own where the file couples them: tendon robot0:T_FFJ1c"):
         hand = ng.hands.shadow(model(SHADOW))
     assert [link for link, _ in hand.tips][0::4] == ["robot0:ffdistal", "robot0:thdistal"]
+    assert [tip.kind for _, tip in hand.tips] == ["capsule"] * 5  # the file's own
+    assert hand.tips[0][1].ends[1] == pytest.approx([0.0, 0.0, 0.024])
     assert hand.torque_limits["robot0:THJ4"] == 2.3722
     assert "robot0:FFJ0" not in hand.torque_limits  # a tendon alone drives it
 
@@ -95,8 +97,7 @@ def test_the_panda_gripper_holds_an_ellipsoid(tmp_path):
 @pytest.mark.filterwarnings(*QUIET)
 def test_the_shadow_hand_holds_an_ellipsoid(tmp_path):
     path = model(SHADOW)
-    tips = {f"robot0:{f}distal": ng.SphereTip(0.00705, [0, 0, 0.024]) for f in ("ff", "mf", "rf")}
-    tips["robot0:thdistal"] = ng.SphereTip(0.00918, [0, 0, 0.026])
+    tips = [f"robot0:{finger}distal" for finger in ("ff", "mf", "rf", "th")]
     options = {"approach": [0, -1, 0], "spheres_per_link": 10, "self_collision": False}
     hand = ng.URDFHand.load(path, tips, palm="robot0:palm", **options)
-    assert held(hand, ng.Ellipsoid([0.05, 0.03, 0.03]), ng.FrictionContact(0.7), path, tmp_path).mu.lower > 0.5
+    assert held(hand, ng.Ellipsoid([0.05, 0.03, 0.03]), ng.FrictionContact(0.7), path, tmp_path).mu.lower > 0.6

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TypedDict, Unpack
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.tips import Tip
+from nlpgrasp.hands.tips import CapsuleTip, SphereTip, Tip
+from nlpgrasp.hands.tips.of_shape import tip_of
 from nlpgrasp.hands.urdf.robot import Joint, Robot
 from nlpgrasp.hands.urdf.robot_file import read_robot, robot_links
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
@@ -58,7 +59,9 @@ class Preset:
     description: str = ""
 
     def hand(self, urdf: str | Path | None, **options: Unpack[Options]) -> URDFHand:
-        """Return the hand of a URDF.
+        """Return the hand of a URDF or an MJCF.
+
+        A spherical tip is the capsule instead where that is the collision shape of the link in the file.
 
         Parameters
         ----------
@@ -80,7 +83,9 @@ class Preset:
         tips: dict[str, float | Tip | Sequence[Tip]] = {}
         for name, tip in self.tips.items():
             link = self._named(path, robot.links, (name,))
-            tips[link] = tip if isinstance(tip, Tip) else tip(above[link])
+            own = tip_of(robot.shapes.get(link, ()))
+            stated = tip if isinstance(tip, Tip) else tip(above[link])
+            tips[link] = own if isinstance(own, CapsuleTip) and isinstance(stated, SphereTip) else stated
         options.setdefault("torque_limits", self.limits(robot))
         return URDFHand.load(path, tips, approach=self.approach, **options)
 

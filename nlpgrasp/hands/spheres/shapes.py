@@ -25,13 +25,16 @@ class Shape:
     mesh : trimesh.Trimesh
         The surface, metres, link frame; for spheres and cylinders a polyhedron around the exact surface.
     centre, radius : (3,) array and float, optional
-        Of a sphere.
+        Of a sphere; the radius of a capsule too.
+    ends : (2, 3) array, optional
+        Ends of a capsule's axis, metres, link frame.
     """
 
     kind: str
     mesh: trimesh.Trimesh
     centre: FloatArray | None = None
     radius: float = 0.0
+    ends: FloatArray | None = None
 
     @classmethod
     def sphere(cls, radius: float, pose: FloatArray) -> Shape:
@@ -63,7 +66,8 @@ class Shape:
         mesh = trimesh.creation.capsule(height=length / radius, radius=1.0)
         mesh.apply_scale(radius)
         mesh.apply_transform(pose)
-        return cls("capsule", mesh)
+        ends = pose[:3, 3] + np.outer([-0.5, 0.5], length * pose[:3, 2])
+        return cls("capsule", mesh, radius=radius, ends=ends)
 
     @classmethod
     def ellipsoid(cls, semi_axes: FloatArray, pose: FloatArray) -> Shape:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from functools import cached_property
 from pathlib import Path
@@ -22,11 +22,11 @@ from nlpgrasp.hands.base import HandVariable
 from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.spheres.self_collision import apart, colliding_pairs
-from nlpgrasp.hands.tips import Tip, Touch
+from nlpgrasp.hands.tips import Touch
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
 from nlpgrasp.hands.urdf.robot_file import read_robot
-from nlpgrasp.hands.urdf.urdf_arguments import approach_of, remarks, tips_of, torque_limits_of
+from nlpgrasp.hands.urdf.urdf_arguments import Fingertips, approach_of, remarks, tips_of, torque_limits_of
 
 TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact
 
@@ -80,7 +80,7 @@ class URDFHand(LinkedHand):
     def load(
         cls,
         path: str | Path,
-        fingertips: Mapping[str, float | Tip | Sequence[Tip]],
+        fingertips: Fingertips,
         torque_limits: Mapping[str, float] | float | None = None,
         *,
         palm: str | None = None,
@@ -96,8 +96,9 @@ class URDFHand(LinkedHand):
         path : str or Path
             A URDF, a xacro file (with the package ``xacro``) or MuJoCo's MJCF (extra ``sim``); the element at its top
             says which. Bodies of an MJCF are links, hinges and slides are joints.
-        fingertips : mapping
-            Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips.
+        fingertips : mapping or sequence of str
+            Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips; None, or
+            names alone, take the only sphere or capsule among the link's collision shapes.
             Contact i belongs to fingertip i, in this order. Inner links and the palm may have tips too.
         torque_limits : mapping of joint names to floats, or float, optional
             Newton-metres (newtons for sliding joints), for the force budget ``"hand_torques"``; the URDF's efforts
