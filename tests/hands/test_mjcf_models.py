@@ -95,9 +95,8 @@ def test_the_panda_gripper_holds_an_ellipsoid(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings(*QUIET)
-def test_the_shadow_hand_holds_an_ellipsoid(tmp_path):
-    path = model(SHADOW)
-    tips = [f"robot0:{finger}distal" for finger in ("ff", "mf", "rf", "th")]
-    options = {"approach": [0, -1, 0], "spheres_per_link": 10, "self_collision": False}
-    hand = ng.URDFHand.load(path, tips, palm="robot0:palm", **options)
-    assert held(hand, ng.Ellipsoid([0.05, 0.03, 0.03]), ng.FrictionContact(0.7), path, tmp_path).mu.lower > 0.6
+@pytest.mark.parametrize("file", [SHADOW, ADROIT], ids=["Shadow", "Adroit"])
+def test_five_capsules_hold_an_ellipsoid(file, tmp_path):
+    path = model(file)
+    hand = ng.hands.shadow(path, spheres_per_link=10)
+    assert held(hand, ng.Ellipsoid([0.05, 0.035, 0.035]), ng.FrictionContact(0.7), path, tmp_path).mu.lower > 0.8
