@@ -51,7 +51,7 @@ browser:
 	$(SUDO) apt-get update -qq
 	$(SUDO) apt-get install -y -qq chromium chromium-driver >/dev/null
 
-# files of robots for tests/hands: URDFs (130 MB to download, 415 MB on disk) and MJCFs (180 MB, 230 MB); without them
+# files of robots for tests/hands: URDFs (130 MB to download, 415 MB on disk) and MJCFs (180 MB, 570 MB); without them
 # these tests skip
 robots: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile example-robot-data==6.0.0 \
