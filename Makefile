@@ -51,9 +51,11 @@ browser:
 	$(SUDO) apt-get update -qq
 	$(SUDO) apt-get install -y -qq chromium chromium-driver >/dev/null
 
-# URDFs of robots for tests/hands/test_robots.py: 130 MB to download, 415 MB on disk; without them these tests skip
+# files of robots for tests/hands: URDFs (130 MB to download, 415 MB on disk) and MJCFs (180 MB, 570 MB); without them
+# these tests skip
 robots: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile example-robot-data==6.0.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile example-robot-data==6.0.0 \
+	  gymnasium-robotics==1.4.2 robosuite==1.5.2
 
 # writes requirements.lock from pyproject.toml
 lock:

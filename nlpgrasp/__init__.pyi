@@ -51,7 +51,7 @@ from nlpgrasp.experiments import (
 )
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.hands import CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
+from nlpgrasp.hands import CapsuleTip, CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
 from nlpgrasp.mjcf import HandSceneOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import (
@@ -131,6 +131,7 @@ __all__ = [
     "Bounds",
     "Box",
     "BoxRegion",
+    "CapsuleTip",
     "CollisionEvent",
     "Comparison",
     "Constraint",

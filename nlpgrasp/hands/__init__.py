@@ -6,10 +6,11 @@ from nlpgrasp.hands.parallel_jaw import ParallelJaw
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.presets import allegro, barrett, leap, panda, robotiq_2f85, robotiq_3f, shadow
 from nlpgrasp.hands.registry import hand_from_dict, register
-from nlpgrasp.hands.tips import CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
+from nlpgrasp.hands.tips import CapsuleTip, CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
 
 __all__ = [
+    "CapsuleTip",
     "CylinderTip",
     "EllipsoidTip",
     "Fingertips",

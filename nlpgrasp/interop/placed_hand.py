@@ -81,11 +81,10 @@ def _tips(hand: URDFHand, posture: IsaacGrasp) -> FloatArray:
     """Return the fingertips' centres in the body's frame."""
     joints = _joints(hand, posture.joints, posture.name)
     p, quaternion, q = ca.SX.sym("p", 3), ca.SX.sym("quaternion", 4), ca.SX.sym("q", len(joints))
-    centres = hand.tip_centres({"palm_position": p, "palm_quaternion": quaternion, "joints": q})
-    round_ones = [c for c in centres if c is not None]
-    if len(round_ones) < len(centres):
+    if any(tip.slides or tip.standoff == 0.0 for _, tip in hand.tips):
         raise InputError("problem.hand", "fingertips that are not round", "spherical fingertips")
-    place = ca.Function("tips", [p, quaternion, q], [ca.horzcat(*round_ones)])
+    centres = hand.tip_places({"palm_position": p, "palm_quaternion": quaternion, "joints": q})
+    place = ca.Function("tips", [p, quaternion, q], [ca.horzcat(*centres)])
     return np.asarray(place(posture.position, posture.quaternion, joints).full()).T
 
 

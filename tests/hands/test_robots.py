@@ -185,7 +185,7 @@ def test_fixed_fingers_are_named():
 
 def test_xacro_is_told_from_a_urdf():
     path = robot("hector_description/robots/quadrotor_base.urdf.xacro")
-    with pytest.raises(ng.InputError, match=r"got a xacro file, expected the URDF that it makes: .*xacro quadrotor"):
+    with pytest.raises(ng.InputError, match=r"got a xacro file.*expected the URDF that it makes: .*xacro quadrotor"):
         ng.URDFHand.load(path, {"base_link": 0.01})
 
 

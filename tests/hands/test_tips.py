@@ -6,12 +6,17 @@ import pytest
 from scipy.optimize import minimize
 
 import nlpgrasp as ng
+from nlpgrasp.hands.spheres.shapes import Shape
 from nlpgrasp.hands.tips import Touch
+from nlpgrasp.hands.tips.of_shape import tip_of
+from nlpgrasp.verify.hands.tips import Touching, touching_rows
+from tests.hands.urdf import FOUR
 
 TIPS = {
     "sphere": ng.SphereTip(0.01, [0.001, 0.002, 0.003]),
     "ellipsoid": ng.EllipsoidTip([0.01, 0.02, 0.015], [0.001, 0.0, 0.002], [0.3, -0.2, 0.5]),
     "flat": ng.FlatTip([0.02, 0.03], [0.0, 0.01, 0.0], [0.4, 0.1, 0.0]),
+    "capsule": ng.CapsuleTip(0.008, [0.001, 0.0, 0.002], [0.0, 0.003, 0.025]),
     "cylinder": ng.CylinderTip(0.009, [0.0, 0.0, 0.0], [0.0, 0.01, 0.04]),
 }
 
@@ -95,6 +100,102 @@ def test_a_cylinders_side(rng):
     assert broken(tip, pose, a + 0.3 * (b - a) + 0.009 * tilted, tilted, 0.3) > 0.2
 
 
+def inside(p, tip, pose):
+    """How deep a point is inside a capsule, by many points of its axis, and the outward normal there."""
+    a, b = (pose[:3, :3] @ e + pose[:3, 3] for e in tip.ends)
+    axis = a + np.linspace(0.0, 1.0, 200001)[:, None] * (b - a)
+    apart = np.linalg.norm(axis - p, axis=1)
+    nearest = np.argmin(apart)
+    return tip.radius - apart[nearest], (p - axis[nearest]) / apart[nearest]
+
+
+def over(tip, pose, rng, share, leans):
+    """A direction with so much of the axis in it, and the point that a ball at a share of the axis has there."""
+    a, b = (pose[:3, :3] @ e + pose[:3, 3] for e in tip.ends)
+    along = (b - a) / np.linalg.norm(b - a)
+    across = np.cross(along, rng.standard_normal(3))
+    n = leans * along + np.sqrt(1.0 - leans**2) * across / np.linalg.norm(across)
+    return a + share * (b - a) + tip.radius * n, n
+
+
+def test_a_capsule_is_touched_at_its_side_and_both_ends(rng):
+    tip, pose = TIPS["capsule"], random_pose(rng)
+    for share, low, high in ((0.0, -1.0, 0.0), (1.0, 0.0, 1.0), (0.1, 0.0, 0.0), (0.7, 0.0, 0.0)):
+        for leans in rng.uniform(low, high, 20):
+            p, n = over(tip, pose, rng, share, leans)
+            depth, outward = inside(p, tip, pose)
+            assert abs(depth) < 1e-9
+            assert outward @ n > 1.0 - 1e-8
+            assert broken(tip, pose, p, n, share) < 1e-9
+            assert broken(tip, pose, p + 1e-4 * n, n, share) > 5e-5
+            assert broken(tip, pose, p, -n, share) > 1e-3
+    for share, leans in ((0.0, 0.1), (1.0, -0.1), (0.5, 0.1), (0.5, -0.1)):  # balls whose contact the rest covers
+        assert broken(tip, pose, *over(tip, pose, rng, share, leans), share) > 0.04
+
+
+def test_what_rounding_a_capsules_corner_gives_away(rng):
+    tip, pose = TIPS["capsule"], random_pose(rng)
+    length = float(np.linalg.norm(tip.ends[1] - tip.ends[0]))
+    depths = []
+    for share in 1.0 - np.geomspace(1e-5, 0.5, 60):
+        leans = min(1e-4 / (1.0 - share), 1.0)
+        p, n = over(tip, pose, rng, share, leans)
+        assert broken(tip, pose, p, n, share) < 1e-12
+        depths.append(inside(p, tip, pose)[0])
+    assert min(depths) > -1e-9
+    assert 0.2e-4 * length < max(depths) <= 1e-4 * length
+
+
+def test_verify_has_the_same_rows_for_a_capsule(rng):
+    tip, pose = TIPS["capsule"], random_pose(rng)
+    for share, leans in ((0.0, -0.4), (1.0, 0.3), (0.6, 0.0), (0.6, 0.2), (0.3, -0.2)):
+        p, n = over(tip, pose, rng, share, leans)
+        own, _ = values(tip, pose, p, n, share)
+        found = {
+            row.name: row.value for row in touching_rows(tip.to_dict(), Touching("tip", pose, p, n, 1.0, 0.0, 0.0))
+        }
+        assert {name.split(", ")[-1] for name in found} == {name.split(", ")[-1] for name in own}
+        np.testing.assert_allclose(list(found.values()), list(own.values()), atol=1e-12)
+
+
+def test_a_links_own_shape_is_its_fingertip():
+    pose = np.eye(4)
+    pose[:3, 3] = [0.0, 0.0, -0.02]
+    capsule = tip_of([Shape.box(np.ones(3), pose), Shape.capsule(0.007, 0.03, pose)])
+    assert (capsule.kind, capsule.radius) == ("capsule", 0.007)
+    np.testing.assert_allclose(capsule.ends[:, 2], [-0.005, -0.035])  # the end is the far one
+    assert tip_of([Shape.sphere(0.01, pose)]) == ng.SphereTip(0.01, [0.0, 0.0, -0.02])
+    assert tip_of([Shape.box(np.ones(3), pose)]) is None
+    assert tip_of([Shape.sphere(0.01, pose), Shape.sphere(0.02, pose)]) is None
+    hand = ng.URDFHand.load(FOUR, ["index_tip", "thumb_tip"])
+    assert hand.tips == (("index_tip", ng.SphereTip(0.011)), ("thumb_tip", ng.SphereTip(0.011)))
+    assert ng.URDFHand.load(FOUR, {"index_tip": None, "thumb_tip": 0.01}).tips[1][1].radius == 0.01
+    with pytest.raises(
+        ng.InputError, match=r"fingertips\['palm'\]: got nothing for shapes box, expected a radius or a tip"
+    ):
+        ng.URDFHand.load(FOUR, ["palm"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "body", [ng.Ellipsoid([0.05, 0.035, 0.03]), ng.Box([0.07, 0.06, 0.05])], ids=["ellipsoid", "box"]
+)
+def test_capsules_hold_no_less_than_their_ends(body, tmp_path):
+    """A hand of capsules finds a grasp that verify confirms, about as good at least as with spheres at their ends."""
+    links = [f"{finger}_tip" for finger in ("index", "middle", "thumb")]
+    found = []
+    for tip in (ng.SphereTip(0.011), ng.CapsuleTip(0.011, [0.0, 0.0, -0.01], [0.0, 0.0, 0.0])):
+        hand = ng.URDFHand.load(FOUR, dict.fromkeys(links, tip), approach=[1.0, 0.0, 0.0])
+        task = ng.TaskEllipsoid([1.0] * 3 + [0.03] * 3)
+        problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=hand, edge_margin=0.0)
+        found.append(ng.solve(problem, starts=2, options=ng.SolveOptions(extras=False, workers=1)))
+    spheres, capsules = found
+    assert capsules.mu.upper > 0.95 * spheres.mu.lower
+    capsules.save(tmp_path / "grasp.json")
+    checked = ng.verify(tmp_path / "grasp.json", folders=[FOUR.parent])
+    assert checked, str(checked)
+
+
 @pytest.mark.parametrize(
     ("make", "match"),
     [
@@ -107,6 +208,7 @@ def test_a_cylinders_side(rng):
         (lambda: ng.FlatTip([0.01, -0.01]), "FlatTip.extents"),
         (lambda: ng.FlatTip([0.01, 0.01], rpy=[0, 0]), "FlatTip.rpy"),
         (lambda: ng.CylinderTip(0.01, [0, 0, 0], [0, 0, 0]), "CylinderTip.end"),
+        (lambda: ng.CapsuleTip(0.0, [0, 0, 0], [0, 0, 1]), "CapsuleTip.radius"),
         (lambda: ng.CylinderTip(-0.01, [0, 0, 0], [0, 0, 1]), "CylinderTip.radius"),
     ],
 )

@@ -98,7 +98,7 @@ def test_links_without_a_collision_shape_are_named_once(tmp_path):
 
 def test_xacro(tmp_path):
     text = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a"/></robot>'
-    with pytest.raises(ng.InputError, match=r"a xacro file, expected the URDF that it makes: .*hand.xacro > hand.urdf"):
+    with pytest.raises(ng.InputError, match=r"a xacro file.*expected the URDF that it makes: .*hand.xacro > hand.urdf"):
         ng.URDFHand.load(written(tmp_path, text, "hand.xacro"), PAD)
     made = FOUR.read_text().replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
     assert ng.URDFHand.load(written(tmp_path, made), FOUR_TIPS).count == 4  # what xacro makes keeps the name alone

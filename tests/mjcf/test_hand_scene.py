@@ -12,7 +12,7 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.hands.urdf.inertials import read_inertials
+from nlpgrasp.hands.urdf.inertials import urdf_inertials
 from nlpgrasp.mjcf import mjcf_with_hand
 from nlpgrasp.mjcf.hand_scene.object_shape import convex_pieces
 from nlpgrasp.mjcf.hand_scene.tip_geoms import tip_geom
@@ -96,7 +96,7 @@ def test_all_phases_run_as_exported(held):
 
 
 def test_masses_are_those_of_the_urdf(held):
-    stated = read_inertials(HAND)
+    stated = urdf_inertials(HAND)
     model, _ = loaded(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.25)), "grasp")
     assert model.body("object").mass[0] == pytest.approx(0.25)
     for link, inertial in stated.items():

@@ -93,7 +93,8 @@ def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHa
     Contacts, in this order: first, middle, ring and little finger (links ``ffdistal``, ``mfdistal``, ``rfdistal``,
     ``lfdistal``, with any prefix such as ``rh_``), spheres of 7 mm, 24 mm along the link's z axis, and the thumb
     (``thdistal``), 9 mm and 26 mm: the ends of the capsules that stand for these links in gymnasium-robotics' model
-    of the hand. The palm (``palm``) faces along its -y axis.
+    of the hand. Where the file has capsules there, as that model (MJCF), the fingertips are the capsules.
+    The palm (``palm``) faces along its -y axis.
 
     Torque limits: the URDF's efforts, which are the maker's. The two outer joints of each finger share a tendon; its
     URDF lets them move on their own.

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TypedDict, Unpack
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.tips import Tip
+from nlpgrasp.hands.tips import CapsuleTip, SphereTip, Tip
+from nlpgrasp.hands.tips.of_shape import tip_of
 from nlpgrasp.hands.urdf.robot import Joint, Robot
-from nlpgrasp.hands.urdf.urdf_file import link_names, read_urdf
+from nlpgrasp.hands.urdf.robot_file import read_robot, robot_links
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
 
 Direction = tuple[float, float, float]
@@ -58,7 +59,9 @@ class Preset:
     description: str = ""
 
     def hand(self, urdf: str | Path | None, **options: Unpack[Options]) -> URDFHand:
-        """Return the hand of a URDF.
+        """Return the hand of a URDF or an MJCF.
+
+        A spherical tip is the capsule instead where that is the collision shape of the link in the file.
 
         Parameters
         ----------
@@ -74,13 +77,15 @@ class Preset:
         """
         path = self._described() if urdf is None else urdf
         if "palm" not in options:
-            options["palm"] = self._named(path, link_names(path), self.palms)
-        robot = read_urdf(path, options["palm"])
+            options["palm"] = self._named(path, robot_links(path), self.palms)
+        robot = read_robot(path, options["palm"])
         above = {joint.child: joint for joint in robot.joints}
         tips: dict[str, float | Tip | Sequence[Tip]] = {}
         for name, tip in self.tips.items():
             link = self._named(path, robot.links, (name,))
-            tips[link] = tip if isinstance(tip, Tip) else tip(above[link])
+            own = tip_of(robot.shapes.get(link, ()))
+            stated = tip if isinstance(tip, Tip) else tip(above[link])
+            tips[link] = own if isinstance(own, CapsuleTip) and isinstance(stated, SphereTip) else stated
         options.setdefault("torque_limits", self.limits(robot))
         return URDFHand.load(path, tips, approach=self.approach, **options)
 
@@ -119,7 +124,7 @@ class Preset:
 
 def _is(link: str, name: str) -> bool:
     """Return whether a link has a name, with any prefix."""
-    return link == name or link.endswith(f"_{name}")
+    return link == name or link.endswith(tuple(f"{mark}{name}" for mark in "_:/"))
 
 
 def same_for_all(torque: float) -> Callable[[Robot], Mapping[str, float]]:

@@ -41,7 +41,8 @@ def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: 
             transform = tree.rigid(link, other)
             if transform is not None:
                 there = fit.centres @ transform[:3, :3].T + transform[:3, 3]
-                inside = np.linalg.norm(there - tip.centre, axis=1) + fit.radii <= tip.standoff * (1.0 + 1e-6)
+                ball = 0.0 if tip.slides else tip.standoff  # one that slides is not always there
+                inside = np.linalg.norm(there - tip.centre, axis=1) + fit.radii <= ball * (1.0 + 1e-6)
                 fit = fit.limited(tip.most_radius(there) - clearance, inside)
                 beside.append((transform, tip))
         if beside:

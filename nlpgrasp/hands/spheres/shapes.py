@@ -21,11 +21,11 @@ class Shape:
 
     Parameters
     ----------
-    kind : {"sphere", "cylinder", "capsule", "box", "mesh"}
+    kind : {"sphere", "cylinder", "capsule", "ellipsoid", "box", "mesh"}
     mesh : trimesh.Trimesh
         The surface, metres, link frame; for spheres and cylinders a polyhedron around the exact surface.
     centre, radius : (3,) array and float, optional
-        Of a sphere.
+        Of a sphere; the radius of a capsule too.
     size : tuple of float
         Of what is no sphere and no mesh, metres: radius and length, or the lengths of a box.
     pose : (4, 4) array, optional
@@ -69,7 +69,18 @@ class Shape:
         mesh = trimesh.creation.capsule(height=length / radius, radius=1.0)
         mesh.apply_scale(radius)
         mesh.apply_transform(pose)
-        return cls("capsule", mesh, size=(radius, length), pose=pose)
+        return cls("capsule", mesh, radius=radius, size=(radius, length), pose=pose)
+
+    @classmethod
+    def ellipsoid(cls, semi_axes: FloatArray, pose: FloatArray) -> Shape:
+        """Return an ellipsoid at a pose (4, 4), as a polyhedron that encloses it."""
+        import trimesh
+
+        mesh = trimesh.creation.icosphere(subdivisions=3)
+        inner = np.min(np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles[:, 0]))  # its faces' least distance
+        mesh.apply_scale(semi_axes / inner)
+        mesh.apply_transform(pose)
+        return cls("ellipsoid", mesh)
 
     @classmethod
     def box(cls, size: FloatArray, pose: FloatArray) -> Shape:
@@ -78,6 +89,13 @@ class Shape:
 
         mesh = trimesh.creation.box(size, transform=pose)
         return cls("box", mesh, size=tuple(map(float, size)), pose=pose)
+
+    @property
+    def ends(self) -> FloatArray | None:
+        """Ends of a capsule's axis, (2, 3), metres, link frame; None of other shapes."""
+        if self.kind != "capsule" or self.pose is None:
+            return None
+        return np.asarray(self.pose[:3, 3] + np.outer([-0.5, 0.5], self.size[1] * self.pose[:3, 2]))
 
     @property
     def content(self) -> bytes:

@@ -80,6 +80,11 @@ class Tip(ABC):
         """Whether the patch has a coordinate of its own, between 0 and 1."""
         return False
 
+    @property
+    def first_slide(self) -> float:
+        """The patch's own coordinate where its ball is at ``centre``: where to begin."""
+        return 0.5
+
     def ball_centre(self, pose: Expression, slide: Expression) -> Expression | None:
         """Return the centre of the ball behind the contact, body frame, for the link's pose; None without a ball."""
         return None

@@ -34,10 +34,11 @@ class CylinderTip(Tip):
     end: ArrayLike
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", number("CylinderTip.radius", self.radius, above=0.0))
-        ends = [array(f"CylinderTip.{name}", getattr(self, name), (3,)) for name in ("start", "end")]
+        field = type(self).__name__
+        object.__setattr__(self, "radius", number(f"{field}.radius", self.radius, above=0.0))
+        ends = [array(f"{field}.{name}", getattr(self, name), (3,)) for name in ("start", "end")]
         if np.linalg.norm(ends[1] - ends[0]) < 1e-9:
-            raise InputError("CylinderTip.end", self.end, "another point than the start")
+            raise InputError(f"{field}.end", self.end, "another point than the start")
         for name, value in zip(("start", "end"), ends, strict=True):
             object.__setattr__(self, name, tuple(value.tolist()))
 

@@ -1,8 +1,7 @@
-"""Mass and inertia of a URDF's links, as it states them."""
+"""Mass and inertia of a robot's links, as a URDF states them."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.urdf.urdf_file import urdf_root
 from nlpgrasp.hands.urdf.urdf_values import numbers
 
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -35,8 +35,8 @@ class Inertial:
     inertia: FloatArray
 
 
-def read_inertials(path: str | Path) -> Mapping[str, Inertial]:
-    """Return mass and inertia of the links that state a mass above zero.
+def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
+    """Return mass and inertia of the links of a URDF that state a mass above zero.
 
     Raises
     ------
@@ -44,8 +44,7 @@ def read_inertials(path: str | Path) -> Mapping[str, Inertial]:
         On numbers that cannot be read.
     """
     source, result = Path(path), {}
-    root = ET.parse(source).getroot()  # noqa: S314  (the user's own file, read before)
-    for link in root.findall("link"):
+    for link in urdf_root(source).findall("link"):
         name, stated = link.get("name", ""), link.find("inertial")
         if stated is None:
             continue

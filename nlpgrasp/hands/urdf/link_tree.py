@@ -175,12 +175,12 @@ class LinkTree:
         position = around - tips.mean(axis=1)
         quaternion = rotations.as_quat(scalar_first=True)
         values = {"palm_position": position, "palm_quaternion": quaternion, "joints": joints}
-        return values | self.middle_slides(count), position[:, None] + tips
+        return values | self.first_slides(count), position[:, None] + tips
 
-    def middle_slides(self, count: int) -> dict[str, FloatArray]:
-        """Return the fingertips' own coordinates in the middle of their range, (count, m), where there are any."""
-        slides = sum(tip.slides for _, tip in self.tips)
-        return {"slides": np.full((count, slides), 0.5)} if slides else {}
+    def first_slides(self, count: int) -> dict[str, FloatArray]:
+        """Return the fingertips' own coordinates where searches begin, (count, m), where there are any."""
+        slides = [tip.first_slide for _, tip in self.tips if tip.slides]
+        return {"slides": np.tile(slides, (count, 1))} if slides else {}
 
     @cached_property
     def used_links(self) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ def reach(
         "palm_position": positions,
         "palm_quaternion": Rotation.from_matrix(rotations).as_quat(scalar_first=True),
         "joints": joints[chosen],
-    } | tree.middle_slides(len(chosen))
+    } | tree.first_slides(len(chosen))
     return values, tips[chosen] @ rotations.transpose(0, 2, 1) + positions[:, None]
 
 

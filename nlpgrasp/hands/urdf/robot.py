@@ -90,6 +90,8 @@ class Robot:
         Links that are to be seen and have no collision shape.
     turned : tuple of str
         Followers whose limits were taken with the other sign (``urdf_mimics.with_signs``).
+    unmodelled : tuple of str
+        What couples joints in the file and is left out, a phrase each.
     """
 
     name: str
@@ -102,6 +104,7 @@ class Robot:
     sha256: str = ""
     bare: tuple[str, ...] = ()
     turned: tuple[str, ...] = ()
+    unmodelled: tuple[str, ...] = ()
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:

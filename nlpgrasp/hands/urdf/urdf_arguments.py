@@ -10,18 +10,24 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips import SphereTip, Tip
+from nlpgrasp.hands.tips.of_shape import tip_of
 from nlpgrasp.hands.urdf.robot import Robot
 
+Fingertips = Mapping[str, float | Tip | Sequence[Tip] | None] | Sequence[str]
 
-def tips_of(robot: Robot, fingertips: Mapping[str, float | Tip | Sequence[Tip]]) -> list[tuple[str, Tip]]:
+
+def tips_of(robot: Robot, fingertips: Fingertips) -> list[tuple[str, Tip]]:
     """Return link and patch of each contact, in the order given."""
+    if isinstance(fingertips, list | tuple) and all(isinstance(name, str) for name in fingertips):
+        fingertips = dict.fromkeys(fingertips)
     if not isinstance(fingertips, Mapping) or not fingertips:
-        raise InputError("URDFHand.fingertips", fingertips, "link names with a radius or a tip each")
+        raise InputError("URDFHand.fingertips", fingertips, "link names, each with a radius or a tip")
     unknown = [name for name in fingertips if name not in robot.links]
     if unknown:
         raise InputError("URDFHand.fingertips", ", ".join(map(str, unknown)), "links: " + ", ".join(robot.links))
     result: list[tuple[str, Tip]] = []
-    for link, given in fingertips.items():
+    for link, said in fingertips.items():
+        given = _own_shape(robot, link) if said is None else said
         several = list(given) if isinstance(given, list | tuple) else [given]
         if not several:
             raise InputError(f"URDFHand.fingertips[{link!r}]", given, "a radius, a tip, or several tips")
@@ -33,6 +39,17 @@ def tips_of(robot: Robot, fingertips: Mapping[str, float | Tip | Sequence[Tip]])
     if not result:
         raise InputError("URDFHand.fingertips", fingertips, "at least one tip")
     return result
+
+
+def _own_shape(robot: Robot, link: str) -> Tip:
+    """Return the fingertip that a link's collision shape is."""
+    shapes = robot.shapes.get(link, ())
+    tip = tip_of(shapes)
+    if tip is None:
+        kinds = ", ".join(shape.kind for shape in shapes) or "none"
+        allowed = "a radius or a tip: its collision shapes are no single sphere or capsule"
+        raise InputError(f"URDFHand.fingertips[{link!r}]", f"nothing for shapes {kinds}", allowed)
+    return tip
 
 
 def approach_of(given: ArrayLike) -> FloatArray:
@@ -65,4 +82,6 @@ def remarks(robot: Robot) -> list[str]:
         found.append(f"nothing keeps links without a collision shape off the body: {', '.join(robot.bare)}")
     if robot.turned:
         found.append(f"taken with the other sign: {'; '.join(robot.turned)}")
+    if robot.unmodelled:
+        found.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled)}")
     return found

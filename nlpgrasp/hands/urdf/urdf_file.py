@@ -5,12 +5,12 @@ from __future__ import annotations
 import hashlib
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from nlpgrasp.common.extras.xacro import expanded
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.urdf.robot import MOVABLE, Joint, Mimic, Robot
 from nlpgrasp.hands.urdf.urdf_mimics import check_mimics, check_ranges, with_signs
@@ -85,7 +85,7 @@ def _opened(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
     if not isinstance(path, str | Path):
         raise InputError("URDFHand.path", path, "the path of a URDF file")
     source = Path(path)
-    root = _root(source)
+    root = urdf_root(source)
     links = [_name(source, e, "link") for e in root.findall("link")]
     if not links:
         bad(source, "no <link>", "a robot with links")
@@ -93,7 +93,14 @@ def _opened(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
     return source, root, links
 
 
-def _root(source: Path) -> ET.Element:
+def urdf_root(source: Path) -> ET.Element:
+    """Return the <robot> of a URDF, macros expanded.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, or is not a URDF.
+    """
     try:
         text = source.read_bytes()
     except (OSError, ValueError) as error:
@@ -106,9 +113,7 @@ def _root(source: Path) -> ET.Element:
     if root.tag != "robot":
         bad(source, f"<{root.tag}> at the top", "<robot>, as a URDF has")
     if any(element.tag.startswith(XACRO) for element in root.iter()):
-        first = "" if find_spec("xacro") else "pip install xacro, then "
-        plain = source.name.removesuffix(".xacro").removesuffix(".urdf")
-        bad(source, "a xacro file", f"the URDF that it makes: {first}xacro {source.name} > {plain}.urdf")
+        return ET.fromstring(expanded(source))  # noqa: S314
     return root
 
 

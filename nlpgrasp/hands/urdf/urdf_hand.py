@@ -1,9 +1,9 @@
-"""A hand given by a URDF."""
+"""A hand given by a URDF or by MJCF."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from functools import cached_property
 from pathlib import Path
@@ -22,11 +22,11 @@ from nlpgrasp.hands.base import HandVariable
 from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.spheres.self_collision import apart, colliding_pairs
-from nlpgrasp.hands.tips import Tip, Touch
+from nlpgrasp.hands.tips import Touch
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
-from nlpgrasp.hands.urdf.urdf_arguments import approach_of, remarks, tips_of, torque_limits_of
-from nlpgrasp.hands.urdf.urdf_file import read_urdf
+from nlpgrasp.hands.urdf.robot_file import read_robot
+from nlpgrasp.hands.urdf.urdf_arguments import Fingertips, approach_of, remarks, tips_of, torque_limits_of
 
 TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact
 
@@ -80,7 +80,7 @@ class URDFHand(LinkedHand):
     def load(
         cls,
         path: str | Path,
-        fingertips: Mapping[str, float | Tip | Sequence[Tip]],
+        fingertips: Fingertips,
         torque_limits: Mapping[str, float] | float | None = None,
         *,
         palm: str | None = None,
@@ -89,13 +89,16 @@ class URDFHand(LinkedHand):
         spheres_per_link: int = 6,
         self_collision: bool = True,
     ) -> URDFHand:
-        """Return the hand of a URDF file.
+        """Return the hand of a file.
 
         Parameters
         ----------
         path : str or Path
-        fingertips : mapping
-            Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips.
+            A URDF, a xacro file (with the package ``xacro``) or MuJoCo's MJCF (extra ``sim``); the element at its top
+            says which. Bodies of an MJCF are links, hinges and slides are joints.
+        fingertips : mapping or sequence of str
+            Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips; None, or
+            names alone, take the only sphere or capsule among the link's collision shapes.
             Contact i belongs to fingertip i, in this order. Inner links and the palm may have tips too.
         torque_limits : mapping of joint names to floats, or float, optional
             Newton-metres (newtons for sliding joints), for the force budget ``"hand_torques"``; the URDF's efforts
@@ -116,15 +119,18 @@ class URDFHand(LinkedHand):
         ------
         InputError
             On files, links, joints or limits that cannot be used; unknown link names list those there are.
+        MissingExtraError
+            On MJCF without MuJoCo, and on meshes in COLLADA without their reader.
 
         Warns
         -----
         UserWarning
             Naming mesh files that do not exist, and links that are to be seen and have no collision shape: the hand
             goes on with the shapes there are. Naming joints that follow others the other way round and have limits
-            without the sign: they are taken with it.
+            without the sign: they are taken with it. Naming tendons and closed loops of an MJCF that couple joints and
+            are not modelled.
         """
-        robot = read_urdf(path, palm)
+        robot = read_robot(path, palm)
         tips = tips_of(robot, fingertips)
         for text in remarks(robot):
             warnings.warn(f"{robot.source}: {text}", UserWarning, stacklevel=2)

@@ -11,9 +11,8 @@ import numpy as np
 from nlpgrasp.common.extras.mujoco import import_mujoco
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.urdf.inertials import read_inertials
 from nlpgrasp.hands.urdf.robot import Robot
-from nlpgrasp.hands.urdf.urdf_file import read_urdf
+from nlpgrasp.hands.urdf.robot_file import read_robot, robot_inertials
 from nlpgrasp.mjcf.hand_scene.hand_bodies import PlacedRobot, add_hand
 from nlpgrasp.mjcf.hand_scene.keyframes import add_keyframes, gains_of, keyframes
 from nlpgrasp.mjcf.hand_scene.object_shape import add_object_geoms
@@ -52,7 +51,7 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
     solution : GraspSolution
         Of a problem with an ``URDFHand``, with a squeeze.
     urdf : path
-        The hand's file: the one the problem was solved with.
+        The hand's file, a URDF, a xacro file or MJCF: the one the problem was solved with.
     options : HandSceneOptions, optional
 
     Raises
@@ -89,7 +88,7 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
     gains = gains_of(robot, solution.squeeze, given.gain)
     limits = _limits(solution)
     tips = tuple(solution.problem["hand"]["fingertips"])
-    placed = PlacedRobot(robot, read_inertials(urdf), hand["palm_pose"], tips, gains, limits)
+    placed = PlacedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits)
     add_hand(root, placed, surfaces, given)
     frames = keyframes(hand, robot, solution.squeeze, gains, _scale(solution.squeeze, given.normal_force))
     root.insert(0, Comment(SAID.format(names=", ".join(frame.name for frame in frames))))
@@ -106,7 +105,7 @@ def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float]) -> Robot:
     """Return the hand of a file, refusing one that is not the solution's."""
     if not Path(urdf).is_file():
         raise InputError("--hand", str(urdf), "the hand's URDF file")
-    robot = read_urdf(urdf, palm)
+    robot = read_robot(urdf, palm)
     missing = sorted(set(joints) - {joint.name for joint in robot.joints if joint.moves})
     if missing:
         raise InputError(str(urdf), f"no joint {missing[0]}", "the solution's hand")

@@ -17,6 +17,8 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.rows import PROMISE, RowValue
 
+ROUNDING = 1e-4  # by how much, over the axis' length, a capsule's contact may be inside it
+
 
 @dataclass(frozen=True)
 class Touching:
@@ -65,7 +67,7 @@ class Touching:
 
 def radius_of(tip: Json) -> float:
     """Return the radius of a round fingertip, metres, 0 of the others."""
-    return number("radius", tip["radius"], above=0.0) if tip["type"] in ("sphere", "cylinder") else 0.0
+    return number("radius", tip["radius"], above=0.0) if tip["type"] in ("sphere", "cylinder", "capsule") else 0.0
 
 
 def centre_of(tip: Json, touching: Touching) -> FloatArray:
@@ -104,6 +106,19 @@ def _cylinder(tip: Json, touching: Touching) -> Iterator[RowValue]:
     yield touching.cosine("across", float(along @ touching.n))
 
 
+def _capsule(tip: Json, touching: Touching) -> Iterator[RowValue]:
+    """Yield ``a + s (b - a) = p - r n``, and that n leans over an end by no more than the ball is near it."""
+    start, end = (array(key, tip[key], (3,)) for key in ("start", "end"))
+    length = float(np.linalg.norm(end - start))
+    along, centre = touching.pose[:3, :3] @ ((end - start) / length), centre_of(tip, touching)
+    slack = 10.0 * PROMISE * touching.size
+    yield from touching.equal(centre, touching.p - radius_of(tip) * touching.n, slack * np.abs(along))
+    share = float((centre - touching.place(start)) @ along) / length
+    leans, error = float(along @ touching.n), touching.turn + (slack + touching.error) / length
+    for what, value in (("over the end", (1.0 - share) * leans), ("over the start", -share * leans)):
+        yield RowValue(f"{touching.name}, {what}", value, -np.inf, ROUNDING, error=error)
+
+
 def _flat(tip: Json, touching: Touching) -> Iterator[RowValue]:
     """Yield that the normals agree, and that the contact is in the rectangle."""
     origin, axes = _frame(tip, touching)
@@ -138,6 +153,7 @@ def _frame(tip: Json, touching: Touching) -> tuple[FloatArray, FloatArray]:
 ROWS: dict[str, Callable[[Json, Touching], Iterator[RowValue]]] = {
     "sphere": _sphere,
     "cylinder": _cylinder,
+    "capsule": _capsule,
     "flat": _flat,
     "ellipsoid": _ellipsoid,
 }

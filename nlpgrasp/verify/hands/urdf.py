@@ -23,7 +23,8 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.solution.phases.phase import LIFT, SQUEEZE
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.constraints.regions import unit
-from nlpgrasp.verify.hands.kinematics import Link, jacobian, links_below, loaded, poses, reach
+from nlpgrasp.verify.hands.kinematics import Link, jacobian, loaded, poses, reach
+from nlpgrasp.verify.hands.links import links_in
 from nlpgrasp.verify.hands.tips import Touching, centre_of, radius_of, touching_rows
 from nlpgrasp.verify.placement import Ball, Palm, StatedPlacement
 from nlpgrasp.verify.rows import PROMISE, RowValue
@@ -109,12 +110,11 @@ class URDFNumbers:
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
-        """The links below the palm; raises ``NotMadeError`` where the URDF is not there or is another one."""
+        """The links below the palm; raises ``NotMadeError`` where the file is not there or is another one."""
         place = self.sources.find(self.data.get("source"))
-        text = place.read_bytes()
-        if hashlib.sha256(text).hexdigest() != self.data["sha256"]:
+        if hashlib.sha256(place.read_bytes()).hexdigest() != self.data["sha256"]:
             raise NotMadeError(f"{place.name} has another sha256 than the file records")
-        return links_below(text, str(self.data["palm"]))
+        return links_in(place, str(self.data["palm"]))
 
     @cached_property
     def poses(self) -> dict[str, FloatArray]:

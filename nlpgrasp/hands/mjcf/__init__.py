@@ -1,0 +1,1 @@
+"""Robots from MuJoCo's own files (MJCF), as the same plain data that a URDF gives."""

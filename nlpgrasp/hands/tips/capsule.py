@@ -1,0 +1,68 @@
+"""A finger's last link: a contact on its round end, or anywhere along its side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.common.rows import Row
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.tips.base import SLACK, Touch, equal
+from nlpgrasp.hands.tips.cylinder import CylinderTip
+
+ROUNDING = 1e-4  # of the axis' length: how far at most a contact is inside the capsule
+
+
+@dataclass(frozen=True)
+class CapsuleTip(CylinderTip):
+    """A cylinder with round ends, between two points of its axis: side and both ends in one.
+
+    With s from 0 to 1 along the axis and v = u . n the contact normal's share of the axis' direction u,
+    ``a + s (b - a) = p - r n`` puts a ball that touches at p on the axis. It touches where the capsule does, if v = 0
+    within the axis, v >= 0 at b and v <= 0 at a: ``(1 - s) max(v, 0) = 0`` and ``s max(-v, 0) = 0``. The rows are
+    ``(1 - s) v <= e`` and ``-s v <= e`` with e = 1e-4, which are smooth and have an inside; p is then inside the
+    capsule by at most e times the axis' length (docs/hands.md).
+
+    Parameters
+    ----------
+    radius : float
+        Metres, greater than zero.
+    start, end : (3,) array
+        Centres of the round ends, metres, link frame; searches begin at ``end``, the finger's.
+    """
+
+    kind: ClassVar[str] = "capsule"
+
+    @property
+    def centre(self) -> FloatArray:
+        """Centre of the round end, (3,), metres, link frame: fingertips touch there rather than behind."""
+        return np.array(self.end, dtype=float)
+
+    @property
+    def first_slide(self) -> float:
+        """The end of the axis, 1: as a sphere there a search begins."""
+        return 1.0
+
+    def most_radius(self, centres: FloatArray) -> FloatArray:
+        """Return how far spheres about points (m, 3) may reach within the capsule's own radius, (m,), metres.
+
+        Behind the start the finger may go on as thick as the capsule is.
+        """
+        a, b = self.ends
+        t = np.minimum((centres - a) @ (b - a) / np.sum((b - a) ** 2), 1.0)
+        off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)
+        return np.asarray(np.maximum(self.radius - off - SLACK, 0.0))
+
+    def rows(self, touch: Touch) -> list[Row]:
+        """Return ``a + s (b - a) = p - r n``, and that n leans over the ends there alone."""
+        a, b = self.ends
+        along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
+        leans = ca.dot(along, touch.n)
+        return [
+            *equal(touch, self.ball_centre(touch.pose, touch.slide), touch.p - self.radius * touch.n),
+            touch.row("over the end", (1.0 - touch.slide) * leans, -np.inf, ROUNDING),
+            touch.row("over the start", -touch.slide * leans, -np.inf, ROUNDING),
+        ]
