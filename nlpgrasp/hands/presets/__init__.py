@@ -5,4 +5,4 @@ from nlpgrasp.hands.presets.grippers import barrett, panda, robotiq_2f85, roboti
 
 PRESETS = {make.__name__: make for make in (allegro, barrett, leap, panda, robotiq_2f85, robotiq_3f, shadow)}
 
-__all__ = ["PRESETS", "allegro", "barrett", "leap", "panda", "robotiq_2f85", "robotiq_3f", "shadow"]
+__all__ = ["allegro", "barrett", "leap", "panda", "robotiq_2f85", "robotiq_3f", "shadow"]

@@ -15,7 +15,7 @@ from nlpgrasp.report.hand.tree import listed
 from nlpgrasp.report.scene.camera import TILTS, TURNS
 from nlpgrasp.report.scene.surfaces import surface
 
-MOST = 3000  # triangles of a collision shape
+MOST, FEWEST, ALL = 3000, 200, 60_000  # triangles of a collision shape, and of all together
 DIGITS = 7  # after the point, metres: what is for looking at
 DOT = 0.012  # of the hand's size: a frame that may become a fingertip
 ABOVE = 0.05  # how much a view from above counts against one from below
@@ -47,10 +47,11 @@ def scene(hand: Inspected) -> Json:
         return known[key]
 
     parts, corners = [], []
+    most = max(FEWEST, min(MOST, ALL // max(1, sum(map(len, robot.shapes.values())))))
     for link, shapes in robot.shapes.items():
         for shape in shapes:
             vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
-            drawn = Triangles(*simplified(vertices, faces, MOST))
+            drawn = Triangles(*simplified(vertices, faces, most))
             parts.append({"link": index[link], "surface": kept(shape.fingerprint, drawn)})
             corners.append({"link": index[link], "at": _corners(vertices)})
     tips = []
