@@ -1,4 +1,4 @@
-"""``nlpgrasp solve | bound | quality | verify | experiment | report | export | simulate | task``.
+"""``nlpgrasp solve | bound | quality | verify | experiment | report | hand | export | simulate | task``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -20,6 +20,7 @@ import nlpgrasp as ng
 from nlpgrasp.cli.bound import bound_command
 from nlpgrasp.cli.experiment import experiment_command
 from nlpgrasp.cli.export import export_command
+from nlpgrasp.cli.hand.command import hand_command
 from nlpgrasp.cli.options import AsJson, File, Folders, Rtol, Script, writable
 from nlpgrasp.cli.progress import Reporter, done, emit, pair
 from nlpgrasp.cli.quality import quality_command
@@ -129,6 +130,7 @@ def command_line(words: Sequence[str]) -> typer.Typer:
     app.command("quality")(quality_command)
     app.command("experiment")(experiment_command)
     app.command("report")(report_command)
+    app.command("hand")(hand_command)
     if "export" in words:
         from nlpgrasp.interop.registry import formats
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from nlpgrasp.common.files import writable_place
 from nlpgrasp.errors import InputError
 
 Script = Annotated[Path, typer.Argument(metavar="SCRIPT", help="Python file with a function problem().")]
@@ -28,15 +28,6 @@ Rtol = Annotated[float, typer.Option("--rtol", help="Relative gap of the certifi
 
 def writable(target: Path, *sources: Path) -> Path:
     """Return the absolute path of a result file, refusing one that could not or should not be written."""
-    place = target.resolve()
-    if place.is_dir():
-        raise InputError("--out", f"{target} (a folder)", "a file name")
-    if not place.parent.is_dir():
-        raise InputError("--out", f"{target} (no folder {target.parent})", "a file in a folder that exists")
-    if place in [source.resolve() for source in sources]:
+    if target.resolve() in [source.resolve() for source in sources]:
         raise InputError("--out", f"{target} (the script or file itself)", "another file")
-    if place.exists() and not place.is_file():
-        raise InputError("--out", f"{target} (not a regular file)", "a file name")
-    if not os.access(place.parent, os.W_OK) or (place.exists() and not os.access(place, os.W_OK)):
-        raise InputError("--out", f"{target} (not writable)", "a file that can be written")
-    return place
+    return writable_place("--out", target)

@@ -46,6 +46,26 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
     return target
 
 
+def writable_place(field: str, target: Path) -> Path:
+    """Return the absolute path of a file that is to be written.
+
+    Raises
+    ------
+    InputError
+        Naming the field, when the file could not be written.
+    """
+    place = target.resolve()
+    if place.is_dir():
+        raise InputError(field, f"{target} (a folder)", "a file name")
+    if not place.parent.is_dir():
+        raise InputError(field, f"{target} (no folder {target.parent})", "a file in a folder that exists")
+    if place.exists() and not place.is_file():
+        raise InputError(field, f"{target} (not a regular file)", "a file name")
+    if not os.access(place.parent, os.W_OK) or (place.exists() and not os.access(place, os.W_OK)):
+        raise InputError(field, f"{target} (not writable)", "a file that can be written")
+    return place
+
+
 def read_text(path: str | Path, what: str, largest: int) -> str:
     """Return the text of a file.
 

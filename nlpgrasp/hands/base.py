@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 import casadi as ca
@@ -12,10 +13,12 @@ import numpy as np
 
 from nlpgrasp.common.registry import StatedPart
 from nlpgrasp.common.rows import LinkSphere, PalmPose, Placement, Row
+from nlpgrasp.common.shown.face import show
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
 Values = dict[str, FloatArray]
+PAGE = ("nlpgrasp.report.hand.page", "write_hand")
 
 
 @dataclass(frozen=True)
@@ -126,3 +129,26 @@ class Hand(StatedPart):
     def describe(self, values: Values) -> Json:
         """Return values of the variables as the JSON data of a solution."""
         return {name: np.asarray(v).tolist() for name, v in values.items()}
+
+    @property
+    def shown_name(self) -> str:
+        """What this hand is called on its page."""
+        return self.kind
+
+    def show(self, path: str | Path | None = None) -> Path:
+        """Write a page that shows the hand, open it in a browser where there is one, and return where it is.
+
+        Links, spheres, fingertips and joints to move, which fingertips can meet, and what the file leaves open. The
+        page opens from disk and needs no network. Without a browser, or a display for it, a sentence says where it is.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Of the page, an HTML file; a temporary one when left out.
+
+        Raises
+        ------
+        InputError
+            For a hand without links, and for a path that cannot be written.
+        """
+        return show(self, self.shown_name, PAGE, path)

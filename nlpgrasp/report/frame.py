@@ -36,7 +36,11 @@ def page(title: str, style: str, parts: Sequence[str], head: str = "", scripts: 
 
 def style(*sheets: str) -> str:
     """Return style sheets of this room, after the colours that all pages share, in light and in dark."""
-    root = files("nlpgrasp.report")
     dark = f"@media (prefers-color-scheme: dark) {{ :root {{ {css_variables(DARK)} }} }}"
-    texts = [root.joinpath(name).read_text(encoding="utf-8") for name in ("frame.css", *sheets)]
+    texts = [resource(name) for name in ("frame.css", *sheets)]
     return "\n".join([f":root {{ {css_variables(COLOURS)} }}", dark, *texts])
+
+
+def resource(name: str) -> str:
+    """Return the text of a file of this room: a style sheet or a script."""
+    return files("nlpgrasp.report").joinpath(name).read_text(encoding="utf-8")

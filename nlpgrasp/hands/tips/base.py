@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.rows import ON_FINGERTIP, Row
+from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.hands.tips.patches import DOT, FINE, dome
 
 SLACK = 2e-4  # metres that spheres of a touching link stay behind its patch: the contact itself keeps them off
 TILT = np.sin(np.radians(20.0))  # a finger may lean this far over before its own link is in the way
@@ -100,6 +102,22 @@ class Tip(ABC):
     @abstractmethod
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return how large spheres about points (m, 3) of the link may be to leave the patch free, (m,), metres."""
+
+    @property
+    def backbone(self) -> FloatArray:
+        """Centres of the balls of radius ``standoff`` behind the patch, (m, 3), metres, link frame."""
+        return self.centre[None]
+
+    def surface(self, sides: int = FINE) -> Triangles:
+        """Return the patch as triangles in the link's frame, outward; a ball where a kind does not say its own.
+
+        Parameters
+        ----------
+        sides : int
+            Of what is round.
+        """
+        ball = dome(np.array([0.0, 0.0, 1.0]), np.pi, sides)
+        return Triangles(self.centre + (self.standoff or DOT) * ball.vertices, ball.faces)
 
     @abstractmethod
     def to_dict(self) -> Json:

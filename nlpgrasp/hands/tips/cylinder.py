@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips.base import SLACK, Tip, Touch, equal
+from nlpgrasp.hands.tips.patches import FINE, tube
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,17 @@ class CylinderTip(Tip):
         t = np.clip((centres - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
         off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)
         return np.asarray(np.maximum(self.radius - off - SLACK, 0.0))
+
+    @property
+    def backbone(self) -> FloatArray:
+        """Points along the axis, (9, 3), metres, link frame."""
+        start, end = self.ends
+        return np.asarray(np.linspace(start, end, 9))
+
+    def surface(self, sides: int = FINE) -> Triangles:
+        """Return the side of the cylinder as triangles."""
+        start, end = self.ends
+        return tube(self.radius, start, end, sides)
 
     def to_dict(self) -> Json:
         """Return radius and ends."""

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal, frame_of
+from nlpgrasp.hands.tips.patches import FINE, dome
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,15 @@ class EllipsoidTip(Tip):
         """Return radii for points (m, 3), (m,), metres: those of a cone of 20 degrees around the smallest semi-axis."""
         smallest = float(np.min(self.semi_axes))
         return np.asarray(smallest + TILT * np.linalg.norm(centres - self.centre, axis=1))
+
+    def surface(self, sides: int = FINE) -> Triangles:
+        """Return the patch as triangles: its points by their outward normals."""
+        frame, axes = frame_of("EllipsoidTip", self.offset, self.rpy), np.asarray(self.semi_axes, dtype=float)
+        facing = np.array([0.0, 0.0, 1.0]) if self.facing is None else np.asarray(self.facing, dtype=float)
+        found = dome(facing, np.pi if self.facing is None else self.angle, sides)
+        scaled = axes * found.vertices
+        points = axes * scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
+        return Triangles(points @ frame[:3, :3].T + frame[:3, 3], found.faces)
 
     def to_dict(self) -> Json:
         """Return shape, pose and extent as JSON data."""

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips.base import SLACK, Tip, Touch, frame_of
+from nlpgrasp.hands.tips.patches import FINE, rectangle
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,10 @@ class FlatTip(Tip):
         """Return how far points (m, 3) are behind the pad's plane, (m,), metres."""
         frame = self.frame
         return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2] - SLACK, 0.0))
+
+    def surface(self, sides: int = FINE) -> Triangles:
+        """Return the rectangle as triangles."""
+        return rectangle(np.asarray(self.extents, dtype=float), self.frame, max(2, sides // 3))
 
     def to_dict(self) -> Json:
         """Return extents and pose as JSON data."""

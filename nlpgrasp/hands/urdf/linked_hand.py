@@ -26,6 +26,11 @@ class LinkedHand(PosedHand):
 
     tree: LinkTree
 
+    @property
+    def shown_name(self) -> str:
+        """What this hand is called on its page: the robot's name."""
+        return self.tree.robot.name
+
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
         """Return the palm's pose in the body's frame."""
         return self.tree.palm(variables)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 from nlpgrasp.common.files import write_text
 from nlpgrasp.experiments.found.compare import compare
-from nlpgrasp.report.frame import page, style
+from nlpgrasp.report.frame import page, resource, style
 from nlpgrasp.report.solution import sections
 from nlpgrasp.report.solution.panel import verdict
 from nlpgrasp.report.solution.starts import starts
@@ -44,7 +43,7 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
         body += [f"<h1>{len(solutions)} grasps compared</h1>", sections.comparison(compared, solutions)]
     heading = "h1" if len(solutions) == 1 else "h2"
     body += [_solution(name, solution, i, heading) for i, (name, solution) in enumerate(solutions.items())]
-    scripts = "".join(f"<script>{_resource(f'viewer/{name}')}</script>" for name in VIEWER)
+    scripts = "".join(f"<script>{resource(f'viewer/{name}')}</script>" for name in VIEWER)
     return write_text(path, page(title, style("report.css"), body, '<link rel="icon" href="data:,">', scripts))
 
 
@@ -75,7 +74,3 @@ def _solution(name: str, solution: GraspSolution, number: int, heading: str) -> 
         f'<script type="application/json">{text}</script></section>',
     ]
     return "\n".join(part for part in parts if part)
-
-
-def _resource(name: str) -> str:
-    return files("nlpgrasp.report").joinpath(name).read_text(encoding="utf-8")

@@ -3,14 +3,14 @@
 
 const VERTEX = `#version 300 es
 in vec3 position, normal, colour;
-uniform mat4 projection;
+uniform mat4 projection, pose;
 uniform mat3 camera;
 out vec3 n, c, w;
 void main() {
-  n = camera * normal;
+  n = camera * mat3(pose) * normal;
   c = colour;
-  w = position;
-  gl_Position = projection * vec4(position, 1.0);
+  w = (pose * vec4(position, 1.0)).xyz;
+  gl_Position = projection * vec4(w, 1.0);
 }`;
 const FRAGMENT = `#version 300 es
 precision highp float;
@@ -33,6 +33,8 @@ void main() {
   shown = vec4(colour * seen, seen);
 }`;
 
+const UNMOVED = new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
+
 class Renderer {
   constructor() {
     this.canvas = document.createElement("canvas");
@@ -51,7 +53,7 @@ class Renderer {
     gl.linkProgram(program);
     gl.useProgram(program);
     this.at = Object.fromEntries(
-      ["projection", "camera", "alpha", "grid", "lit", "middle"].map((name) => [name, gl.getUniformLocation(program, name)]),
+      ["projection", "pose", "camera", "alpha", "grid", "lit", "middle"].map((name) => [name, gl.getUniformLocation(program, name)]),
     );
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
@@ -99,6 +101,7 @@ class Renderer {
     const gl = this.gl, held = this.held(layer.shape);
     gl.bindVertexArray(held.array);
     if (!layer.shape.colours) gl.vertexAttrib3fv(2, layer.colour);
+    gl.uniformMatrix4fv(this.at.pose, false, layer.pose || UNMOVED);
     gl.uniform1f(this.at.alpha, alpha);
     gl.uniform1f(this.at.lit, layer.grid ? 0 : 1);
     gl.uniform1f(this.at.grid, layer.grid || 0);

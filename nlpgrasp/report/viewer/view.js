@@ -112,7 +112,7 @@ class View {
     this.scene = this.scenes[i];
     this.reset();
     const { contacts } = this.scene.data;
-    this.labels.replaceChildren(...contacts.map((c, k) => Object.assign(document.createElement("span"), { textContent: k, title: c.face })));
+    this.labels.replaceChildren(...contacts.map((c, k) => Object.assign(document.createElement("span"), { textContent: c.label ?? k, title: c.face })));
     this.later();
   }
 
@@ -209,7 +209,7 @@ function handled(view) {
 /** The page's colours, light or dark as it is now. */
 function themeColours() {
   const style = getComputedStyle(document.documentElement);
-  const names = ["body", "link", "finger", "normal", "cone", "force", "obstacle", "table"];
+  const names = ["body", "link", "finger", "normal", "cone", "force", "task", "obstacle", "table"];
   return Object.fromEntries(names.map((name) => [name, colourOf(style.getPropertyValue(`--${name}`))]));
 }
 

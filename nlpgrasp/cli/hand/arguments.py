@@ -1,0 +1,118 @@
+"""What the command ``nlpgrasp hand`` makes of names: links, fingertips and presets, with those that are near."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlpgrasp.errors import InputError
+
+if TYPE_CHECKING:
+    from nlpgrasp.hands.tips import Tip
+
+MOST_NAMED, CLOSE = 4, 0.5  # names that are suggested, and how alike they have to be
+
+
+def described(source: Path, preset: str | None) -> tuple[str | None, Path | None]:
+    """Return the name of the preset that is meant, if any, and the path of the URDF, None where it is to be fetched.
+
+    Raises
+    ------
+    InputError
+        On the name of no preset, and where there is neither a file nor a preset.
+    """
+    from nlpgrasp.hands.presets import PRESETS
+
+    if preset is not None:
+        if preset not in PRESETS:
+            raise InputError("--preset", preset, f"one of {', '.join(PRESETS)}")
+        return preset, source
+    if not source.exists():
+        if str(source) in PRESETS:
+            return str(source), None
+        allowed = f"a URDF file that exists, or one of {', '.join(PRESETS)}"
+        raise InputError("URDF", str(source), allowed)
+    return None, source
+
+
+def link_of(source: Path, name: str, option: str, below: Sequence[str] | None = None) -> str:
+    """Return a link's name, refusing one that is not there.
+
+    Parameters
+    ----------
+    source : Path
+    name, option : str
+        What was given, and where.
+    below : sequence of str, optional
+        The links that are allowed; all of the file when left out.
+    """
+    from nlpgrasp.hands.urdf.urdf_file import link_names
+
+    names = list(link_names(source)) if below is None else list(below)
+    if name not in names:
+        near = get_close_matches(name, names, MOST_NAMED, CLOSE)
+        near += [other for other in names if name.casefold() in other.casefold() and other not in near]
+        some = ", ".join((near or names)[:MOST_NAMED])
+        raise InputError(option, name, f"a link of {source.name}, such as {some}")
+    return name
+
+
+def direction_of(text: str | None) -> list[float]:
+    """Return the direction in which the palm faces, given as X,Y,Z; its z axis where it is not given."""
+    try:
+        direction = [0.0, 0.0, 1.0] if text is None else [float(part) for part in text.split(",")]
+    except ValueError:
+        direction = []
+    if len(direction) != 3 or not any(direction):
+        raise InputError("--approach", text, "a direction as three numbers, such as 1,0,0")
+    return direction
+
+
+def fingertips_of(source: Path, palm: str | None, given: Sequence[str]) -> Mapping[str, float | Tip | Sequence[Tip]]:
+    """Return link and patch of each fingertip given as LINK or LINK=RADIUS.
+
+    Without a radius the fingertip is the link's collision sphere, or a sphere as thick as its collision shapes, about
+    their middle.
+
+    Raises
+    ------
+    InputError
+        On links that are not there or stand twice, radii that are none, and links without a shape and a radius.
+    """
+    from nlpgrasp.common.validation import number
+    from nlpgrasp.hands.tips import SphereTip
+    from nlpgrasp.hands.urdf.urdf_file import read_urdf
+
+    robot = read_urdf(source, palm)
+    result: dict[str, float | Tip | Sequence[Tip]] = {}
+    for text in given:
+        name, sign, radius = text.partition("=") if text not in robot.links else (text, "", "")
+        link = link_of(source, name, "--fingertip", robot.links)
+        if link in result:
+            raise InputError("--fingertip", f"{link} twice", "each link once")
+        if sign:
+            result[link] = number(f"--fingertip {link}", _number(link, radius), above=0.0)
+            continue
+        shapes = robot.shapes.get(link, ())
+        if not shapes:
+            raise InputError(
+                "--fingertip", f"{link}, which has no collision shape", f"its radius: {link}=0.01 (metres)"
+            )
+        first = shapes[0]
+        if len(shapes) == 1 and first.centre is not None:
+            result[link] = SphereTip(first.radius, first.centre)
+            continue
+        low = [min(float(shape.mesh.bounds[0][k]) for shape in shapes) for k in range(3)]
+        high = [max(float(shape.mesh.bounds[1][k]) for shape in shapes) for k in range(3)]
+        middle = [(a + b) / 2.0 for a, b in zip(low, high, strict=True)]
+        result[link] = SphereTip(min(b - a for a, b in zip(low, high, strict=True)) / 2.0, middle)
+    return result
+
+
+def _number(link: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--fingertip {link}", text or "nothing", "a radius in metres") from None

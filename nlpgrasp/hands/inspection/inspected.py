@@ -1,0 +1,84 @@
+"""A hand to look at: its links and spheres, with fingertips or without any yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.base import Hand
+from nlpgrasp.hands.spheres.hand_fits import fits_of
+from nlpgrasp.hands.spheres.link_spheres import SphereFit
+from nlpgrasp.hands.urdf.link_tree import LinkTree
+from nlpgrasp.hands.urdf.linked_hand import LinkedHand
+from nlpgrasp.hands.urdf.urdf_arguments import approach_of, torque_limits_of
+from nlpgrasp.hands.urdf.urdf_file import read_urdf
+
+SPHERES = 6  # a link, as URDFHand.load has by default
+EVEN = 0.1  # of its range: a joint whose range is as even about zero rests at zero
+CLOSED = 0.35  # share of its range at which any other rests
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """What there is to see of a hand.
+
+    Parameters
+    ----------
+    tree : LinkTree
+        Without fingertips where none are stated.
+    fits : mapping of str to SphereFit
+        Spheres around the links.
+    torque_limits : mapping of str to float
+        By joint, newton-metres (newtons for sliding joints).
+    """
+
+    tree: LinkTree
+    fits: Mapping[str, SphereFit]
+    torque_limits: Mapping[str, float]
+
+    @property
+    def at_rest(self) -> FloatArray:
+        """Positions of the free joints in a relaxed posture, (m,): at zero where that is their middle."""
+        lower, upper = self.tree.joint_limits if self.tree.robot.free_joints else np.zeros((2, 0))
+        even = np.abs(lower + upper) <= EVEN * (upper - lower)
+        return np.where(even, 0.0, lower + CLOSED * (upper - lower))
+
+    @property
+    def leaves(self) -> tuple[str, ...]:
+        """Links that no other link hangs from: where fingertips often are."""
+        parents = set(self.tree.robot.parents.values())
+        return tuple(link for link in self.tree.robot.links if link not in parents)
+
+
+def inspected(hand: Hand) -> Inspected:
+    """Return what there is to see of a hand.
+
+    Raises
+    ------
+    InputError
+        For a hand without links.
+    """
+    fits = getattr(hand, "fits", None) if isinstance(hand, LinkedHand) else None
+    if not isinstance(hand, LinkedHand) or fits is None:
+        given = f"{type(hand).__name__}, which has no links to draw"
+        raise InputError("hand.show", given, "a hand with links: ng.URDFHand.load or one of ng.hands")
+    return Inspected(hand.tree, fits, hand.torque_limits)
+
+
+def without_fingertips(path: str | Path, palm: str | None, approach: ArrayLike) -> Inspected:
+    """Return what there is to see of a URDF without fingertips; arguments are those of ``ng.URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        As ``ng.URDFHand.load``.
+    """
+    robot = read_urdf(path, palm)
+    tree = LinkTree(robot, (), approach_of(approach))
+    return Inspected(tree, fits_of(robot, SPHERES), torque_limits_of(robot, None))

@@ -1,0 +1,147 @@
+"""What the page draws of a hand: surfaces in their links' frames, spheres, fingertips, and where the camera is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.bodies.mesh.triangles import simplified
+from nlpgrasp.common.shown.drawing import Triangles
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.inspection.inspected import Inspected
+from nlpgrasp.report.hand.tree import listed
+from nlpgrasp.report.scene.camera import TILTS, TURNS
+from nlpgrasp.report.scene.surfaces import surface
+
+MOST, FEWEST, ALL = 3000, 200, 60_000  # triangles of a collision shape, and of all together
+DIGITS = 7  # after the point, metres: what is for looking at
+DOT = 0.012  # of the hand's size: a frame that may become a fingertip
+ABOVE = 0.05  # how much a view from above counts against one from below
+FACED = 0.35  # how much a view into the palm counts against one that shows the hand at its broadest
+PADS = 1.5  # how much a view at the fingertips' patches counts
+
+
+def scene(hand: Inspected) -> Json:
+    """Return what is drawn of a hand; metres, each in its link's frame.
+
+    Returns
+    -------
+    dict
+        ``surfaces``: each once. ``parts``: number of link and surface. ``spheres``: number of link, and centre and
+        radius of each ball. ``tips``: number of link, name, surface, centre. ``leaves``: numbers of the links that may
+        have a fingertip, where none are stated. ``corners``: number of link and corners of the box around its shapes,
+        for the frame. ``approach``: from where and along which unit direction, palm frame. ``size``, ``dot``: of the
+        hand and of a leaf's mark. ``view``: turn and tilt of the camera, degrees.
+    """
+    robot = hand.tree.robot
+    index = {name: i for i, name in enumerate(robot.links)}
+    surfaces: list[Json] = []
+    known: dict[bytes, int] = {}
+
+    def kept(key: bytes, shape: Triangles) -> int:
+        if key not in known:
+            known[key] = len(surfaces)
+            surfaces.append(surface(shape).to_dict())
+        return known[key]
+
+    parts, corners = [], []
+    most = max(FEWEST, min(MOST, ALL // max(1, sum(map(len, robot.shapes.values())))))
+    for link, shapes in robot.shapes.items():
+        for shape in shapes:
+            vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
+            drawn = Triangles(*simplified(vertices, faces, most))
+            parts.append({"link": index[link], "surface": kept(shape.fingerprint, drawn)})
+            corners.append({"link": index[link], "at": _corners(vertices)})
+    tips = []
+    for link, tip in hand.tree.tips:
+        drawn = tip.surface()
+        key = drawn.vertices.round(9).tobytes()
+        entry = {"link": index[link], "name": link, "surface": kept(key, drawn)}
+        tips.append(entry | {"at": listed(tip.backbone.mean(axis=0), DIGITS), "radius": tip.standoff})
+        corners.append({"link": index[link], "at": _corners(drawn.vertices)})
+    leaves = [] if tips else [index[link] for link in hand.leaves]
+    corners += [{"link": i, "at": [[0.0, 0.0, 0.0]]} for i in leaves]
+    if not corners:
+        corners = [{"link": i, "at": [[0.0, 0.0, 0.0]]} for i in range(len(robot.links))]
+    points = _placed(hand, corners)
+    size = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-3)
+    return {
+        "surfaces": surfaces,
+        "parts": parts,
+        "spheres": [{"link": index[k], "balls": _balls(fit.centres, fit.radii)} for k, fit in hand.fits.items()],
+        "tips": tips,
+        "leaves": leaves,
+        "corners": corners,
+        "approach": {"at": _palm(hand), "along": listed(hand.tree.approach)},
+        "size": size,
+        "dot": DOT * size,
+        "view": _view(points, hand),
+    }
+
+
+def _corners(vertices: FloatArray) -> list[list[float]]:
+    """Return the corners of the box around points."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    every = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+    return [listed(corner, DIGITS) for corner in every]
+
+
+def _balls(centres: FloatArray, radii: FloatArray) -> list[list[float]]:
+    return [listed(ball, DIGITS) for ball in np.column_stack([centres, radii])]
+
+
+def _palm(hand: Inspected) -> list[float]:
+    """Return where the palm's direction is drawn from: the far side of its shapes; its origin where it has none."""
+    shapes = hand.tree.robot.shapes.get(hand.tree.robot.root, ())
+    if not shapes:
+        return [0.0, 0.0, 0.0]
+    vertices = np.concatenate([np.asarray(shape.mesh.vertices, dtype=float) for shape in shapes])
+    middle, along = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0, hand.tree.approach
+    return listed(middle + np.max((vertices - middle) @ along) * along, DIGITS)
+
+
+def _poses(hand: Inspected) -> dict[str, FloatArray]:
+    """Return the poses (4, 4) of the links that are looked at, palm frame, in the relaxed posture."""
+    names = hand.tree.used_links
+    if not names:
+        return {}
+    found = np.asarray(hand.tree.link_function(hand.at_rest).full()).reshape(4, len(names), 4)
+    return {name: found[:, i] for i, name in enumerate(names)}
+
+
+def _placed(hand: Inspected, corners: Sequence[Json]) -> FloatArray:
+    """Return the corners (n, 3) in the palm's frame, of the links that are looked at, and the palm's origin."""
+    poses, links = _poses(hand), hand.tree.robot.links
+    placed = [np.zeros((1, 3))]
+    for entry in corners:
+        pose = poses.get(links[int(entry["link"])])
+        if pose is not None:
+            placed.append(np.asarray(entry["at"]) @ pose[:3, :3].T + pose[:3, 3])
+    return np.concatenate(placed)
+
+
+def _facing(hand: Inspected) -> FloatArray:
+    """Return the mean outward normal of each fingertip's patch, (k, 3), palm frame: zero of a ball."""
+    poses, means = _poses(hand), [np.zeros((0, 3))]
+    for link, tip in hand.tree.tips:
+        shape = tip.surface()
+        corners = shape.vertices[shape.faces]
+        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        mean = areas.sum(axis=0) / np.linalg.norm(areas, axis=1).sum()
+        means.append((poses[link][:3, :3] @ mean)[None])
+    return np.concatenate(means)
+
+
+def _view(points: FloatArray, hand: Inspected) -> list[float]:
+    """Return turn and tilt, degrees, that show the hand broadly, look into the palm and at flat fingertips."""
+    turn, tilt = (x.ravel() for x in np.meshgrid(TURNS, [*TILTS, *-TILTS], indexing="ij"))
+    eyes = np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], axis=1)
+    centred = points - points.mean(axis=0)
+    total = float(np.sum(centred**2)) or 1.0
+    broad = 1.0 - np.sum((centred @ eyes.T) ** 2, axis=0) / total
+    into = np.clip(eyes @ hand.tree.approach, None, 0.8)
+    pads = np.clip(eyes @ _facing(hand).T, 0.0, 0.5).sum(axis=1) / max(len(hand.tree.tips), 1)
+    best = int(np.argmax(broad + FACED * into + PADS * pads + ABOVE * np.sign(tilt)))
+    return [float(np.degrees(turn[best])), float(np.degrees(tilt[best]))]

@@ -1,0 +1,154 @@
+"""What the page of a hand says below its scene: findings, fingertips, joints and links."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from nlpgrasp.common.shown.numbers import rounded, typeset
+from nlpgrasp.hands.inspection.findings import Finding, millimetres
+from nlpgrasp.hands.inspection.fingers import fingers
+from nlpgrasp.hands.inspection.inspected import Inspected
+from nlpgrasp.hands.inspection.opposition import SAMPLES, Meeting, Opposition
+from nlpgrasp.hands.tips import Tip
+from nlpgrasp.hands.urdf.robot import Joint
+from nlpgrasp.report.hand.controls import position_words, posture_button, posture_name
+from nlpgrasp.report.table import Html, table
+
+GOOD = "All links that are to be seen have collision shapes, all joints have limits, every two fingertips can touch."
+LISTED = 12  # leaf links that are named
+
+
+def told(found: Sequence[Finding], hand: Inspected) -> str:
+    """Return what is to be known, as a list."""
+    items = [(finding.text, "grave" if finding.grave else "some") for finding in found]
+    if not hand.tree.tips:
+        some, more = hand.leaves[:LISTED], len(hand.leaves) - LISTED
+        leaves = ", ".join(some) + (f" and {more} more" if more > 0 else "")
+        text = "No fingertips are stated: fingertips={link: radius} or --fingertip LINK=RADIUS states them."
+        items.insert(0, (f"{text} Links at the ends: {leaves}.", "some"))
+    if not items:
+        items = [(GOOD, "good")]
+    entries = "".join(f'<li class="{kind}">{escape(typeset(text))}</li>' for text, kind in items)
+    return f'<h3>What to know</h3><ul class="findings">{entries}</ul>'
+
+
+def fingertips(hand: Inspected) -> str:
+    """Return the fingertips, one a row."""
+    robot = hand.tree.robot
+    rows = []
+    for i, (link, tip) in enumerate(hand.tree.tips):
+        moving = [joint.name for joint in robot.chain(link) if joint.moves]
+        rows.append([Html(f'<span class="number">{i}</span>'), link, patch_words(tip), ", ".join(moving) or "none"])
+    heads = ["Contact", "Link", "Patch", "Joints that move it"]
+    return f"<h3>Fingertips</h3>{table('', heads, rows)}" if rows else ""
+
+
+def patch_words(tip: Tip) -> str:
+    """Return a patch as text: its kind and its sizes."""
+    data = tip.to_dict()
+    kind, parts = str(data["type"]).replace("_", " "), []
+    if tip.standoff > 0.0:
+        parts.append(f"radius {millimetres(tip.standoff)}")
+    if len(tip.backbone) > 1:
+        length = np.linalg.norm(tip.backbone[-1] - tip.backbone[0])
+        parts.append(f"length {millimetres(float(length))}")
+    for name, text in (("extents", ""), ("semi_axes", "semi-axes ")):
+        if name in data:
+            sizes = " × ".join(rounded(1e3 * float(v)) for v in np.ravel(data[name]))  # noqa: RUF001
+            parts.append(f"{text}{sizes} mm")
+    return ", ".join(typeset(part).replace(" ", "\N{NO-BREAK SPACE}") for part in [kind, *parts])
+
+
+def meetings(met: Opposition | None) -> str:
+    """Return how near each two fingertips come, face to face, as buttons that show it."""
+    if met is None or not met.pairs:
+        return ""
+    count = max(i for pair in met.pairs for i in pair.fingers) + 1
+    by_pair = {pair.fingers: pair for pair in met.pairs}
+    mark = [Html(f'<span class="number">{i}</span>') for i in range(count)]
+    rows = [[mark[i], *(_cell(by_pair.get((i, j))) for j in range(1, count))] for i in range(count - 1)]
+    text = (
+        "Least distance between the surfaces of two fingertips that face each other, over the joint ranges; a button "
+        f"shows the posture. Found by a search from {SAMPLES} postures, with links let through each other: other links "
+        "may be in the way of what meets here."
+    )
+    made = table("", ["", *map(str, range(1, count))], rows)
+    note = f'<p class="note">{escape(text)}</p>'
+    return f'<h3>Which fingertips meet</h3>{note}<div class="matrix">{made}</div>{_sets(met)}'
+
+
+def _sets(met: Opposition) -> str:
+    """Return the sets that do not come together, with buttons."""
+    if not met.apart:
+        return ""
+    buttons = "".join(
+        posture_button(posture_name(m.fingers), f"{', '.join(map(str, m.fingers))}: {_far(m)}") for m in met.apart
+    )
+    text = f"Not all at once within {millimetres(met.together)} of each other, although each smaller set is."
+    return f'<p class="note">{escape(typeset(text))}</p><div class="postures apart">{buttons}</div>'
+
+
+def _cell(pair: Meeting | None) -> str:
+    if pair is None:
+        return ""
+    kind = "meets" if pair.touches else "apart" if pair.faces else "never"
+    return Html(f'<span class="{kind}">{posture_button(posture_name(pair.fingers), _far(pair))}</span>')
+
+
+def _far(met: Meeting) -> str:
+    if not met.faces:
+        return "never face"
+    return "touch" if met.touches else typeset(millimetres(met.opposed))
+
+
+def joints(hand: Inspected) -> str:
+    """Return the joints, one a row: limits, and efforts by the file and as they are used."""
+    robot = hand.tree.robot
+    order = [robot.free_joints[i].name for finger in fingers(hand.tree) for i in finger.joints]
+    moving = sorted((j for j in robot.joints if j.moves), key=lambda j: order.index(robot.follows(j)[0]))
+    rows = []
+    for joint in moving:
+        if joint.mimic is None:
+            lower, upper, narrowed = robot.ranges[joint.name]
+            follows = "" if narrowed == joint.name else f"limited by {narrowed}"
+            limit = hand.torque_limits.get(joint.name)
+        else:
+            lower, upper, limit = joint.lower, joint.upper, None
+            driver, multiplier, offset = robot.follows(joint)
+            more = f" {'+' if offset > 0 else '-'} {position_words(abs(offset), joint.turns)}" if offset else ""
+            follows = f"{rounded(multiplier)} × {driver}{more}"  # noqa: RUF001
+        ends = f"{position_words(lower, joint.turns)} to {position_words(upper, joint.turns)}"
+        open_ended = not np.isfinite(upper - lower)
+        cells = [joint.name, joint.kind, "" if open_ended else ends, _effort(joint, joint.effort)]
+        rows.append([*cells, _effort(joint, limit) if joint.mimic is None else "", typeset(follows)])
+    heads = ["Joint", "Type", "Range", "Effort in the file", "Limit here", "Follows"]
+    return f'<h3>Joints</h3><div class="tight">{table("", heads, rows)}</div>' if rows else ""
+
+
+def _effort(joint: Joint, effort: float | None) -> str:
+    if not effort:
+        return "none" if effort is None else "0, as good as none"
+    return typeset(f"{rounded(effort)}\N{NO-BREAK SPACE}{'N m' if joint.turns else 'N'}")
+
+
+def links(hand: Inspected) -> str:
+    """Return the links, one a row: their shapes, and how closely spheres fit."""
+    robot = hand.tree.robot
+    rows = []
+    for link in robot.links:
+        kinds = [shape.kind for shape in robot.shapes.get(link, ())]
+        counted = [f"{kinds.count(k)} {k}{_plural(k, kinds.count(k))}" for k in dict.fromkeys(kinds)]
+        fit = hand.fits.get(link)
+        what = ", ".join(counted) or ("none, although it is to be seen" if link in robot.bare else "none")
+        fitted = ["", ""] if fit is None else [str(len(fit.radii)), typeset(millimetres(fit.error))]
+        rows.append([link, what, *fitted])
+    heads = ["Link", "Collision shape", "Spheres", "They reach beyond it"]
+    made = table("", heads, rows)
+    return f'<details><summary>Links ({len(rows)})</summary><div class="tight">{made}</div></details>'
+
+
+def _plural(kind: str, count: int) -> str:
+    return "" if count == 1 else "es" if kind.endswith(("x", "sh")) else "s"

@@ -1,0 +1,74 @@
+"""``nlpgrasp hand``: what it writes, and what it says of wrong names and files."""
+
+import json
+import re
+
+import pytest
+
+from nlpgrasp.common.shown import face
+from tests.cli.test_cli import refused, run_here
+from tests.hands.urdf import FOUR, THREE
+
+LINK = "expected a link of four_finger_hand.urdf, such as"
+TIP = ["--fingertip", "index_tip"]
+
+
+@pytest.fixture(autouse=True)
+def without_display(monkeypatch):
+    monkeypatch.setattr(face, "has_display", lambda: False)
+
+
+def tips(page):
+    found = re.search(r'<script type="application/json">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)
+    return [(tip["name"], tip["radius"]) for tip in json.loads(found[1])["drawn"]["tips"]]
+
+
+def test_a_page_is_written_under_the_urdfs_name(tmp_path):
+    done = run_here("hand", THREE, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    page = tmp_path / "three_finger_hand.html"
+    assert done.stdout.splitlines() == [
+        "written to three_finger_hand.html",
+        f"No browser was opened; the page is {page}",
+    ]
+    assert tips(page) == []
+
+
+def test_fingertips_with_and_without_a_radius(tmp_path):
+    given = ["--fingertip", "thumb_tip", "--fingertip", "index_tip=0.009", "--approach", "1,0,0", "--no-open"]
+    done = run_here("hand", FOUR, *given, "--out", "own.html", cwd=tmp_path)
+    assert done.stdout == "written to own.html\n"
+    assert tips(tmp_path / "own.html") == [("thumb_tip", 0.011), ("index_tip", 0.009)]
+
+
+def test_the_way_the_palm_faces_and_a_presets_tips_exclude_each_other(tmp_path):
+    line = refused(run_here("hand", FOUR, "--preset", "allegro", "--approach", "1,0,0", cwd=tmp_path))
+    assert line == "nlpgrasp: --approach: got 1,0,0, expected none with the preset allegro, which has its own"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["gone.urdf"], "URDF: got gone.urdf, expected a URDF file that exists, or one of allegro, "),
+        (["robotiq_3f"], "hands.robotiq_3f.urdf: got nothing, expected the path of its URDF"),
+        ([FOUR, "--preset", "alegro"], "--preset: got alegro, expected one of allegro, barrett, leap, "),
+        ([FOUR, "--preset", "allegro"], "hands.allegro.urdf: got four_finger_hand.urdf without a link "),
+        ([FOUR, "--palm", "plam"], f"--palm: got plam, {LINK} palm"),
+        ([FOUR, "--fingertip", "index_tp"], f"--fingertip: got index_tp, {LINK} index_tip"),
+        ([FOUR, "--fingertip", "index_tip=thick"], "--fingertip index_tip: got thick, expected a radius in metres"),
+        ([FOUR, "--fingertip", "index_tip=-1"], "--fingertip index_tip: got -1.0, expected a number greater than 0"),
+        ([FOUR, *TIP, *TIP], "--fingertip: got index_tip twice, expected each link once"),
+        ([FOUR, "--approach", "up"], "--approach: got up, expected a direction as three numbers, such as 1,0,0"),
+        ([FOUR, "--out", "no/page.html"], "--out: got no/page.html (no folder no), expected a file in"),
+        ([FOUR, "--out", FOUR], "--out: got "),
+        ([__file__], "URDFHand.path: test_hand.py: got broken XML"),
+    ],
+)  # fmt: skip
+def test_wrong_use_is_one_sentence(arguments, said, tmp_path):
+    line = refused(run_here("hand", *arguments, cwd=tmp_path))
+    assert line.startswith(f"nlpgrasp: {said}")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_page_is_refused_before_the_urdf_is_read(tmp_path):
+    assert "--out" in refused(run_here("hand", "gone.urdf", "--out", "no/page.html", cwd=tmp_path))
