@@ -10,7 +10,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.hands.mjcf.mjcf_joints import angles
-from nlpgrasp.hands.urdf.robot_file import read_robot
+from nlpgrasp.hands.robot.robot_file import read_robot
 from nlpgrasp.verify.hands.kinematics import poses
 from nlpgrasp.verify.hands.links import links_in
 from tests.hands.mjcf import frames, tree_of

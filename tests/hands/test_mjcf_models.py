@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.urdf.robot_file import read_robot
+from nlpgrasp.hands.robot.robot_file import read_robot
 from nlpgrasp.verify.hands.kinematics import poses
 from nlpgrasp.verify.hands.links import links_in
 from tests.hands.mjcf import frames, tree_of

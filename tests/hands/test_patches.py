@@ -21,9 +21,10 @@ def areas(tip):
         (ng.SphereTip(0.01, FRAME["offset"]), 4 * np.pi * 0.01**2),
         (ng.EllipsoidTip([0.01, 0.01, 0.01], **FRAME, facing=[0, 1, 0], angle=np.pi / 3), np.pi * 0.01**2),
         (ng.CylinderTip(0.01, [0, 0, 0], [0.03, 0.04, 0]), 2 * np.pi * 0.01 * 0.05),
+        (ng.CapsuleTip(0.01, [0, 0, 0], [0.03, 0.04, 0]), 2 * np.pi * 0.01 * (0.05 + 2 * 0.01)),
         (ng.FlatTip([0.02, 0.03], **FRAME), 0.02 * 0.03),
     ],
-    ids=["sphere", "ellipsoid", "cylinder", "flat"],
+    ids=["sphere", "ellipsoid", "cylinder", "capsule", "flat"],
 )
 def test_area_and_direction(tip, area):
     middles, normals = areas(tip)

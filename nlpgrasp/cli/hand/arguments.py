@@ -48,9 +48,9 @@ def link_of(source: Path, name: str, option: str, below: Sequence[str] | None = 
     below : sequence of str, optional
         The links that are allowed; all of the file when left out.
     """
-    from nlpgrasp.hands.urdf.urdf_file import link_names
+    from nlpgrasp.hands.robot.robot_file import robot_links
 
-    names = list(link_names(source)) if below is None else list(below)
+    names = list(robot_links(source)) if below is None else list(below)
     if name not in names:
         near = get_close_matches(name, names, MOST_NAMED, CLOSE)
         near += [other for other in names if name.casefold() in other.casefold() and other not in near]
@@ -82,10 +82,10 @@ def fingertips_of(source: Path, palm: str | None, given: Sequence[str]) -> Mappi
         On links that are not there or stand twice, radii that are none, and links without a shape and a radius.
     """
     from nlpgrasp.common.validation import number
+    from nlpgrasp.hands.robot.robot_file import read_robot
     from nlpgrasp.hands.tips import SphereTip
-    from nlpgrasp.hands.urdf.urdf_file import read_urdf
 
-    robot = read_urdf(source, palm)
+    robot = read_robot(source, palm)
     result: dict[str, float | Tip | Sequence[Tip]] = {}
     for text in given:
         name, sign, radius = text.partition("=") if text not in robot.links else (text, "", "")

@@ -10,8 +10,8 @@ import numpy as np
 from nlpgrasp.common.shown.numbers import rounded
 from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.hands.inspection.opposition import TOUCH, Meeting, Opposition
+from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.spheres.hand_fits import WORTH_A_WARNING
-from nlpgrasp.hands.urdf.robot import Robot
 
 FULL = 2.0 * np.pi - 0.02  # radians, about a full turn
 PLACEHOLDER = 100.0  # newton-metres that no motor of a finger has; newtons of a sliding joint are not judged

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from nlpgrasp.hands.robot.robot import Joint, Robot
 from nlpgrasp.hands.urdf.link_tree import LinkTree
-from nlpgrasp.hands.urdf.robot import Joint, Robot
 
 
 @dataclass(frozen=True)

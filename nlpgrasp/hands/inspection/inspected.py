@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand
+from nlpgrasp.hands.robot.robot_file import read_robot
 from nlpgrasp.hands.spheres.hand_fits import fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
 from nlpgrasp.hands.urdf.urdf_arguments import approach_of, torque_limits_of
-from nlpgrasp.hands.urdf.urdf_file import read_urdf
 
 SPHERES = 6  # a link, as URDFHand.load has by default
 EVEN = 0.1  # of its range: a joint whose range is as even about zero rests at zero
@@ -79,6 +79,6 @@ def without_fingertips(path: str | Path, palm: str | None, approach: ArrayLike) 
     InputError
         As ``ng.URDFHand.load``.
     """
-    robot = read_urdf(path, palm)
+    robot = read_robot(path, palm)
     tree = LinkTree(robot, (), approach_of(approach))
     return Inspected(tree, fits_of(robot, SPHERES), torque_limits_of(robot, None))

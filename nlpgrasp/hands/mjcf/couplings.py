@@ -11,7 +11,7 @@ import numpy as np
 from nlpgrasp.hands.mjcf.mjcf_joints import held
 from nlpgrasp.hands.mjcf.mjcf_names import body_name, joint_name
 from nlpgrasp.hands.mjcf.tendons import Tendon, tendons_of
-from nlpgrasp.hands.urdf.robot import Joint, Mimic, Robot
+from nlpgrasp.hands.robot.robot import Joint, Mimic, Robot
 from nlpgrasp.hands.urdf.urdf_mimics import check_mimics
 from nlpgrasp.hands.urdf.urdf_values import bad
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.hands.mjcf.mjcf_names import joint_name
 from nlpgrasp.hands.mjcf.tendons import TENDON_DRIVEN, arms_of
-from nlpgrasp.hands.urdf.robot import Robot
+from nlpgrasp.hands.robot.robot import Robot
 
 if TYPE_CHECKING:
     from mujoco import MjModel

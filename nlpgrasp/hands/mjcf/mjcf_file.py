@@ -15,8 +15,8 @@ from nlpgrasp.hands.mjcf.efforts import with_efforts
 from nlpgrasp.hands.mjcf.mjcf_joints import closed, joints_to, transform
 from nlpgrasp.hands.mjcf.mjcf_names import body_name
 from nlpgrasp.hands.mjcf.mjcf_shapes import read_geoms
+from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.urdf.inertials import Inertial
-from nlpgrasp.hands.urdf.robot import Robot
 from nlpgrasp.hands.urdf.urdf_mimics import check_ranges
 from nlpgrasp.hands.urdf.urdf_values import bad
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.mjcf.mjcf_names import body_name, joint_name
-from nlpgrasp.hands.urdf.robot import Joint
+from nlpgrasp.hands.robot.robot import Joint
 from nlpgrasp.hands.urdf.urdf_values import bad
 
 if TYPE_CHECKING:

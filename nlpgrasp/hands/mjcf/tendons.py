@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.hands.mjcf.mjcf_names import joint_name, tendon_name
-from nlpgrasp.hands.urdf.robot import Robot
+from nlpgrasp.hands.robot.robot import Robot
 
 if TYPE_CHECKING:
     from mujoco import MjModel

@@ -9,8 +9,8 @@ from typing import Unpack
 import numpy as np
 
 from nlpgrasp.hands.presets.preset import Options, Preset, by_ending
+from nlpgrasp.hands.robot.robot import Joint, Robot
 from nlpgrasp.hands.tips import FlatTip, SphereTip
-from nlpgrasp.hands.urdf.robot import Joint, Robot
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
 
 QUARTER = np.pi / 2.0

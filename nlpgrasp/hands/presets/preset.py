@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TypedDict, Unpack
 
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.robot.robot import Joint, Robot
+from nlpgrasp.hands.robot.robot_file import read_robot, robot_links
 from nlpgrasp.hands.tips import CapsuleTip, SphereTip, Tip
 from nlpgrasp.hands.tips.of_shape import tip_of
-from nlpgrasp.hands.urdf.robot import Joint, Robot
-from nlpgrasp.hands.urdf.robot_file import read_robot, robot_links
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
 
 Direction = tuple[float, float, float]

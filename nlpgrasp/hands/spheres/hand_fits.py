@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.spheres.link_spheres import SphereFit, fit_spheres, surface_points
 from nlpgrasp.hands.spheres.shapes import Shape
 from nlpgrasp.hands.tips import Tip
 from nlpgrasp.hands.urdf.link_tree import LinkTree
-from nlpgrasp.hands.urdf.robot import Robot
 
 WORTH_A_WARNING = 6e-4  # metres that a link may be deep in the body
 PALM_SHARE = 5  # the palm is broad: it gets so many times the spheres of a finger's link

@@ -9,9 +9,11 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.rows import Row
+from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.tips.base import SLACK, Touch, equal
 from nlpgrasp.hands.tips.cylinder import CylinderTip
+from nlpgrasp.hands.tips.patches import FINE, dome, tube
 
 ROUNDING = 1e-4  # of the axis' length: how far at most a contact is inside the capsule
 
@@ -45,6 +47,17 @@ class CapsuleTip(CylinderTip):
     def first_slide(self) -> float:
         """The end of the axis, 1: as a sphere there a search begins."""
         return 1.0
+
+    def surface(self, sides: int = FINE) -> Triangles:
+        """Return side and both round ends as triangles."""
+        start, end = self.ends
+        along = (end - start) / np.linalg.norm(end - start)
+        caps = [(start, dome(-along, 0.5 * np.pi, sides)), (end, dome(along, 0.5 * np.pi, sides))]
+        parts = [tube(self.radius, start, end, sides)]
+        parts += [Triangles(centre + self.radius * cap.vertices, cap.faces) for centre, cap in caps]
+        first = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+        faces = [part.faces + number for part, number in zip(parts, first, strict=True)]
+        return Triangles(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return how far spheres about points (m, 3) may reach within the capsule's own radius, (m,), metres.

@@ -11,7 +11,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression
 from nlpgrasp.errors import MissingExtraError
-from nlpgrasp.hands.urdf.robot import Joint, Robot
+from nlpgrasp.hands.robot.robot import Joint, Robot
 
 ROUNDING = 1e-15  # constants of a rotation this small are zero
 

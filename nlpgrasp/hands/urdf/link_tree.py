@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.rows import PalmPose
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.tips import Tip
 from nlpgrasp.hands.urdf.kinematics import link_poses, rotation_of
-from nlpgrasp.hands.urdf.robot import Robot
 
 COMPILED = ("link_function", "contact_function", "_tip_function")
 MIDDLE = (0.1, 0.7)  # share of the joint ranges that random starts are drawn from

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.tips import SphereTip, Tip
 from nlpgrasp.hands.tips.of_shape import tip_of
-from nlpgrasp.hands.urdf.robot import Robot
 
 Fingertips = Mapping[str, float | Tip | Sequence[Tip] | None] | Sequence[str]
 

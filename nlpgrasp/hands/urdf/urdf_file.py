@@ -12,7 +12,7 @@ import numpy as np
 
 from nlpgrasp.common.extras.xacro import expanded
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.urdf.robot import MOVABLE, Joint, Mimic, Robot
+from nlpgrasp.hands.robot.robot import MOVABLE, Joint, Mimic, Robot
 from nlpgrasp.hands.urdf.urdf_mimics import check_mimics, check_ranges, with_signs
 from nlpgrasp.hands.urdf.urdf_shapes import read_shapes
 from nlpgrasp.hands.urdf.urdf_values import bad, numbers

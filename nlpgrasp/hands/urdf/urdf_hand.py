@@ -19,13 +19,13 @@ from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import HandVariable
+from nlpgrasp.hands.robot.robot_file import read_robot
 from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.spheres.self_collision import apart, colliding_pairs
 from nlpgrasp.hands.tips import Touch
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
-from nlpgrasp.hands.urdf.robot_file import read_robot
 from nlpgrasp.hands.urdf.urdf_arguments import Fingertips, approach_of, remarks, tips_of, torque_limits_of
 
 TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from nlpgrasp.hands.urdf.robot import Joint, Robot
+from nlpgrasp.hands.robot.robot import Joint, Robot
 from nlpgrasp.hands.urdf.urdf_values import bad
 
 

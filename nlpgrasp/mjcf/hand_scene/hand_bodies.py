@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.robot.robot import Joint, Robot
 from nlpgrasp.hands.spheres.shapes import Shape
 from nlpgrasp.hands.urdf.inertials import Inertial
-from nlpgrasp.hands.urdf.robot import Joint, Robot
 from nlpgrasp.mjcf.hand_scene.options import ARM_RATE, ARM_STIFFNESS, HandSceneOptions
 from nlpgrasp.mjcf.hand_scene.tip_geoms import quaternion, tip_geom
 from nlpgrasp.mjcf.parts import numbers

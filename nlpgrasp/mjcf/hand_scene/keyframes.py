@@ -11,7 +11,7 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.urdf.robot import Robot
+from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.mjcf.hand_scene.hand_bodies import ARM, PREFIX
 from nlpgrasp.mjcf.parts import numbers
 from nlpgrasp.solution.squeezed.squeeze import Squeeze

@@ -11,8 +11,8 @@ import numpy as np
 from nlpgrasp.common.extras.mujoco import import_mujoco
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.urdf.robot import Robot
-from nlpgrasp.hands.urdf.robot_file import read_robot, robot_inertials
+from nlpgrasp.hands.robot.robot import Robot
+from nlpgrasp.hands.robot.robot_file import read_robot, robot_inertials
 from nlpgrasp.mjcf.hand_scene.hand_bodies import PlacedRobot, add_hand
 from nlpgrasp.mjcf.hand_scene.keyframes import add_keyframes, gains_of, keyframes
 from nlpgrasp.mjcf.hand_scene.object_shape import add_object_geoms

@@ -12,8 +12,8 @@ from nlpgrasp.hands.inspection.findings import Finding, millimetres
 from nlpgrasp.hands.inspection.fingers import fingers
 from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.hands.inspection.opposition import SAMPLES, Meeting, Opposition
+from nlpgrasp.hands.robot.robot import Joint
 from nlpgrasp.hands.tips import Tip
-from nlpgrasp.hands.urdf.robot import Joint
 from nlpgrasp.report.hand.controls import position_words, posture_button, posture_name
 from nlpgrasp.report.table import Html, table
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.inspection.inspected import Inspected
-from nlpgrasp.hands.urdf.robot import Joint
+from nlpgrasp.hands.robot.robot import Joint
 
 DIGITS = 12  # after the point, of lengths in metres and of cosines
 

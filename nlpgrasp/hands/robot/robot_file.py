@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from nlpgrasp.hands.mjcf.mjcf_file import mjcf_inertials, mjcf_links, read_mjcf
+from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.urdf.inertials import Inertial, urdf_inertials
-from nlpgrasp.hands.urdf.robot import Robot
 from nlpgrasp.hands.urdf.urdf_file import link_names, read_urdf
 from nlpgrasp.hands.urdf.urdf_values import bad
 
