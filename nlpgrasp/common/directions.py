@@ -43,6 +43,29 @@ def directions(dimension: int, shells: int = 1) -> FloatArray:
     return np.asarray(result / np.linalg.norm(result, axis=1, keepdims=True))
 
 
+def directions_around(first: FloatArray, count: int) -> FloatArray:
+    """Return a direction and others, spread over the sphere by the golden angle about it, the nearest first.
+
+    Parameters
+    ----------
+    first : (3,) array
+        Unit.
+    count : int
+
+    Returns
+    -------
+    (count, 3) array
+    """
+    i = np.arange(count)
+    cosine = 1.0 - 2.0 * i / max(count - 1, 1)
+    angle, sine = i * np.pi * (3.0 - np.sqrt(5.0)), np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    least = np.eye(3)[int(np.argmin(np.abs(first)))]
+    u = np.cross(first, least) / np.linalg.norm(np.cross(first, least))
+    v = np.cross(first, u)
+    around = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
+    return np.asarray(cosine[:, None] * first + sine[:, None] * around)
+
+
 @lru_cache
 def inradius(dimension: int, shells: int = 1) -> float:
     """Return the radius of the largest ball inside the polytope of ``directions``."""

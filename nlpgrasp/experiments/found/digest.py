@@ -12,7 +12,13 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
 
-ALSO_RECORDED = {"unit", "approach", "link_spheres", "watched_pairs"}  # of body and hand, not in older files
+ALSO_RECORDED = {
+    "unit",
+    "approach",
+    "link_spheres",
+    "watched_pairs",
+    "overlaps",
+}  # not in older files
 
 
 def asked_of(problem: Json) -> str:

@@ -1,73 +1,81 @@
-"""Which spheres of a hand can get into each other's way."""
+"""Which links of a hand can get into each other's way, and how far their spheres may overlap before they do.
+
+Spheres around a link reach beyond it: among random postures of a hand hardly any keeps all of them apart, while a
+quarter keeps the links apart. So each pair of links states an overlap that is no collision, from random postures: the
+least overlap of their spheres among those postures in which the links' hulls are a millimetre deep in each other, less
+what a uniform sample misses of its minimum, ``(largest - least) / m`` for m such postures. Links whose spheres meet in
+many postures and whose hulls do in none are not watched (docs/hands.md).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.rows import SELF_COLLISION, LinkSphere, Row
+from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.spheres.hulls import Hull, meet
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
 SAMPLES = 1500
+LOOKED_AT = 300  # postures of a pair of links in which their spheres meet
 ALWAYS = 0.95  # links that collide in this share of positions do so by construction
-NEVER = 0.002  # spheres that meet in fewer than this are not watched
+NEVER = 0.002  # spheres that meet in fewer than this are not in the program
+SURE = 20  # postures in which spheres meet and hulls do not, from which on links are not watched
+DEEP = 1e-3  # metres from which on hulls in each other count as meeting
 
 
-def colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple[str, str]]:
-    """Return the pairs of spheres, as ``"link/number"``, that meet in some random joint positions.
+@dataclass(frozen=True)
+class WatchedLinks:
+    """Two links that are kept apart.
+
+    Parameters
+    ----------
+    links : tuple of two str
+    overlap : float
+        How far their spheres may overlap, metres.
+    pairs : (m, 2) int array
+        The numbers of the spheres that meet farther than that in some postures.
+    """
+
+    links: tuple[str, str]
+    overlap: float
+    pairs: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+
+
+def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[WatchedLinks, ...]:
+    """Return the pairs of links that are kept apart: they can meet, and can be apart.
 
     Neighbours in the chain are left out, as are links that overlap in nearly all positions.
     """
-    return [
-        (f"{a}/{i}", f"{b}/{j}")
-        for a, b, shares in _meetings(tree, fits)
-        for i, j in zip(*np.nonzero(shares > NEVER), strict=True)
-    ]
-
-
-def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> list[tuple[str, str]]:
-    """Return the pairs of links that are neither neighbours in the chain nor overlap in nearly all positions."""
-    centres = _random_centres(tree, fits)
-    around = {name: _enclosing(centres[name], fits[name].radii) for name in fits}
+    poses = _random_poses(tree, fits)
+    centres = {
+        link: np.einsum("bij,mj->bmi", poses[link][:, :3, :3], fit.centres) + poses[link][:, None, :3, 3]
+        for link, fit in fits.items()
+    }
+    couples = list(_not_neighbours(tree, fits))
+    overlaps = _overlaps(tree, fits, poses, centres, couples)
     found = []
-    for a, b in _not_neighbours(tree, fits):
-        (p, r), (q, s) = around[a], around[b]
-        if np.mean(np.linalg.norm(p - q, axis=1) < r + s) <= ALWAYS or _meeting(centres, fits, a, b) is not None:
-            found.append((a, b))
-    return found
+    for (a, b), overlap in zip(couples, overlaps, strict=True):
+        meets = _gaps(centres, fits, a, b) < -overlap
+        if np.isfinite(overlap) and np.mean(meets.any(axis=(1, 2))) <= ALWAYS:
+            found.append(WatchedLinks((a, b), float(overlap), np.argwhere(meets.mean(axis=0) > NEVER)))
+    return tuple(found)
 
 
-def _enclosing(centres: FloatArray, radii: FloatArray) -> tuple[FloatArray, float]:
-    """Return a ball around a link's spheres: its centre in each position, (samples, 3), and its radius."""
-    middle = centres.mean(axis=1)
-    return middle, float(np.max(np.linalg.norm(centres[0] - middle[0], axis=1) + radii))
-
-
-def _meetings(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str, FloatArray]]:
-    """Yield pairs of links and the share of random positions in which each two of their spheres meet."""
-    centres = _random_centres(tree, fits)
-    for a, b in _not_neighbours(tree, fits):
-        shares = _meeting(centres, fits, a, b)
-        if shares is not None:
-            yield a, b, shares
-
-
-def _random_centres(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, FloatArray]:
-    """Return where the spheres of each link are in random joint positions, (samples, spheres, 3)."""
+def _random_poses(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, FloatArray]:
+    """Return the links' frames in random joint positions, (samples, 4, 4), palm frame."""
     names, limits = tree.used_links, tree.joint_limits
     rng = np.random.default_rng(0)
     joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
     poses = np.asarray(tree.link_function.map(SAMPLES)(joints.T).full()).reshape(4, SAMPLES, len(names), 4)
-    centres = {}
-    for name, fit in fits.items():
-        pose = poses[:3, :, names.index(name)]  # (3, samples, 4)
-        centres[name] = np.einsum("xsa,ma->smx", pose[..., :3], fit.centres) + pose[..., 3].T[:, None]
-    return centres
+    return {name: poses[:, :, names.index(name)].transpose(1, 0, 2) for name in fits}
 
 
 def _not_neighbours(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str]]:
@@ -78,21 +86,65 @@ def _not_neighbours(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[t
             yield a, b
 
 
-def _meeting(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: str, b: str) -> FloatArray | None:
-    """Return how often each two spheres of two links meet, (m, n) shares; None where the links nearly always do."""
+def _gaps(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: str, b: str) -> FloatArray:
+    """Return the distances of each two spheres of two links, (samples, m, n), metres, negative where they overlap."""
     apart = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
-    meet = apart < fits[a].radii[:, None] + fits[b].radii
-    return np.asarray(meet.mean(axis=0)) if np.mean(meet.any(axis=(1, 2))) <= ALWAYS else None
+    return np.asarray(apart - fits[a].radii[:, None] - fits[b].radii)
 
 
-def apart(pairs: Sequence[tuple[str, str]], spheres: Sequence[LinkSphere], span: float) -> list[Row]:
-    """Return one row a pair: the spheres do not overlap; ``span`` is the hand's size, metres, for scaling."""
+def _overlaps(
+    tree: LinkTree,
+    fits: Mapping[str, SphereFit],
+    poses: Mapping[str, FloatArray],
+    centres: Mapping[str, FloatArray],
+    couples: Sequence[tuple[str, str]],
+) -> FloatArray:
+    """Return the overlap that each pair of links may have, (c,), metres: infinite for those that never meet."""
+
+    def make() -> dict[str, FloatArray]:
+        hulls = {link: [Hull.of(shape) for shape in tree.robot.shapes[link]] for link in fits}
+        found = [_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in couples]
+        return {"overlaps": np.array(found)}
+
+    every = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
+    shapes = [shape.content for link in fits for shape in tree.robot.shapes[link]]
+    return kept("overlaps", ["\n".join(fits).encode(), *shapes, *every], make)["overlaps"]
+
+
+def _overlap(
+    one: Sequence[Hull], other: Sequence[Hull], frames: FloatArray, others: FloatArray, gaps: FloatArray
+) -> float:
+    """Return the overlap that two links may have, metres, from postures with the gaps (b, m, n) of their spheres."""
+    overlap = -gaps.min(axis=(1, 2), initial=np.inf)
+    where = np.flatnonzero(overlap > 0.0)
+    where = where[:: max(1, len(where) // LOOKED_AT)]
+    if not len(where):
+        return 0.0
+    deep = meet(one, other, np.linalg.inv(frames[where]) @ others[where])
+    met = overlap[where][deep > DEEP]
+    if not len(met):
+        return np.inf if len(where) >= SURE else 0.0
+    missed = (np.max(overlap) - np.min(met)) / len(met)
+    return max(0.0, float(np.min(met) - missed))
+
+
+def apart(watched: Sequence[WatchedLinks], spheres: Sequence[LinkSphere], span: float) -> list[Row]:
+    """Return one row a pair of spheres: they overlap no more than their links may.
+
+    Parameters
+    ----------
+    watched : sequence of WatchedLinks
+    spheres : sequence of LinkSphere
+        Of all links, named ``"link/number"``.
+    span : float
+        The hand's size, metres, for scaling.
+    """
     by_name = {s.link: s for s in spheres if not s.is_tip}
     rows = []
-    for first, second in pairs:
-        if first not in by_name or second not in by_name:
-            continue  # made so small for a fingertip that nothing is left
-        a, b = by_name[first], by_name[second]
-        squared, least = ca.sumsqr(a.centre - b.centre), (a.radius + b.radius) ** 2
-        rows.append(Row(SELF_COLLISION, squared, least, scale=span**2, unit="m2", part=f"{first} and {second}"))
+    for both in watched:
+        for i, j in both.pairs:
+            a, b = by_name[f"{both.links[0]}/{i}"], by_name[f"{both.links[1]}/{j}"]
+            squared, least = ca.sumsqr(a.centre - b.centre), (a.radius + b.radius - both.overlap) ** 2
+            part = f"{a.link} and {b.link}"
+            rows.append(Row(SELF_COLLISION, squared, least, scale=span**2, unit="m2", part=part))
     return rows

@@ -22,7 +22,7 @@ from nlpgrasp.hands.base import HandVariable
 from nlpgrasp.hands.robot.robot_file import read_robot
 from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
-from nlpgrasp.hands.spheres.self_collision import apart, colliding_pairs
+from nlpgrasp.hands.spheres.self_collision import WatchedLinks, apart, watched_links
 from nlpgrasp.hands.tips import Touch
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
@@ -180,7 +180,7 @@ class URDFHand(LinkedHand):
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
             p, n = placement.positions[i], placement.normals[i]
             rows += tip.rows(Touch(link, i, poses[link], p, n, slide, placement.size))
-        return rows + apart(self._pairs, placement.spheres, self.tree.span)
+        return rows + apart(self.watched, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
         """Return the links' spheres in the body's frame."""
@@ -203,6 +203,11 @@ class URDFHand(LinkedHand):
         return fits_beside_tips(self.whole_fits, self.tree, self.clearance)
 
     @cached_property
+    def watched(self) -> tuple[WatchedLinks, ...]:
+        """Pairs of links that are kept apart, and how far their spheres may overlap."""
+        return watched_links(self.tree, self.fits) if self.self_collision else ()
+
+    @cached_property
     def whole_fits(self) -> dict[str, SphereFit]:
         """Spheres around each link, before those beside fingertips are made smaller."""
         return fits_of(self.robot, self.spheres_per_link)
@@ -221,14 +226,11 @@ class URDFHand(LinkedHand):
             "torque_limits": dict(self.torque_limits),
             "approach": self.tree.approach.tolist(),
             "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
-            "watched_pairs": len(self._pairs),
+            "watched_pairs": sum(len(both.pairs) for both in self.watched),
+            "overlaps": [[*both.links, both.overlap] for both in self.watched if both.overlap > 0.0],
         }
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
         """Refuse: the data name a URDF and do not hold it."""
         raise incomplete("hand of type urdf", "its links, which stay in their file: ng.URDFHand.load(path, fingertips)")
-
-    @cached_property
-    def _pairs(self) -> list[tuple[str, str]]:
-        return colliding_pairs(self.tree, self.fits) if self.self_collision else []

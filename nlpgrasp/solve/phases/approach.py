@@ -141,14 +141,3 @@ def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> s
 def facing(hand: URDFHand, values: Values) -> FloatArray:
     """Return the direction in which the palm faces, (3,), body frame."""
     return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
-
-
-def directions_around(first: FloatArray, count: int) -> list[FloatArray]:
-    """Return a direction and others, spread over the sphere by the golden angle about it, the nearest first."""
-    i = np.arange(count)
-    cosine = 1.0 - 2.0 * i / max(count - 1, 1)
-    angle, sine = i * np.pi * (3.0 - np.sqrt(5.0)), np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-    least = np.eye(3)[int(np.argmin(np.abs(first)))]
-    u = np.cross(first, least) / np.linalg.norm(np.cross(first, least))
-    v = np.cross(first, u)
-    return list(cosine[:, None] * first + sine[:, None] * (np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v))

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.hands.spheres.link_spheres import SphereFit
-from nlpgrasp.hands.spheres.self_collision import watched_links
 
 IntArray = NDArray[np.intp]
 
@@ -103,19 +101,24 @@ class LinkBalls:
         slid = float(np.max(np.abs(after["slides"] - before["slides"]))) if "slides" in after else 0.0
         return np.asarray(self.reach @ turned + shift + self._sliding * slid * self.hand.tree.span)
 
-    @cached_property
+    @property
     def pairs(self) -> IntArray:
         """Pairs of balls that are kept apart, (m, 2): of links that no single joint joins and that can be apart."""
-        if not self.hand.self_collision:
-            return np.zeros((0, 2), int)
-        fits = {}
-        for link in self.hand.tree.used_links:
-            own = np.array([name == link for name in self.links])
-            if own.any():
-                fits[link] = SphereFit(self._centres[own], self.radii[own], 0.0)
-        numbers = {link: np.flatnonzero([name == link for name in self.links]) for link in fits}
-        found = [
-            np.stack(np.meshgrid(numbers[a], numbers[b], indexing="ij"), axis=-1).reshape(-1, 2)
-            for a, b in watched_links(self.hand.tree, fits)
-        ]
-        return np.concatenate(found) if found else np.zeros((0, 2), int)
+        return self._watched[0]
+
+    @property
+    def apart(self) -> FloatArray:
+        """Least distance of the centres of each of the pairs, (m,), metres."""
+        return self._watched[1]
+
+    @cached_property
+    def _watched(self) -> tuple[IntArray, FloatArray]:
+        """Return the pairs of balls that are kept apart, (m, 2), and the least distances of their centres, (m,)."""
+        numbers = {link: np.flatnonzero([name == link for name in self.links]) for link in set(self.links)}
+        pairs, overlaps = [np.zeros((0, 2), int)], [np.zeros(0)]
+        for both in self.hand.watched:
+            a, b = (numbers[link] for link in both.links)
+            pairs.append(np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1).reshape(-1, 2))
+            overlaps.append(np.full(len(pairs[-1]), both.overlap))
+        every = np.concatenate(pairs)
+        return every, self.radii[every].sum(axis=1) - np.concatenate(overlaps)

@@ -47,26 +47,30 @@ class Surroundings:
         The balls whose clearances from things are looked at: all.
     pairs : (r, 2) int array
         The pairs of balls that are looked at.
+    apart : (r,) array
+        The least distance of their centres, metres.
     """
 
     def __init__(self, problem: GraspProblem, hand: URDFHand) -> None:
         self.hand, self.balls = hand, LinkBalls(hand)
         self.fields = fields_of(problem.body, problem.constraints, hand.count)
         self.tolerance = TOLERANCE * hand.tree.span
-        self.seen, self.pairs = np.arange(len(self.balls.radii)), self.balls.pairs
+        self.seen = np.arange(len(self.balls.radii))
+        self.pairs, self.apart = self.balls.pairs, self.balls.apart
 
     def of_joints(self, joints: IntArray) -> Surroundings:
         """Return the same with the balls alone that some of the free joints move."""
         result = copy(self)
         moves = np.any(self.balls.reach[:, joints] > 0.0, axis=1)
         result.seen = np.flatnonzero(moves)
-        result.pairs = self.balls.pairs[np.any(moves[self.balls.pairs], axis=1)]
+        moved = np.any(moves[self.balls.pairs], axis=1)
+        result.pairs, result.apart = self.balls.pairs[moved], self.balls.apart[moved]
         return result
 
     def of_palm(self) -> Surroundings:
         """Return the same without pairs of balls: the palm alone moves, and none of them comes nearer to another."""
         result = copy(self)
-        result.pairs = self.pairs[:0]
+        result.pairs, result.apart = self.pairs[:0], self.apart[:0]
         return result
 
     def clearances(self, values: Values) -> FloatArray:
@@ -77,7 +81,7 @@ class Surroundings:
         found = [field.distance(places[self.seen]) - radii[self.seen] for field in self.fields]
         found[0] -= np.where(self.balls.fingers[self.seen] < 0, self.hand.clearance, 0.0)
         i, j = self.pairs.T
-        return np.concatenate([*found, np.linalg.norm(places[i] - places[j], axis=1) - radii[i] - radii[j]])
+        return np.concatenate([*found, np.linalg.norm(places[i] - places[j], axis=1) - self.apart])
 
     def swept(self, before: Values, after: Values) -> FloatArray:
         """Return how much each of the clearances can change at most between two postures, (n,), metres."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.directions import directions_around
 from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.phases.approach import Approach, BlockedDirection, directions_around, facing, free_approach
+from nlpgrasp.solve.phases.approach import Approach, BlockedDirection, facing, free_approach
 from nlpgrasp.solve.phases.opened import Opened, opened, openings
 from nlpgrasp.solve.space import Surroundings
 from nlpgrasp.studies.palm.records import APPROACHING, CLOSING, PalmPath
@@ -63,7 +64,7 @@ def palm_path(
     reason = _beyond_limits(hand, grasp, pregrasp)
     if reason:
         return _none(around, distance, reason, ())
-    ways = [_given(direction)] if direction is not None else directions_around(facing(hand, grasp), directions)
+    ways = [_given(direction)] if direction is not None else list(directions_around(facing(hand, grasp), directions))
     found = free_approach(around, lambda times: opened(around, grasp, pregrasp, times), ways, lambda *_: distance)
     if found.fingers is None or found.direction is None:
         return _none(around, distance, found.reason, found.blocked)

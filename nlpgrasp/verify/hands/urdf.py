@@ -164,13 +164,15 @@ class URDFNumbers:
         return Touching(name, self.poses[str(tip["link"])], p, n, size, self.error, self.turn)
 
     def apart(self) -> Iterator[RowValue]:
-        """Yield the squared distances of the spheres that are kept from each other."""
+        """Yield the squared distances of the spheres that are kept from each other, so far as links may not overlap."""
         count = 0
+        may = {(a, b): number(f"overlaps, {a} and {b}", s, at_least=0.0) for a, b, s in self.data.get("overlaps", ())}
         for a, b in combinations(self.link_balls, 2):
             name = f"self-collision, {a.name} and {b.name}"
             if name in self.stated:
                 count += 1
-                squared, least = float(np.sum((a.centre - b.centre) ** 2)), (a.radius + b.radius) ** 2
+                overlap = may.get((a.name.rpartition("/")[0], b.name.rpartition("/")[0]), 0.0)
+                squared, least = float(np.sum((a.centre - b.centre) ** 2)), max(a.radius + b.radius - overlap, 0.0) ** 2
                 error = 4.0 * np.sqrt(squared) * self.error
                 yield RowValue(name, squared, least, scale=self.span**2, error=error)
         wanted = int(self.data["watched_pairs"])
