@@ -98,7 +98,8 @@ class Jaws:
     def posture(self, size: float, distance: Distance) -> Json:
         """Return opening, approach, depth and, in space, the pose of the gripper's frame, as JSON data."""
         approach, depth = self.clearest(size, distance)
-        told: dict[str, object] = {"opening": self.opening, "approach": approach.tolist(), "depth": depth}
+        way = {"direction": approach.tolist(), "depth": depth}
+        told: dict[str, object] = {"opening": self.opening, "approach": way}
         if len(approach) == 2:
             return told
         turn = Rotation.from_matrix(np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1))

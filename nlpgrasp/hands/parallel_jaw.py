@@ -24,9 +24,9 @@ class ParallelJaw(Hand):
     flat. The opening is the distance of the contacts along it.
 
     A solution states the gripper's pose in ``hand``: ``palm_pose`` (x from contact 0 to contact 1, z along the
-    approach), ``opening``, ``approach``, and ``depth``, how deep the fingers' way in leads into something. The
-    contacts leave free how the gripper is turned about the closing line: of 36 directions the clearest of the body, of
-    tables and of obstacles is taken (docs/hands.md says what is looked at).
+    approach), ``opening``, and ``approach``: its ``direction``, and the ``depth`` to which this way in leads into
+    something. The contacts leave free how the gripper is turned about the closing line: of 36 directions the clearest
+    of the body, of tables and of obstacles is taken (docs/hands.md says what is looked at).
 
     Parameters
     ----------

@@ -29,32 +29,32 @@ def test_the_pads_are_on_the_contacts_in_the_grippers_frame(turn):
     turned = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True)
     local = turned.inv().apply(points - np.array(pose["position"]))
     np.testing.assert_allclose(local, [[-0.02, 0.0, 0.07], [0.02, 0.0, 0.07]], atol=1e-12)
-    np.testing.assert_allclose(turned.apply([0.0, 0.0, 1.0]), found["approach"], atol=1e-12)
+    np.testing.assert_allclose(turned.apply([0.0, 0.0, 1.0]), found["approach"]["direction"], atol=1e-12)
     assert found["opening"] == pytest.approx(0.04)
 
 
 def test_the_approach_is_the_shortest_way_over_the_body():
     """Along y the pads leave the box sooner up than sideways; of up and down down the last axis is taken."""
-    np.testing.assert_allclose(posture()["approach"], [0.0, 0.0, -1.0], atol=1e-12)
-    assert posture()["depth"] == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(posture()["approach"]["direction"], [0.0, 0.0, -1.0], atol=1e-12)
+    assert posture()["approach"]["depth"] == pytest.approx(0.0, abs=1e-12)
     lying = posture(body=ng.Box([0.06, 0.04, 0.2]))
-    np.testing.assert_allclose(np.abs(lying["approach"]), [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(np.abs(lying["approach"]["direction"]), [1.0, 0.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("height", [-0.031, -0.05])
 def test_a_table_is_approached_from_its_free_side(height):
     found = posture(constraints=[ng.Table(height), ng.Spread(0.0, 1.0)])
-    assert found["approach"][2] < 0.0
-    assert found["depth"] == pytest.approx(0.0, abs=1e-12)
+    assert found["approach"]["direction"][2] < 0.0
+    assert found["approach"]["depth"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_between_a_table_and_a_shelf_the_gripper_comes_from_the_side():
     hand = ng.ParallelJaw(0.05, finger_length=0.08, finger_thickness=0.008)
     found = posture(hand, [ng.Table(-0.031), ABOVE])
-    assert abs(found["approach"][2]) < 0.3
-    assert found["depth"] < 0.02 * BODY.size
+    assert abs(found["approach"]["direction"][2]) < 0.3
+    assert found["approach"]["depth"] < 0.02 * BODY.size
     shelf, floor = 0.05, -0.0315  # lower face of the shelf, the table and a thin finger's room
-    ends = np.array(PADS) - np.outer([1.0, 1.0], found["approach"]) * 0.08
+    ends = np.array(PADS) - np.outer([1.0, 1.0], found["approach"]["direction"]) * 0.08
     assert np.all((ends[:, 2] < shelf) & (ends[:, 2] > floor))
 
 
@@ -65,22 +65,22 @@ def test_what_is_in_the_way_on_all_sides_is_told():
         for i in range(3)
         for sign in (-1.0, 1.0)
     ]
-    assert posture(constraints=walls)["depth"] > 0.005
+    assert posture(constraints=walls)["approach"]["depth"] > 0.005
 
 
 def test_the_palm_does_not_go_through_the_body():
     """Fingers shorter than the body is deep: across its short side there is no room for the palm, along it there is."""
     tall = ng.Box([0.03, 0.04, 0.2])
     found = posture(ng.ParallelJaw(0.05, finger_length=0.03), body=tall)
-    np.testing.assert_allclose(np.abs(found["approach"]), [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(np.abs(found["approach"]["direction"]), [1.0, 0.0, 0.0], atol=1e-12)
     deep = posture(ng.ParallelJaw(0.05, finger_length=0.03), body=ng.Box([0.2, 0.04, 0.2]))
-    assert deep["depth"] == pytest.approx(0.02, abs=2e-3)  # the palm's line is in the middle of 0.04 m
+    assert deep["approach"]["depth"] == pytest.approx(0.02, abs=2e-3)  # the palm's line is in the middle of 0.04 m
 
 
 def test_a_planar_body_has_two_sides_to_come_from():
     square = ng.Polygon([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
     found = posture(constraints=[ng.Table(-0.021)], body=square, points=[[0.02, 0.0], [-0.02, 0.0]])
-    np.testing.assert_allclose(found["approach"], [0.0, -1.0], atol=1e-15)
+    np.testing.assert_allclose(found["approach"]["direction"], [0.0, -1.0], atol=1e-15)
     assert "palm_pose" not in found
 
 
@@ -101,7 +101,7 @@ def test_a_solution_states_the_pose_of_its_grasps(tmp_path):
     for found in solution.grasps:
         p, q = found.grasp.points
         assert found.hand["opening"] == pytest.approx(float(np.linalg.norm(p - q)))
-        approach = np.array(found.hand["approach"])
+        approach = np.array(found.hand["approach"]["direction"])
         np.testing.assert_allclose(found.hand["palm_pose"]["position"], (p + q) / 2 - 0.04 * approach, atol=1e-12)
         assert approach[2] < 1e-9
     again = ng.GraspSolution.load(solution.save(tmp_path / "jaws.json"))

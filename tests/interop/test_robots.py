@@ -89,7 +89,7 @@ def test_messages_have_the_fields_of_moveit(which, request):
     ahead = solution.grasp.points.mean(axis=0) - solution.hand["palm_pose"]["position"]
     assert turn.apply(forward) @ ahead > 0.9 * np.linalg.norm(ahead)  # towards what is held
     if which == "jaws":
-        np.testing.assert_allclose(turn.apply(forward), solution.hand["approach"], atol=1e-12)
+        np.testing.assert_allclose(turn.apply(forward), solution.hand["approach"]["direction"], atol=1e-12)
 
 
 def test_efforts_are_the_torques_of_the_squeeze(held):

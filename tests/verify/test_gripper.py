@@ -42,15 +42,19 @@ def moved(hand):
     return {**hand, "palm_pose": {**hand["palm_pose"], "position": [0.0, 0.0, 0.04]}}
 
 
+def way(hand, **lie):
+    return {**hand, "approach": {**hand["approach"], **lie}}
+
+
 LIES = {
     "another opening": (lambda hand: {**hand, "opening": 0.041}, "gripper", "opening 0.041 m stated"),
-    "a longer direction": (lambda hand: {**hand, "approach": [0.0, 0.0, -1.1]}, "gripper", "no unit direction"),
-    "along the line": (lambda hand: {**hand, "approach": [0.0, 1.0, 0.0]}, "gripper", "not at right angles"),
+    "a longer direction": (lambda hand: way(hand, direction=[0.0, 0.0, -1.1]), "gripper", "no unit direction"),
+    "along the line": (lambda hand: way(hand, direction=[0.0, 1.0, 0.0]), "gripper", "not at right angles"),
     "elsewhere": (moved, "gripper", "not behind the middle"),
     "turned": (turned, "gripper", "other axes"),
-    "freer": (lambda hand: {**hand, "depth": hand["depth"] + 1e-3}, "way in", "found"),
-    "through the shelf": (lambda hand: {**hand, "approach": [0.0, 0.0, -1.0]}, "way in", "found"),
-    "through the table": (lambda hand: {**hand, "approach": [0.0, 0.0, 1.0]}, "way in", "found"),
+    "freer": (lambda hand: way(hand, depth=hand["approach"]["depth"] + 1e-3), "way in", "found"),
+    "through the shelf": (lambda hand: way(hand, direction=[0.0, 0.0, -1.0]), "way in", "found"),
+    "through the table": (lambda hand: way(hand, direction=[0.0, 0.0, 1.0]), "way in", "found"),
 }
 
 

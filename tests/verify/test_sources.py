@@ -66,7 +66,7 @@ def test_older_files_do_not_say_the_unit(block, tmp_path):
 
 def test_older_files_do_not_hold_the_links_spheres():
     def forget(data):
-        for key in ("link_spheres", "approach", "watched_pairs"):
+        for key in ("link_spheres", "approach", "watched_pairs", "overlaps"):
             del data["problem"]["hand"][key]
 
     found = recomputed_file(edited(honest.fingers(), forget), FOLDER)

@@ -26,7 +26,6 @@ from nlpgrasp.hands.urdf.link_tree import LinkTree
 SAMPLES = 1500
 LOOKED_AT = 300  # postures of a pair of links in which their spheres meet
 ALWAYS = 0.95  # links that collide in this share of positions do so by construction
-NEVER = 0.002  # spheres that meet in fewer than this are not in the program
 SURE = 20  # postures in which spheres meet and hulls do not, from which on links are not watched
 DEEP = 1e-3  # metres from which on hulls in each other count as meeting
 
@@ -40,13 +39,13 @@ class WatchedLinks:
     links : tuple of two str
     overlap : float
         How far their spheres may overlap, metres.
-    pairs : (m, 2) int array
+    pairs : tuple of pairs of int
         The numbers of the spheres that meet farther than that in some postures.
     """
 
     links: tuple[str, str]
     overlap: float
-    pairs: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+    pairs: tuple[tuple[int, int], ...]
 
 
 def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[WatchedLinks, ...]:
@@ -65,7 +64,8 @@ def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[Watche
     for (a, b), overlap in zip(couples, overlaps, strict=True):
         meets = _gaps(centres, fits, a, b) < -overlap
         if np.isfinite(overlap) and np.mean(meets.any(axis=(1, 2))) <= ALWAYS:
-            found.append(WatchedLinks((a, b), float(overlap), np.argwhere(meets.mean(axis=0) > NEVER)))
+            often = zip(*np.nonzero(meets.any(axis=0)), strict=True)
+            found.append(WatchedLinks((a, b), float(overlap), tuple((int(i), int(j)) for i, j in often)))
     return tuple(found)
 
 

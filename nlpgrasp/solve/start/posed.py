@@ -23,10 +23,13 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 POSES_A_CANDIDATE = 8  # random poses for each of the candidates that the options ask for
 DRAWN, SCREENED, GOALS = 4096, 512, 64  # random placements; those looked at closer; those that hands reach for
 ORDERS, NEAR, EACH = 24, 8, 12  # ways to share a goal's places among fingers; postures for each; kept for a goal
-LOOKED_AT, CHECKED = 256, 48
+LOOKED_AT = 256
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 BROKEN = 1.0  # weight of what breaks constraints, such as a palm that faces elsewhere: a hand seldom turns around
-BLOCKED = 0.2  # weight of the links' mean overlap, over the body's size
+BLOCKED = (
+    0.5,
+    5.0,
+)  # weights of what is in the links' way: by the one the best poses come first, by the other free ones
 TRIES = 12  # poses that are moved to where all fingertips touch
 MANY, MANY_TRIES = 6, 32  # contacts from which hands hardly ever touch with all, and poses then
 
@@ -70,8 +73,8 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
     """Return the best few of many poses of a hand around the body: random ones, and some that reach for goals.
 
     Each fingertip's contact is the nearest sample point of the faces it may use. Poses are ranked by how well the
-    contacts resist the task, less how far the fingertips are from them and what constraints they break; of the best,
-    those whose links are least in the body's and each other's way come first.
+    contacts resist the task, less how far the fingertips are from them, what constraints they break and how much their
+    links are in the body's and each other's way: half of them by a small weight of the last, half by a large one.
     """
     count = bench.problem.hand.count if bench.problem.hand is not None else 0
     every = [_at_random(bench, rng)] + ([_reaching(bench, rng)] if count < MANY else [])
@@ -79,14 +82,18 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
     poses = _beside(bench, values, np.concatenate([tips for _, tips in every]))
     broken = bench.rows.broken(poses.points, poses.normals, poses.values)
     far = FAR * poses.far / bench.scaling.length + BROKEN * broken
-    some = np.argsort(far - scores(bench, poses.points, poses.normals), kind="stable")[:LOOKED_AT]
-    score = _bounds(bench, poses.points[some], poses.normals[some]) * bench.scaling.beta - far[some]
-    best = np.argsort(-score, kind="stable")[:CHECKED]
-    chosen = some[best]
-    there = {name: v[chosen] for name, v in poses.values.items()}
-    blocked = bench.rows.blocked(poses.points[chosen], poses.normals[chosen], there)
-    order = np.argsort(BLOCKED * blocked - score[best], kind="stable")[: TRIES if count < MANY else MANY_TRIES]
-    return [poses.placed(int(i)) for i in chosen[order]]
+    blocked = bench.rows.blocked(poses.points, poses.normals, poses.values)
+    score = scores(bench, poses.points, poses.normals)
+    orders = np.stack([_order(bench, poses, far + weight * blocked, score) for weight in BLOCKED], axis=1)
+    chosen = list(dict.fromkeys(orders.ravel().tolist()))[: TRIES if count < MANY else MANY_TRIES]
+    return [poses.placed(i) for i in chosen]
+
+
+def _order(bench: Workbench, poses: _Poses, against: FloatArray, score: FloatArray) -> NDArray[np.intp]:
+    """Return the best poses by number, best first: by upper bounds on mu less what speaks against a pose, (b,)."""
+    some = np.argsort(against - score, kind="stable")[:LOOKED_AT]
+    bounds = _bounds(bench, poses.points[some], poses.normals[some]) * bench.scaling.beta
+    return np.asarray(some[np.argsort(against[some] - bounds, kind="stable")])
 
 
 def _at_random(bench: Workbench, rng: np.random.Generator) -> tuple[Values, FloatArray]:

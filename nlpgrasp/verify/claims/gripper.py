@@ -20,6 +20,7 @@ UNIT = 1e-9  # of a direction or a quaternion
 CLOSE = 1e-6  # of the body's size
 POINTS, PALM = 24, 5  # of a line on the way in; lines of the palm
 WAY = 2.0  # of the body's size
+DIRECTION = "hand.approach.direction"
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class _Probes(FreeHand):
 
 
 def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface: Surface | None) -> list[Check]:
-    """Return the check of ``hand.palm_pose``, ``opening`` and ``approach`` of parallel jaws, and that of ``depth``.
+    """Return the check of ``hand.palm_pose``, ``opening`` and ``approach`` of parallel jaws, and that of its ``depth``.
 
     Parameters
     ----------
@@ -58,8 +59,9 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     except NotMadeError as reason:
         return [*checks, Check.not_made("way in", str(reason))]
     off = CLOSE * placement.size + (0.0 if surface is None else surface.rough)
-    told = f"{1e3 * number('hand.depth', hand['depth']):.3g} mm deep in something"
-    same = abs(hand["depth"] - depth) <= off
+    stated = number("hand.approach.depth", hand["approach"]["depth"])
+    told = f"{1e3 * stated:.3g} mm deep in something"
+    same = abs(stated - depth) <= off
     return [*checks, Check("way in", same, told if same else f"{told} stated, {1e3 * depth:.3g} mm found")]
 
 
@@ -67,7 +69,7 @@ def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
     """Yield what is wrong with opening, approach and pose."""
     (p, q), size, space = placement.points, placement.size, placement.points.shape[1]
     opening = float(np.linalg.norm(q - p))
-    closing, approach = (q - p) / opening, array("hand.approach", hand["approach"], (space,))
+    closing, approach = (q - p) / opening, array(DIRECTION, hand["approach"]["direction"], (space,))
     if not abs(hand["opening"] - opening) <= CLOSE * size:
         yield f"opening {hand['opening']:.6g} m stated, the contacts are {opening:.6g} m apart"
     if not abs(float(np.linalg.norm(approach)) - 1.0) <= UNIT:
@@ -113,7 +115,7 @@ def _depth(
 def _way(asked: Json, hand: Json, placement: StatedPlacement, surface: Surface, thickness: float) -> FloatArray:
     """Return the points (n, space) of fingers and palm on their way in."""
     p, q = placement.points
-    closing, approach = (q - p) / np.linalg.norm(q - p), array("hand.approach", hand["approach"], p.shape)
+    closing, approach = (q - p) / np.linalg.norm(q - p), array(DIRECTION, hand["approach"]["direction"], p.shape)
     length = number("finger_length", asked.get("finger_length", 0.0), at_least=0.0)
     far = WAY * float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
     one, other = p - closing * thickness / 2.0, q + closing * thickness / 2.0

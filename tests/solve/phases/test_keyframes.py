@@ -121,14 +121,16 @@ def test_without_a_pregrasp_there_is_no_approach(tmp_path):
 
 
 def test_balls_of_links_that_overlap_in_the_grasp_may_do_so_on_the_way(tmp_path):
-    """Two balls are made so large that they overlap in the grasp, as those of links that hardly ever meet may."""
+    """Two balls are asked to be farther apart than in the grasp, as those of links that hardly ever meet may be."""
     solution, problem = grasped(tmp_path)
     hand = problem.hand
     postures = [hand.values_of(solution.hand[key] if key else solution.hand) for key in ("", "pregrasp")]
     around = Surroundings(problem, hand)
     large = [i for i, link in enumerate(around.balls.links) if link in ("a0", "b0")]
     places = around.balls.places(postures[0])
-    around.balls.radii[large] = np.linalg.norm(places[large[0]] - places[large[1]]) / 2.0 + 2e-3
+    both = np.all(np.isin(around.balls.pairs, large), axis=1)
+    assert np.sum(both) == 1
+    around.balls.apart[both] = np.linalg.norm(places[large[0]] - places[large[1]]) + 4e-3
     first = around.clearances(postures[0])[around.of_pairs()]
     assert np.min(first) < -1e-3
     found = opened(around, *postures, 1.0)
