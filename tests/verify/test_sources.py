@@ -64,6 +64,11 @@ def test_older_files_do_not_say_the_unit(block, tmp_path):
     assert recomputed_file(edited(block, forget), tmp_path)["surface"].passed
 
 
+def not_made(found):
+    """Return the checks that could not be made; that of the approach is there where a direction is free."""
+    return [name for name, check in found.items() if not check.made and name != "approach"]
+
+
 def test_older_files_do_not_hold_the_links_spheres():
     def forget(data):
         for key in ("link_spheres", "approach", "watched_pairs", "overlaps"):
@@ -72,13 +77,22 @@ def test_older_files_do_not_hold_the_links_spheres():
     found = recomputed_file(edited(honest.fingers(), forget), FOLDER)
     assert found["hand"].passed
     assert found["joints"].passed
-    assert [n for n, c in found.items() if not c.made] == ["constraint 0, table", "constraint 1, approach", "links"]
+    assert [n for n, c in found.items() if not c.made and n != "approach"] == [
+        "constraint 0, table",
+        "constraint 1, approach",
+        "links",
+    ]
     assert "3 rows recomputed" in found["constraint 0, table"].detail
 
 
 def test_a_urdf_that_is_not_there_is_not_made():
     found = recomputed_file(honest.fingers())
-    assert [n for n, c in found.items() if not c.made] == ["constraint 0, table", "hand", "links", "joints"]
+    assert [n for n, c in found.items() if not c.made and n != "approach"] == [
+        "constraint 0, table",
+        "hand",
+        "links",
+        "joints",
+    ]
     assert found["surface"].passed
 
 

@@ -102,12 +102,12 @@ def _overlaps(
     """Return the overlap that each pair of links may have, (c,), metres: infinite for those that never meet."""
 
     def make() -> dict[str, FloatArray]:
-        hulls = {link: [Hull.of(shape) for shape in tree.robot.shapes[link]] for link in fits}
+        hulls = {link: [Hull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
         found = [_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in couples]
         return {"overlaps": np.array(found)}
 
     every = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
-    shapes = [shape.content for link in fits for shape in tree.robot.shapes[link]]
+    shapes = [shape.content for link in fits for shape in tree.robot.shapes.get(link, ())]
     return kept("overlaps", ["\n".join(fits).encode(), *shapes, *every], make)["overlaps"]
 
 
@@ -118,7 +118,7 @@ def _overlap(
     overlap = -gaps.min(axis=(1, 2), initial=np.inf)
     where = np.flatnonzero(overlap > 0.0)
     where = where[:: max(1, len(where) // LOOKED_AT)]
-    if not len(where):
+    if not len(where) or not one or not other:
         return 0.0
     deep = meet(one, other, np.linalg.inv(frames[where]) @ others[where])
     met = overlap[where][deep > DEEP]

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.spheres.link_spheres import SphereFit
+from nlpgrasp.hands.spheres.self_collision import watched_links
 
 IntArray = NDArray[np.intp]
 
@@ -114,9 +116,10 @@ class LinkBalls:
     @cached_property
     def _watched(self) -> tuple[IntArray, FloatArray]:
         """Return the pairs of balls that are kept apart, (m, 2), and the least distances of their centres, (m,)."""
-        numbers = {link: np.flatnonzero([name == link for name in self.links]) for link in set(self.links)}
+        numbers = {link: np.flatnonzero([name == link for name in self.links]) for link in dict.fromkeys(self.links)}
+        fits = {link: SphereFit(self._centres[own], self.radii[own], 0.0) for link, own in numbers.items()}
         pairs, overlaps = [np.zeros((0, 2), int)], [np.zeros(0)]
-        for both in self.hand.watched:
+        for both in watched_links(self.hand.tree, fits) if self.hand.self_collision else ():
             a, b = (numbers[link] for link in both.links)
             pairs.append(np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1).reshape(-1, 2))
             overlaps.append(np.full(len(pairs[-1]), both.overlap))

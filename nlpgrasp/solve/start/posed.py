@@ -26,10 +26,8 @@ ORDERS, NEAR, EACH = 24, 8, 12  # ways to share a goal's places among fingers; p
 LOOKED_AT = 256
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 BROKEN = 1.0  # weight of what breaks constraints, such as a palm that faces elsewhere: a hand seldom turns around
-BLOCKED = (
-    0.5,
-    5.0,
-)  # weights of what is in the links' way: by the one the best poses come first, by the other free ones
+# weights of what is in the links' way: by the one the best poses come first, by the other those that are free
+BLOCKED = (0.05, 5.0)
 TRIES = 12  # poses that are moved to where all fingertips touch
 MANY, MANY_TRIES = 6, 32  # contacts from which hands hardly ever touch with all, and poses then
 
