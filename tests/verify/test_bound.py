@@ -36,6 +36,7 @@ PROBLEMS = {
         hand=ng.Fingertips(2, 0.05, reach=1.5),
     ),
     "sphere": problem(ng.Sphere(1.3), [FRICTION] * 3),
+    "sphere by its semi-axes": problem(ng.Ellipsoid([1.3] * 3), [FRICTION] * 3),
     "box": problem(ng.Box([2, 1, 1]), [FRICTION] * 4),
     "box, hole": problem(ng.Box([2, 1, 1]), [FRICTION] * 3, constraints=HOLE),
     "box, soft": problem(ng.Box([2, 1, 1]), [SOFT, SOFT], force_budget="per_finger_size"),
@@ -64,6 +65,7 @@ PROBLEMS = {
 ABOVE = 2e-9  # relative: along its directions the task does up to a billionth more than unit work
 CURVED = (
     "sphere",
+    "sphere by its semi-axes",
     "cylinder",
     "cylinder, mixed",
     "cylinder, all different",
@@ -234,6 +236,7 @@ OTHER_EDITS = {
         put(("certificate", "groups", 0, "roots", 0, 1, "signs"), [1.0, 1.0, -1.0]),
         "faces covered",
     ),
+    "poles of an ellipsoid": ("sphere by its semi-axes", put(("problem", "body", "semi_axes", 0), 1.31), "turned"),
     "pole": ("sphere", put(("problem", "body", "radius"), 1.31), "turned"),
     "task that does not turn": ("sphere", put(("problem", "task", "axes", 0, 0), 1.1), "turned"),
     "constraint that does not turn": (

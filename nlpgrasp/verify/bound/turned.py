@@ -90,7 +90,7 @@ def _half_plane(roots: Sequence[Json], turning: Turning, faces: Faces) -> str:
 
 
 def _pole(pole: Sequence[Json], meridian: Sequence[Json] | None, turning: Turning) -> str:
-    if turning.body["type"] != "sphere" or len(pole) != 1:
+    if not _round(turning.body) or len(pole) != 1:
         return "only a sphere has every point for a pole"
     point = Ellipsoid(pole[0])
     if not _is_on(point, turning) or len(point.corners) != 1:
@@ -103,6 +103,11 @@ def _pole(pole: Sequence[Json], meridian: Sequence[Json] | None, turning: Turnin
         if not on or ends is None or np.max(np.abs(np.abs(ends @ point.corners[0]) - 1.0)) > SAME:
             return "the cells are no meridian through the pole"
     return ""
+
+
+def _round(body: Json) -> bool:
+    """Return whether a body is a sphere, or an ellipsoid that is one."""
+    return body["type"] == "sphere" or (body["type"] == "ellipsoid" and len(set(body["semi_axes"])) == 1)
 
 
 def _is_on(cell: Ellipsoid, turning: Turning) -> bool:
