@@ -101,6 +101,18 @@ def test_a_push_is_newtons_times_time(held):
     assert world.pose().from_(after).slip > 0.03
 
 
+def test_torques_of_the_squeeze_are_those_of_static_equilibrium(held):
+    """What MuJoCo's servos exert once all is at rest, against J^T f of the squeeze."""
+    world = HandWorld(mjcf_with_hand(held, HAND, ng.HandSceneOptions(frictionloss=0.0)))
+    world.begin("grasp")
+    world.run(1.0, world.controls("squeeze"))
+    world.run(1.0)
+    torques = held.squeeze.joints.torques
+    exerted = [world.data.qfrc_actuator[world.model.joint(f"hand_{name}").dofadr[0]] for name in torques]
+    assert np.max(np.abs(world.data.qvel)) < 1e-4
+    np.testing.assert_allclose(exerted, list(torques.values()), atol=0.01 * max(torques.values()))
+
+
 def test_bad_input(held):
     with pytest.raises(InputError, match="push: got -1"):
         ng.simulate_hand(held, HAND, push=-1.0)
