@@ -144,6 +144,7 @@ def test_more_search_and_more_room_bring_the_bound_down(monkeypatch):
     assert upper == max(leaf[2] for leaf in data["leaves"])
 
 
+@pytest.mark.slow
 def test_an_icosphere_is_bounded_as_its_sphere_is():
     mesh = trimesh.creation.icosphere(4, 1.0)
     asked = ng.GraspProblem(ng.Mesh(mesh, resolution=8), [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0] * 6))

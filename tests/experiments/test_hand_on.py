@@ -80,6 +80,7 @@ def test_a_budgets_answer_is_not_beaten_by_that_of_another(handed):
             assert other.lower <= handed["shared"].mu.upper * 1.001
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_the_workers(handed, tmp_path):
     assert placed(run(VARIATIONS, tmp_path / "out", workers=2)) == placed(handed)
 

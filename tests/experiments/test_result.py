@@ -40,6 +40,7 @@ def test_ranks_count_only_what_is_certain():
     assert ties(bounds) == [(1,), (0, 2), (1,), (4,), (3,)]
 
 
+@pytest.mark.slow
 def test_variations_within_the_gap_are_ties(result):
     assert result.ranks() == [1, 2, 2, 4]
     assert result.ties() == [(), ("same",), ("smooth",), ()]

@@ -57,6 +57,7 @@ def test_every_solve_is_a_verified_solution_file(finished):
     assert finished.success
 
 
+@pytest.mark.slow
 def test_any_number_of_workers_gives_what_solve_gives(finished, tmp_path):
     alone = ng.run_experiment(experiment(), tmp_path / "one", workers=1)
     assert grasps(alone) == grasps(finished)
@@ -245,6 +246,7 @@ def test_arguments_are_checked_first(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_one_worker_survives_a_crash_too(tmp_path):
     def crash():
         os.kill(os.getpid(), signal.SIGKILL)

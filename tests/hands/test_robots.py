@@ -140,7 +140,7 @@ def test_talos_holds_a_box():
     inner = ng.FlatTip([0.03, 0.05], (0, -0.005, 0), (RIGHT, 0.0, 0.0))  # of pads 31 mm broad and 60 mm long
     tips = {f"gripper_left_fingertip_{i}_link": inner for i in (1, 2, 3)}
     path = robot("talos_data/robots/talos_full_v2.urdf")
-    hand = ng.URDFHand.load(path, tips, palm="gripper_left_base_link", self_collision=False)
+    hand = ng.URDFHand.load(path, tips, palm="gripper_left_base_link")
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     problem = ng.GraspProblem(ng.Box([0.1, 0.04, 0.05]), ng.FrictionContact(0.7), task, hand=hand)
     solution = ng.solve(problem, starts=2, options=QUICK)

@@ -98,6 +98,7 @@ def test_some_normals_may_point_away(tmp_path):
     read_contacts_csv(table(tmp_path / "a.csv", INWARD * [[1.0], [1.0], [-1.0]]), 0.5)
 
 
+@pytest.mark.slow
 def test_the_command_line_knows_the_body_of_the_task(tmp_path):
     problem = ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, TASK)
     grasp = ng.Grasp(POINTS, INWARD, problem.models, problem.origin)

@@ -103,6 +103,7 @@ def test_masses_are_those_of_the_urdf(held):
         assert model.body(f"hand_{link}").mass[0] == pytest.approx(max(inertial.mass, 1e-3))
 
 
+@pytest.mark.slow
 def test_convex_pieces():
     ball = trimesh.creation.icosphere(subdivisions=3)
     assert len(convex_pieces(Triangles(ball.vertices, ball.faces))) == 1

@@ -32,6 +32,7 @@ def seen(solution):
     return np.array(colours), corners.mean(axis=1)
 
 
+@pytest.mark.slow
 def test_a_face_that_no_contact_may_be_on_is_grey(loaded):
     colours, middles = seen(loaded)
     x = middles[:, 0]

@@ -63,6 +63,7 @@ def test_both_ends_of_the_certificate(simulated):
     assert simulated.conditions == ("as solved", "without gravity", "friction 10% lower", "contacts 2 mm off")
 
 
+@pytest.mark.slow
 def test_a_planar_grasp(square):
     found = simulate(square, wrenches=3)
     assert found.confirmed, str(found)

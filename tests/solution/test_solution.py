@@ -68,6 +68,7 @@ def test_without_a_solved_start_none_won(none):
     assert "best_start" not in none.to_dict()
 
 
+@pytest.mark.slow
 def test_a_solve_by_robustness_records_the_start_it_took():
     task = ng.TaskEllipsoid([1, 1, 0.03])
     rectangle = ng.Polygon([[0, 0], [0.1, 0], [0.1, 0.06], [0, 0.06]])

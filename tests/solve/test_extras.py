@@ -38,6 +38,7 @@ def test_from_the_file_alone_all_is_added_as_a_whole_solve_finds_it(tmp_path):
     assert ng.with_extras(again).to_dict() == again.to_dict()
 
 
+@pytest.mark.slow
 def test_a_mesh_and_a_hand_need_the_problem(tmp_path):
     trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
     body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=8)
@@ -52,6 +53,7 @@ def test_a_mesh_and_a_hand_need_the_problem(tmp_path):
     assert len(helped.drawing.body.faces) == 12
 
 
+@pytest.mark.slow
 def test_of_a_hand_the_depth_of_its_links_too():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     problem = ng.GraspProblem(ng.Sphere(0.03), ng.FrictionContact(0.7), task, hand=four_finger_hand())

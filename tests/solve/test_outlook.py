@@ -96,6 +96,7 @@ def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkey
     assert not left["bound"].made
 
 
+@pytest.mark.slow
 def test_a_mesh_is_surveyed(tmp_path):
     """For grasps away from its edges; the certificate holds no cell but the whole mesh, and is small."""
     trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")

@@ -74,6 +74,7 @@ def test_the_answer_does_not_depend_on_the_number_of_workers():
     assert [(s.mu, s.iterations) for s in one.starts] == [(s.mu, s.iterations) for s in two.starts]
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_search():
     options = ng.SolveOptions(
         shadow_prices=False, workers=1, exchange=False, rtol=0.5, final_rtol=0.5, global_bound=False

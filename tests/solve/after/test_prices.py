@@ -110,6 +110,7 @@ def test_prices_are_in_the_solution_and_its_file(tmp_path):
     assert abs(solution.prices[0].gain) >= abs(solution.prices[-1].gain)
 
 
+@pytest.mark.slow
 def test_prices_can_be_left_out():
     options = ng.SolveOptions(workers=1, shadow_prices=False)
     assert ng.solve(PROBLEMS["reach and table"](), 1, options=options).prices == ()

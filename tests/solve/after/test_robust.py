@@ -27,6 +27,7 @@ def ellipsoid():
     return ng.solve(problem(ng.Ellipsoid([0.05, 0.03, 0.02])), 2, options=ONE)
 
 
+@pytest.mark.slow
 def test_no_random_placement_is_worse(ellipsoid):
     """300 placements with every contact 1 mm off, by brute force on the ellipsoid: none below the worst found."""
     robust, rng = ellipsoid.robust, np.random.default_rng(1)
@@ -197,6 +198,7 @@ def test_a_contact_that_may_slip_over_an_edge_is_lost():
     assert kept.mu.lower > 0.1
 
 
+@pytest.mark.slow
 def test_a_lost_contact_is_told_and_verified(tmp_path):
     """With the paper's exact problem contacts are on edges; a solution that hides what slips is a lie."""
     box = ng.GraspProblem(

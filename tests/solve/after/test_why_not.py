@@ -30,6 +30,7 @@ def test_one_constraint_that_cannot_be_kept():
     assert "Relax spread by at least" in found.advice[0]
 
 
+@pytest.mark.slow
 def test_constraints_that_contradict_each_other_are_both_named():
     hand = ng.Fingertips(3, 0.005, reach=0.03)
     solution = solve([ng.FrictionContact(0.6)] * 3, hand=hand, constraints=[ng.Spread(min=0.07)])
@@ -80,6 +81,7 @@ def test_diagnosis_survives_the_file(tmp_path):
     assert not ng.verify(path)
 
 
+@pytest.mark.slow
 def test_solved_problems_have_no_diagnosis():
     assert solve([ng.FrictionContact(0.6)] * 4, 1).why_not is None
 

@@ -67,6 +67,7 @@ def test_they_are_apart_in_every_order_and_mirror(solution, problem):
             assert np.max(np.linalg.norm(p @ R - q[list(order)], axis=1)) > DISTINCT * problem.body.size
 
 
+@pytest.mark.slow
 def test_a_solve_that_keeps_one_finds_the_same_answer(solution, problem):
     alone = ng.solve(problem, starts=3, options=ng.SolveOptions(workers=1))
     assert len(alone.grasps) == 1

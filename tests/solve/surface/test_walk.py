@@ -40,6 +40,7 @@ def mu_of(bench, held):
     return ng.mu(bench.grasp_at(held.placed.points, held.normals), TASK, 1e-3)
 
 
+@pytest.mark.slow
 def test_walks_lead_to_better_grasps(held, bench):
     """By 12 % in the mean over these four seeds; never to a worse one, within certificates."""
     each = [held, *(walked(bench, seed) for seed in (1, 2, 3))]
