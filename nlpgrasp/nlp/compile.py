@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -76,6 +77,15 @@ class CompiledProgram:
     @cached_property
     def _linearised(self) -> Evaluator:
         return Evaluator(self._functions.jacobian)
+
+    def within(self, name: str, lower: FloatArray, upper: FloatArray) -> CompiledProgram:
+        """Return the same program, no part of it compiled anew, with other bounds of one of the hand's variables.
+
+        Arguments are those of ``Program.within``.
+        """
+        result = copy(self)
+        result.program = self.program.within(name, lower, upper)
+        return result
 
     def solve(
         self,

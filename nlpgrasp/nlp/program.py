@@ -7,6 +7,7 @@ block of rows has a name, so that a report says "friction, finger 2, direction 1
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -156,6 +157,14 @@ class Program:
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the variables, (n,) each, solver units."""
         return _stacked(self._bounds)
+
+    def within(self, name: str, lower: FloatArray, upper: FloatArray) -> Program:
+        """Return the same program with other bounds, (m,) each, of one of the hand's variables, in the hand's units."""
+        block = self.block(HAND, name)
+        result = copy(self)
+        result._bounds = list(self._bounds)
+        result._bounds[self.variables.index(block)] = lower / block.scale, upper / block.scale
+        return result
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:

@@ -14,6 +14,7 @@ from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.asked import Asked
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.joint_room import room_lines
 from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.phases.phase import Phase, phases_from
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
@@ -100,7 +101,8 @@ class Measured(Asked):
         squeezed = [] if self.squeeze is None else [self.squeeze.line()]
         reason = ((self.hand or {}).get("approach") or {}).get("reason")
         came = [f"no free straight way of the palm to the grasp: {reason}"] if reason else []
-        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *squeezed, *came])]
+        room = [] if self._room is None else room_lines(self._room)
+        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *squeezed, *came, *room])]
 
     def needed_lines(self) -> list[str]:
         """Return what the fingers press for the task as it was given, in words; nothing where it is not known."""
@@ -133,7 +135,8 @@ class Measured(Asked):
         elif self.bound is not None:
             lines.append(f"  {self.bound.line(0.0)}")
         if self.robust is not None:
-            lines += [f"  {self.robust}", *passed_over(self.starts, self.winner)]
+            before = 0.0 if self._room is None else float(self._room["mu_without"]["upper"])
+            lines += [f"  {self.robust}", *passed_over(self.starts, self.winner, before)]
         lines += [f"  {price}" for price in self.prices[:3]]
         if self.why_not is not None:
             lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]
@@ -162,6 +165,11 @@ class Measured(Asked):
         if self.grasp is None or self.drawing is None:
             raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
         return self.drawing
+
+    @property
+    def _room(self) -> Json | None:
+        """What the room of the hand's joints is, as ``hand`` states it."""
+        return (self.hand or {}).get("room")
 
     @property
     def _measured(self) -> Bounds:

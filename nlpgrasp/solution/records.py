@@ -189,11 +189,14 @@ def winner_of(starts: Sequence[StartRecord], best_start: int | None) -> StartRec
     return max(solved, key=lambda s: s.mu.upper, default=None)
 
 
-def passed_over(starts: Sequence[StartRecord], winner: StartRecord | None) -> list[str]:
-    """Return in words which start found a grasp with more mu than the answer, that keeps less of it."""
+def passed_over(starts: Sequence[StartRecord], winner: StartRecord | None, before: float = 0.0) -> list[str]:
+    """Return in words which start found a grasp with more mu than the answer, that keeps less of it.
+
+    ``before`` is the answer's mu before its hand's joints got room.
+    """
     if winner is None:
         return []
-    more = [s for s in starts if s.status is Status.SOLVED and s.mu.lower > winner.mu.upper]
+    more = [s for s in starts if s.status is Status.SOLVED and s.mu.lower > max(winner.mu.upper, before)]
     best = max(more, key=lambda s: s.mu.lower, default=None)
     if best is None:
         return []

@@ -164,7 +164,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         prices=after.prices,
         robust=None if after.robust is None else after.robust.beside(certified),
         bound=bound,
-        hand=hand_data(problem, found, after),
+        hand=_with_room(hand_data(problem, found, after), best),
         surface=found.surface,
         drawing=after.drawing,
         starts=search.records,
@@ -181,6 +181,11 @@ def _status(options: SolveOptions, bound: GlobalBound | None, lower: float) -> S
     """Return how a search ended that found a grasp: whether it is as close to the best as was asked for."""
     closed = options.gap is not None and bound is not None and bound.gap(lower) <= options.gap
     return Status.OPTIMAL if closed else Status.SOLVED
+
+
+def _with_room(hand: Json | None, best: StartGrasp) -> Json | None:
+    """Return the hand's data with the room that its joints have, where that was looked at."""
+    return hand if hand is None or best.room is None else {**hand, "room": best.room.to_dict()}
 
 
 def hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json | None:

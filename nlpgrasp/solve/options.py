@@ -51,6 +51,13 @@ class SolveOptions:
         fifth of that mu is left at the worst placement, the best of the next two grasps that is not so fragile, has at
         least half its mu and leaves more. Takes ``extras``; without them, with a ``gap`` asked for, with
         ``maximise_robust``, or with the time limit over, mu alone counts.
+    joint_margin : float
+        How far the joints of a hand with links are to be from their limits, radians, 0 for anywhere in their ranges: a
+        tenth of a joint's range at most, and that of joints that slide. The answer is looked for again near the
+        best grasp, with the ranges that much narrower. Not with a ``gap`` asked for, where mu alone counts.
+    room_price : float
+        The share of mu that may be given for that, below 1; where it costs more, joints stay near their limits, and
+        the solution names them.
     maximise_robust : bool
         Move the contacts to where the worst placement is best (on smooth bodies, without a hand that has a pose), and
         take the start whose worst placement is best instead of the one with the best mu.
@@ -84,6 +91,8 @@ class SolveOptions:
     robust_offset: float = 0.001
     robust_friction: float = 0.1
     rank: str = "robust"
+    joint_margin: float = 0.052
+    room_price: float = 0.03
     maximise_robust: bool = False
     global_bound: bool = True
     gap: float | None = None
@@ -103,10 +112,11 @@ class SolveOptions:
             object.__setattr__(self, name, integer(f"SolveOptions.{name}", getattr(self, name), at_least=1))
         for name in ("rtol", "final_rtol", "pregrasp_clearance"):
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), above=0.0))
-        for name in ("robust_offset", "robust_friction"):
+        for name in ("robust_offset", "robust_friction", "joint_margin", "room_price"):
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), at_least=0.0))
-        if self.robust_friction >= 1.0:
-            raise InputError("SolveOptions.robust_friction", self.robust_friction, "a share below 1")
+        for name in ("robust_friction", "room_price"):
+            if getattr(self, name) >= 1.0:
+                raise InputError(f"SolveOptions.{name}", getattr(self, name), "a share below 1")
         if self.time_limit is not None:
             limit = number("SolveOptions.time_limit", self.time_limit, above=0.0)
             object.__setattr__(self, "time_limit", limit)
@@ -130,6 +140,11 @@ class SolveOptions:
     def weighs_fragility(self) -> bool:
         """Whether a fragile grasp may lose to one with less mu."""
         return self.rank == "robust" and self.extras and self.gap is None and not self.maximise_robust
+
+    @property
+    def seeks_room(self) -> bool:
+        """Whether mu may be given for room between a hand's joints and their limits."""
+        return self.joint_margin > 0.0 and self.gap is None
 
     def narrow(self, starts: int) -> SolveOptions:
         """Return the options with certificates as narrow as the gap that is asked for needs, or a start alone."""

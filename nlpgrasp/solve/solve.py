@@ -136,6 +136,8 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
             cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
             best = runner.chosen(best_of(results), results, stop)
             clock.mark("choice")
+            best = _in_place(runner.roomy(best, stop), results)
+            clock.mark("room")
             bound = runner.bound(stop)
             search = Search(runner.problem, options, seed, results, cut_short, deadline, bound, clock, best)
             clock.mark("bound")
@@ -155,6 +157,13 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
     if keeping.count > 1:
         record |= {"keep": keeping.count, "distinct": keeping.distinct}
     return replace(solution, solver=record)
+
+
+def _in_place(best: StartGrasp | None, results: list[StartResult]) -> StartGrasp | None:
+    """Return the answer, put in the place of its start's result."""
+    if best is not None:
+        results[:] = [best if r.record.index == best.record.index else r for r in results]
+    return best
 
 
 def check_json(data: Json) -> None:

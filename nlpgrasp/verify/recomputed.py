@@ -19,6 +19,7 @@ from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, guarded, no_sense
 from nlpgrasp.verify.claims.drawing import drawing_check
 from nlpgrasp.verify.claims.gripper import gripper_checks
 from nlpgrasp.verify.claims.phases import phase_checks
+from nlpgrasp.verify.claims.room import room_checks
 from nlpgrasp.verify.claims.squeeze import squeeze_checks
 from nlpgrasp.verify.claims.torques import torque_checks
 from nlpgrasp.verify.hands.room import room_rows
@@ -68,6 +69,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
         rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
     checks += guarded("joint torques", lambda: torque_checks(solution, grasp, hand))
     checks += guarded("squeeze", lambda: squeeze_checks(solution, grasp, hand))
+    checks += guarded("room of joints", lambda: room_checks(solution, hand))
     checks += guarded("gripper", lambda: gripper_checks(solution, placement, surface))
     checks += guarded("phases", lambda: phase_checks(solution, hand, surface))
     checks += guarded("drawing", lambda: _drawing_checks(solution, surface))

@@ -55,7 +55,9 @@ SAME = 5e-3  # relative: what rounding of another machine may change; a better g
 def test_four_fingers_touch_where_the_grasp_says(name, tmp_path):
     body = BODIES[name]
     solution = solved(body, four_finger_hand())
-    assert solution.mu.upper >= (1.0 - SAME) * QUALITY[name]
+    without, price = solution.hand["room"]["mu_without"]["upper"], ng.SolveOptions().room_price
+    assert without >= (1.0 - SAME) * QUALITY[name]
+    assert solution.mu.upper >= (1.0 - price) * without
     solution.save(tmp_path / "grasp.json")
     assert ng.verify(tmp_path / "grasp.json")
     gaps, centres = tip_gaps(solution, FOUR, FOUR_TIPS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from functools import cached_property
 
 import casadi as ca
@@ -37,10 +38,16 @@ class LinkTree:
         self.tips = tuple(tips)
         self.approach = approach
 
-    @property
+    @cached_property
     def joint_limits(self) -> FloatArray:
         """Lower and upper limits of the free joints, (2, m), those of joints that follow them included."""
         return np.array([ends[:2] for ends in self.robot.ranges.values()], dtype=float).T
+
+    def with_limits(self, limits: FloatArray) -> LinkTree:
+        """Return the same links with other limits of the free joints, (2, m)."""
+        result = copy(self)
+        result.joint_limits = limits
+        return result
 
     def joint_positions(self, joints: FloatArray) -> dict[str, float]:
         """Return every moving joint's position by name, for positions of the free joints (m,)."""

@@ -154,6 +154,12 @@ class URDFHand(LinkedHand):
         result.clearance = number("URDFHand.clearance", clearance)
         return result
 
+    def with_limits(self, limits: FloatArray) -> URDFHand:
+        """Return the same hand with other limits of its free joints, (2, m)."""
+        result = copy(self)
+        result.tree = self.tree.with_limits(limits)
+        return result
+
     def check(self, space: int) -> None:
         """Refuse planar bodies, which have no room for links."""
         if space != 3:

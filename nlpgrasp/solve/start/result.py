@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.joint_room import JointRoom
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.surface.on_body import OnBody
@@ -48,6 +49,8 @@ class StartGrasp(StartResult):
         Where the solve goes by it.
     ascended : Placed
         Where the exchange ended, before the contacts went onto a mesh itself.
+    room : JointRoom or None
+        How far the hand's joints are from their limits, where that was looked at.
     """
 
     found: OnBody
@@ -55,6 +58,7 @@ class StartGrasp(StartResult):
     spent: Effort
     robust: Robustness | None
     ascended: Placed
+    room: JointRoom | None = None
 
     @property
     def effort(self) -> Effort:

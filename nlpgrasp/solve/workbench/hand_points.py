@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 
 import casadi as ca
@@ -10,7 +11,7 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import Hand, PosedHand
+from nlpgrasp.hands import Hand, PosedHand, URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
 
@@ -39,6 +40,19 @@ class HandPoints:
         if not isinstance(self.hand, PosedHand):
             raise InputError("GraspProblem.hand", self.hand, "a hand with a pose of its own, such as ng.URDFHand")
         return self.hand
+
+    @property
+    def linked_hand(self) -> URDFHand:
+        """The hand, of a problem with one that has links."""
+        if not isinstance(self.hand, URDFHand):
+            raise InputError("GraspProblem.hand", self.hand, "a hand with links, such as ng.URDFHand")
+        return self.hand
+
+    def of_limits(self, problem: GraspProblem) -> HandPoints:
+        """Return the points of a problem whose hand differs in the limits of its joints alone, with what is known."""
+        result = copy(self)
+        result._problem = problem
+        return result
 
     def start(self, points: FloatArray, normals: FloatArray) -> Values:
         """Return the hand's starting variables for placements (b, k, space), name -> (b, m); none without a hand."""

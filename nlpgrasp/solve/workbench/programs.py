@@ -5,6 +5,7 @@ One program serves every assignment of contacts to faces: which of its faces a c
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 
 from nlpgrasp.budgets import ForceBudget, L2Budget
@@ -104,6 +105,12 @@ class ExchangeProgram:
         slots = 0 if self._problem.budget.follows_hand else self.slots
         program = support_program(self._problem, _faces(self._problem), slots, eliminate=True, pieces=self.linearises)
         return _compiled(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
+
+    def within(self, name: str, bounds: FloatArray) -> ExchangeProgram:
+        """Return the same, no part of it compiled anew, with other bounds (2, m) of one of the hand's variables."""
+        result = copy(self)
+        result.compiled = self.compiled.within(name, bounds[0], bounds[1])
+        return result
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
         """Return the contacts' own supports along directions, (m, k), where the program is made of them."""

@@ -86,6 +86,19 @@ class Workbench:
         options = replace(self.options, exchange=bool(self.options.exchange))
         return self._sharing(Workbench(problem.unchecked(force_budget=L2Budget()), options))
 
+    def with_joints(self, limits: FloatArray) -> Workbench:
+        """Return the workbench of the same problem whose hand, one with links, has other limits of its joints, (2, m).
+
+        No program is compiled anew.
+        """
+        problem = self.problem.unchecked(hand=self.hand_points.linked_hand.with_limits(limits))
+        result = self._sharing(Workbench(problem, self.options))
+        result.hand_points = self.hand_points.of_limits(problem)
+        result.exchange = self.exchange.within("joints", limits)
+        if problem.budget.follows_hand:
+            result.virtual_work = self.virtual_work
+        return result
+
     def _sharing(self, other: Workbench) -> Workbench:
         """Return another workbench with this one's rows and samples, which neither task nor budget changes."""
         other.rows, other.surface, other.hand_points = self.rows, self.surface, self.hand_points

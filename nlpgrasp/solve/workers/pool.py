@@ -23,6 +23,7 @@ from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.ascent.steps.registry import model_of
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.outlook import Outlook, outlook
+from nlpgrasp.solve.posture.roomy import with_room
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.placed import Placed
@@ -136,6 +137,17 @@ class Runner:
         except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
             return best
 
+    def roomy(self, best: StartGrasp | None, stop: Stop) -> StartGrasp | None:
+        """Return the answer with its hand's joints away from their limits, where the options ask for that."""
+        if best is None or not self.options.seeks_room or self.problem.hand is None or stop.requested():
+            return best
+        if self._parcel is None:
+            return with_room(self.bench, best, stop)
+        try:
+            return Processes(self.workers).submit(_roomy, self._parcel, best, stop).result()
+        except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
+            return best
+
     def each(self, work: Callable[[Workbench, Item], Found], items: Sequence[Item]) -> list[Found]:
         """Return what a function of some module makes of the workbench and each item; nothing where a worker ends."""
         if self._parcel is None:
@@ -199,6 +211,11 @@ def _look_back(
 def _chosen(parcel: Parcel[LazyBench[_Asked]], best: StartGrasp, results: list[StartResult], stop: Stop) -> StartGrasp:
     """Choose the answer in a worker."""
     return chosen(parcel.unpacked().bench, best, results, stop)
+
+
+def _roomy(parcel: Parcel[LazyBench[_Asked]], best: StartGrasp, stop: Stop) -> StartGrasp:
+    """Look for room in a worker."""
+    return with_room(parcel.unpacked().bench, best, stop)
 
 
 def _each(parcel: Parcel[LazyBench[_Asked]], work: Callable[[Workbench, Item], Found], item: Item) -> Found:

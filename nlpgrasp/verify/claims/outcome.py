@@ -44,7 +44,8 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
     """Yield what the winning start says that is not so.
 
     The answer's certificate is made anew and keeps the better ends of both; without a search for robustness no other
-    start is better for certain, but for fragile ones, which a grasp of half their mu wins over that is not fragile.
+    start is better for certain, but for fragile ones, which a grasp of half their mu wins over that is not fragile,
+    and for what the room of a hand's joints took.
     """
     indices = [start.index for start in solution.starts]
     if len(set(indices)) < len(indices):
@@ -62,10 +63,17 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
         yield f"{name} won with mu in {best.mu}, stated {solution.mu}"
     options = solution.solver.get("options", {})
     if not options.get("maximise_robust", False):
-        most = best.mu.upper / (KEPT if options.get("rank") == "robust" and _is_steady(solution) else 1.0)
+        most = max(best.mu.upper, _without_room(solution))
+        most /= KEPT if options.get("rank") == "robust" and _is_steady(solution) else 1.0
         better = [s.index for s in solution.starts if s.status is Status.SOLVED and s.mu.lower > most]
         if better:
             yield f"start {better[0]} is better than start {best.index}, which won"
+
+
+def _without_room(solution: GraspSolution) -> float:
+    """Return the mu that a grasp states it had before its joints got room: ``room_checks`` has a word on it."""
+    room = (solution.hand or {}).get("room")
+    return 0.0 if room is None else float(room["mu_without"]["upper"])
 
 
 def _is_steady(solution: GraspSolution) -> bool:

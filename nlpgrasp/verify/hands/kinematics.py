@@ -107,6 +107,18 @@ def reach(links: tuple[Link, ...]) -> float:
     return max(far.values(), default=0.0)
 
 
+def ranges(links: tuple[Link, ...]) -> dict[str, tuple[float, float]]:
+    """Return the limits of the joints that follow no other, narrowed by those that follow them."""
+    found = {link.joint: (link.lower, link.upper) for link in links if link.moves and link.follow is None}
+    for link in links:
+        if link.moves and link.follow is not None:
+            joint, rate, offset = _driver(links, link)
+            if rate != 0.0:
+                ends = sorted(((link.lower - offset) / rate, (link.upper - offset) / rate))
+                found[joint] = max(found[joint][0], ends[0]), min(found[joint][1], ends[1])
+    return found
+
+
 def loaded(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
     """Return the joints that follow no other and move some of the links ``ends``, in the order of their links."""
     drivers = {_driver(links, link)[0] for end in ends for link in _chain(links, end) if link.moves}
@@ -131,7 +143,7 @@ def jacobian(
     found: dict[str, FloatArray] = {}
     for link in _chain(links, end):
         if link.moves:
-            joint, rate = _driver(links, link)
+            joint, rate, _ = _driver(links, link)
             frame = at[link.name]
             axis = frame[:3, :3] @ link.axis
             turning = np.concatenate([np.cross(axis, point - frame[:3, 3]), axis])
@@ -148,12 +160,13 @@ def _chain(links: tuple[Link, ...], end: str) -> Iterator[Link]:
         end = above[end].parent
 
 
-def _driver(links: tuple[Link, ...], link: Link) -> tuple[str, float]:
-    """Return the joint that a link's joint follows, itself where it follows none, and by how much."""
-    by_joint, rate = {other.joint: other for other in links}, 1.0
-    while link.follow is not None:
-        rate, link = rate * link.follow.multiplier, by_joint[link.follow.joint]
-    return link.joint, rate
+def _driver(links: tuple[Link, ...], link: Link) -> tuple[str, float, float]:
+    """Return the joint that a link's joint follows, itself where it follows none, by how much, and the offset."""
+    by_joint, rate, offset = {other.joint: other for other in links}, 1.0, 0.0
+    while (follow := link.follow) is not None:
+        rate, offset = rate * follow.multiplier, rate * follow.offset + offset
+        link = by_joint[follow.joint]
+    return link.joint, rate, offset
 
 
 def _link(element: ET.Element) -> Link:

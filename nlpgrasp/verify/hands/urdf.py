@@ -23,7 +23,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.solution.phases.phase import LIFT, SQUEEZE
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.constraints.regions import unit
-from nlpgrasp.verify.hands.kinematics import Link, jacobian, loaded, poses, reach
+from nlpgrasp.verify.hands.kinematics import Link, jacobian, loaded, poses, ranges, reach
 from nlpgrasp.verify.hands.links import links_in
 from nlpgrasp.verify.hands.tips import Touching, centre_of, radius_of, touching_rows
 from nlpgrasp.verify.placement import Ball, Palm, StatedPlacement
@@ -190,6 +190,12 @@ class URDFNumbers:
         ends = [str(tip["link"]) for tip in self.tips]
         moved = [jacobian(self.links, self.poses, end, p) for end, p in zip(ends, points, strict=True)]
         return {joint: np.array([m.get(joint, np.zeros(6)) for m in moved]) for joint in loaded(self.links, ends)}
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float, bool]]:
+        """Limits of the joints that follow no other, with those that follow them, and whether they slide."""
+        slides = {link.joint: link.kind == "prismatic" for link in self.links}
+        return {joint: (*ends, slides[joint]) for joint, ends in ranges(self.links).items()}
 
     def limits(self) -> Iterator[RowValue]:
         """Yield that joints keep the URDF's limits, and that those that follow others do, in the pregrasp as well."""

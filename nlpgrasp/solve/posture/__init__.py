@@ -1,0 +1,1 @@
+"""The posture of a hand in a grasp that was found."""

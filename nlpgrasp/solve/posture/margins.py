@@ -1,0 +1,54 @@
+"""Margins of joints: how far they are to be from their limits, and are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.solution.joint_room import SMALL
+
+SHARE = 0.1  # of a joint's range: its margin at most
+
+
+@dataclass(frozen=True)
+class Margins:
+    """The free joints of a hand, and the margins that they are to keep.
+
+    Parameters
+    ----------
+    names : tuple of m str
+    limits : (2, m) array
+        Radians, metres of joints that slide.
+    wanted : (m,) array
+        A tenth of each range at most, and exactly that of joints that slide.
+    """
+
+    names: tuple[str, ...]
+    limits: FloatArray
+    wanted: FloatArray
+
+    @classmethod
+    def of(cls, hand: URDFHand, margin: float) -> Margins:
+        """Return the margins of a hand's joints, for one in radians."""
+        limits, joints = hand.tree.joint_limits, hand.robot.free_joints
+        share = SHARE * (limits[1] - limits[0])
+        turns = np.array([joint.turns for joint in joints])
+        wanted = np.where(turns, np.minimum(margin, share), share)
+        return cls(tuple(joint.name for joint in joints), limits, wanted)
+
+    def left(self, joints: FloatArray) -> FloatArray:
+        """Return how far joints (m,) are from their nearer limits, (m,)."""
+        return np.asarray(np.minimum(joints - self.limits[0], self.limits[1] - joints))
+
+    def lacking(self, joints: FloatArray) -> NDArray[np.bool_]:
+        """Return which joints have less than their margin, (m,)."""
+        return np.asarray(self.left(joints) < (1.0 - SMALL) * self.wanted)
+
+    def narrowed(self, chosen: NDArray[np.bool_]) -> FloatArray:
+        """Return the limits, (2, m), narrower by the margins of the joints chosen, (m,) of bool."""
+        inside = np.where(chosen, self.wanted, 0.0)
+        return np.stack([self.limits[0] + inside, self.limits[1] - inside])
