@@ -11,6 +11,7 @@ from tests.benchmarks import (
     experiments,
     following,
     grasps,
+    hand_simulation,
     hands,
     libraries,
     measures,
@@ -37,6 +38,7 @@ ALL = {
     "experiments": experiments,
     "report": report,
     "simulation": simulation,
+    "hand_simulation": hand_simulation,
 }
 
 for word in sys.argv[1:] or ALL:

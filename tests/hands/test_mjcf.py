@@ -187,6 +187,14 @@ def test_palm_that_is_no_body(tmp_path):
         read_robot(written(tmp_path), "thumb")
 
 
+def test_limits_that_may_be_radians_are_named(tmp_path):
+    path = written(tmp_path, change=(' angle="radian"', ""))
+    said = r'pincer.xml: no joint turns by more than 1.2 degrees: the file may lack <compiler angle="radian"/>'
+    with pytest.warns(UserWarning, match=said):
+        ng.URDFHand.load(path, {"left_tip": 0.01})
+    ng.URDFHand.load(written(tmp_path), {"left_tip": 0.01})
+
+
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ng.errors.MissingExtraError, match=r'reading MJCF needs the extra "sim"'):

@@ -10,6 +10,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.hands.presets import fingers, grippers
+from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import robot
 
 ALLEGRO = "allegro_hand_description/urdf/allegro_{}_hand.urdf"
@@ -114,26 +115,7 @@ def test_presets_hold_a_sphere(name, path, radius):
 
 def test_robotiq_pads_face_each_other_and_meet(tmp_path):
     """The joints of the ROS-Industrial description, whose inner fingers' limits lack the sign."""
-
-    def joint(name, parent, child, xyz, rpy="0 0 0", mimic=None, kind="revolute"):
-        follow = "" if mimic is None else f'<mimic joint="finger_joint" multiplier="{mimic}"/>'
-        return (
-            f'{link(child)}<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin '
-            f'xyz="{xyz}" rpy="{rpy}"/><axis xyz="1 0 0"/><limit lower="0" upper="0.81" effort="1000"/>{follow}</joint>'
-        )
-
-    base, turned, text = "robotiq_arg2f_base_link", f"0 0 {np.pi}", ""
-    for side, y, rpy, name, mimic in (
-        ("left", -0.0306011, turned, "finger_joint", None),
-        ("right", 0.0306011, "0 0 0", "right_outer_knuckle_joint", 1),
-    ):
-        outer, inner = f"{side}_outer_finger", f"{side}_inner_finger"
-        text += joint(name, base, f"{side}_outer_knuckle", f"0 {y} 0.054904", rpy, mimic)
-        text += joint(f"{outer}_joint", f"{side}_outer_knuckle", outer, "0 0.0315 -0.0041", kind="fixed")
-        text += joint(f"{inner}_joint", outer, inner, "0 0.0061 0.0471", mimic=-1)
-        text += joint(f"{inner}_pad_joint", inner, f"{inner}_pad", "0 -0.0220203446692936 0.03242", kind="fixed")
-    path = tmp_path / "gripper.urdf"
-    path.write_text(f"<robot name='r'>{link(base)}{text}</robot>")
+    path = robotiq_2f85(tmp_path / "gripper.urdf")
     with pytest.warns(
         UserWarning, match="taken with the other sign: limits 0 to 0.81 of joint left_inner_finger_joint"
     ):

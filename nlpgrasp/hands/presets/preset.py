@@ -16,12 +16,13 @@ from nlpgrasp.hands.tips.of_shape import tip_of
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
 
 Direction = tuple[float, float, float]
+CLEARANCE = 2e-3  # metres: no arm comes to the palm's place more exactly, and what touches too early pushes the object
 
 
 class Options(TypedDict, total=False):
     """What may be said of a preset's hand, with the meaning that ``URDFHand.load`` gives it.
 
-    ``palm`` tells two hands of one URDF apart; ``torque_limits`` replaces the preset's.
+    ``palm`` tells two hands of one URDF apart; ``torque_limits`` and ``clearance`` replace the preset's, which is 2 mm.
     """
 
     palm: str
@@ -87,6 +88,7 @@ class Preset:
             stated = tip if isinstance(tip, Tip) else tip(above[link])
             tips[link] = own if isinstance(own, CapsuleTip) and isinstance(stated, SphereTip) else stated
         options.setdefault("torque_limits", self.limits(robot))
+        options.setdefault("clearance", CLEARANCE)
         return URDFHand.load(path, tips, approach=self.approach, **options)
 
     def _named(self, path: str | Path, links: Sequence[str], wanted: Sequence[str]) -> str:

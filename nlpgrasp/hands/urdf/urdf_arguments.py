@@ -13,6 +13,7 @@ from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.tips import SphereTip, Tip
 from nlpgrasp.hands.tips.of_shape import tip_of
 
+MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # of limits: a full turn, if it was written as radians
 Fingertips = Mapping[str, float | Tip | Sequence[Tip] | None] | Sequence[str]
 
 
@@ -84,4 +85,9 @@ def remarks(robot: Robot) -> list[str]:
         found.append(f"taken with the other sign: {'; '.join(robot.turned)}")
     if robot.unmodelled:
         found.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled)}")
+    turning = [joint for joint in robot.free_joints if joint.kind == "revolute"]
+    widest = max((max(abs(j.lower), abs(j.upper)) for j in turning), default=0.0)
+    if robot.source.endswith(".xml") and 0.0 < widest < MEANT_AS_RADIANS:
+        said = '<compiler angle="radian"/>, without which MuJoCo reads degrees'
+        found.append(f"no joint turns by more than {np.degrees(widest):.3g} degrees: the file may lack {said}")
     return found

@@ -128,7 +128,7 @@ class URDFHand(LinkedHand):
             Naming mesh files that do not exist, and links that are to be seen and have no collision shape: the hand
             goes on with the shapes there are. Naming joints that follow others the other way round and have limits
             without the sign: they are taken with it. Naming tendons and closed loops of an MJCF that couple joints and
-            are not modelled.
+            are not modelled. On an MJCF whose joints hardly turn: its limits may be radians, and it does not say so.
         """
         robot = read_robot(path, palm)
         tips = tips_of(robot, fingertips)
