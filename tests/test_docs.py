@@ -151,6 +151,21 @@ def test_every_public_name_is_in_the_reference(site):
     assert "doc-module" not in page  # functions and classes, not modules of their names
 
 
+def test_every_parameter_is_described(site):
+    page = (site / "api.html").read_text(encoding="utf-8")
+    items = re.findall(r'<li class="doc-section-item field-body">(.*?)</li>', page, re.DOTALL)
+    assert len(items) > 500
+    described = [item.partition('<div class="doc-md-description">')[2] for item in items]
+    assert [i for i, text in zip(items, described, strict=True) if not re.sub(r"<[^>]+>|\s", "", text)] == []
+
+
+def test_the_task_is_what_fingers_exert():
+    """One word for the sign: a task's wrenches are exerted by the fingers, not resisted."""
+    told = [path for path in (*PAGES, ROOT / "README.md") if re.search(r"\bresist", path.read_text(encoding="utf-8"))]
+    package = [p for p in (ROOT / "nlpgrasp").rglob("*.py") if re.search(r"\bresist", p.read_text(encoding="utf-8"))]
+    assert told + package == []
+
+
 def test_every_problem_script_is_in_the_gallery(problems_folder):
     page = (ROOT / "docs" / "gallery.md").read_text()
     for script in problems_folder.glob("*.py"):
