@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -35,6 +36,7 @@ SLOW = (
     "05_delta",
     "10_optimal_grasp",
 )
+BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 BLOCK = re.compile(r"```(python|sh)\n(.*?)```", re.DOTALL)
 SHELL = "\nimport subprocess\nsubprocess.run(['bash', '-euo', 'pipefail', '-c', {!r}], check=True)\n"
 RUN = [
@@ -148,6 +150,32 @@ def test_the_site_needs_no_network(site):
         text = page.read_text(encoding="utf-8")
         assert not re.search(r'<(?:script|img)[^>]+src="https?://', text), page.name
         assert not re.search(r'<link[^>]+rel="(?:stylesheet|preconnect)"[^>]+href="https?://', text), page.name
+
+
+def test_the_search_is_on_disk(site):
+    """The index as a script, and what stands in for a Worker, which browsers do not start for files."""
+    assert (site / "search" / "search_index.js").read_text(encoding="utf-8").startswith("var __index = ")
+    for page in ("index.html", "paper/02_contacts.html"):
+        text = (site / page).read_text(encoding="utf-8")
+        assert re.search(r'<script[^>]+src="(?:\.\./)?assets/iframe-worker\.js"', text), page
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (BROWSER and DRIVER), reason="no chromium: make browser")
+@pytest.mark.parametrize("page", ["index.html", "paper/02_contacts.html"])
+def test_a_browser_searches_from_disk(site, page):
+    from selenium import webdriver
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for flag in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "window-size=1300,900"):
+        options.add_argument(f"--{flag}")
+    with webdriver.Chrome(options, webdriver.ChromeService(DRIVER)) as browser:
+        browser.get((site / page).as_uri())
+        browser.find_element("css selector", ".md-search__input").send_keys("Ferrari")
+        links = WebDriverWait(browser, 30).until(lambda b: b.find_elements("css selector", ".md-search-result__link"))
+        assert any("ferrari_canny" in link.get_attribute("href") for link in links)
 
 
 def test_every_public_name_is_in_the_reference(site):
