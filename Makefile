@@ -42,9 +42,11 @@ gallery: $(READY)
 picture: $(READY)
 	$(BIN)/python docs/make_picture.py
 
-# wheel and sdist, in dist
+# wheel and sdist, in dist, checked as an index would
 dist: $(READY)
+	rm -rf dist
 	$(BIN)/python -m build --no-isolation --outdir dist .
+	$(BIN)/twine check --strict dist/*
 
 # the browser that the report's tests use (Debian; as root, or with sudo)
 browser:

@@ -17,8 +17,7 @@ from nlpgrasp.report import write_report
 
 DOCS = Path(__file__).resolve().parent
 WIDTH, HEIGHT = 1200, 620
-SIZE = f"width:{WIDTH}px!important;height:{HEIGHT}px!important"
-STYLE = f".panel{{display:none!important}}.scene{{{SIZE};border-radius:0!important}}"
+STYLE = ".panel{{display:none!important}}.scene{{width:{}px!important;height:{}px!important;border-radius:0!important}}"
 
 
 def example() -> ng.GraspSolution:
@@ -31,20 +30,21 @@ def example() -> ng.GraspSolution:
     return ng.solve(names["problem"], starts=4)
 
 
-def photographed(page: Path, picture: Path) -> None:
-    """Write what a browser draws of a report's scene."""
+def photographed(page: Path, picture: Path, width: int = WIDTH, height: int = HEIGHT) -> None:
+    """Write what a browser draws of a report's scene, at a size in pixels."""
     options = webdriver.ChromeOptions()
     for flag in (
         "--headless=new",
         "--no-sandbox",
-        f"--window-size={WIDTH + 200},{HEIGHT + 400}",
+        f"--window-size={width + 200},{height + 400}",
         "--use-angle=swiftshader",
     ):
         options.add_argument(flag)
     options.add_argument("--enable-unsafe-swiftshader")
     with webdriver.Chrome(options=options, service=Service("/usr/bin/chromedriver")) as browser:
         browser.get(page.as_uri())
-        browser.execute_script("document.head.insertAdjacentHTML('beforeend', `<style>${arguments[0]}</style>`)", STYLE)
+        style = STYLE.format(width, height)
+        browser.execute_script("document.head.insertAdjacentHTML('beforeend', `<style>${arguments[0]}</style>`)", style)
         browser.execute_async_script(
             "requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(arguments[0], 300)))"
         )

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -15,6 +16,7 @@ import nlpgrasp as ng
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 SLOW = (
+    "index",  # README runs the same
     "hands",
     "experiments",
     "many_grasps",
@@ -29,9 +31,12 @@ SLOW = (
     "cli",
     "certified_bounds",
     "task_libraries",
+    "gripper_and_part",
+    "data_sets",
     "05_delta",
     "10_optimal_grasp",
 )
+BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 BLOCK = re.compile(r"```(python|sh)\n(.*?)```", re.DOTALL)
 SHELL = "\nimport subprocess\nsubprocess.run(['bash', '-euo', 'pipefail', '-c', {!r}], check=True)\n"
 RUN = [
@@ -64,6 +69,10 @@ def test_code_blocks_run(page, tmp_path):
 
 
 EXPECTED = {
+    "index": ("mu certified in [0.0", "no placement is more than "),
+    "grasp_metrics": ("32 of 40 are force-closed", "that is proved"),
+    "gripper_and_part": ("part: Solved", "within the 40 N stated"),
+    "data_sets": ("2 problems",),
     "how_close": ("mu at most 0.4", "ok   leaves: "),
     "hands": ("mu certified in [0.4", "spread, fingers"),
     "tasks": ("of 2000 wrenches inside", "less friction leave"),
@@ -143,12 +152,53 @@ def test_the_site_needs_no_network(site):
         assert not re.search(r'<link[^>]+rel="(?:stylesheet|preconnect)"[^>]+href="https?://', text), page.name
 
 
+def test_the_search_is_on_disk(site):
+    """The index as a script, and what stands in for a Worker, which browsers do not start for files."""
+    assert (site / "search" / "search_index.js").read_text(encoding="utf-8").startswith("var __index = ")
+    for page in ("index.html", "paper/02_contacts.html"):
+        text = (site / page).read_text(encoding="utf-8")
+        assert re.search(r'<script[^>]+src="(?:\.\./)?assets/iframe-worker\.js"', text), page
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (BROWSER and DRIVER), reason="no chromium: make browser")
+@pytest.mark.parametrize("page", ["index.html", "paper/02_contacts.html"])
+def test_a_browser_searches_from_disk(site, page):
+    from selenium import webdriver
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for flag in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "window-size=1300,900"):
+        options.add_argument(f"--{flag}")
+    with webdriver.Chrome(options, webdriver.ChromeService(DRIVER)) as browser:
+        browser.get((site / page).as_uri())
+        browser.find_element("css selector", ".md-search__input").send_keys("Ferrari")
+        links = WebDriverWait(browser, 30).until(lambda b: b.find_elements("css selector", ".md-search-result__link"))
+        assert any("ferrari_canny" in link.get_attribute("href") for link in links)
+
+
 def test_every_public_name_is_in_the_reference(site):
     page = (site / "api.html").read_text(encoding="utf-8")
     presets = set(ng.hands.presets.__all__)
     for name in (set(ng.__all__) - {"__version__", "hands"}) | presets:
         assert re.search(rf'<h3 id="nlpgrasp\.(?:\w+\.)*{name}"', page), name
     assert "doc-module" not in page  # functions and classes, not modules of their names
+
+
+def test_every_parameter_is_described(site):
+    page = (site / "api.html").read_text(encoding="utf-8")
+    items = re.findall(r'<li class="doc-section-item field-body">(.*?)</li>', page, re.DOTALL)
+    assert len(items) > 500
+    described = [item.partition('<div class="doc-md-description">')[2] for item in items]
+    assert [i for i, text in zip(items, described, strict=True) if not re.sub(r"<[^>]+>|\s", "", text)] == []
+
+
+def test_the_task_is_what_fingers_exert():
+    """One word for the sign: a task's wrenches are exerted by the fingers, not resisted."""
+    told = [path for path in (*PAGES, ROOT / "README.md") if re.search(r"\bresist", path.read_text(encoding="utf-8"))]
+    package = [p for p in (ROOT / "nlpgrasp").rglob("*.py") if re.search(r"\bresist", p.read_text(encoding="utf-8"))]
+    assert told + package == []
 
 
 def test_every_problem_script_is_in_the_gallery(problems_folder):

@@ -52,8 +52,50 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
 def test_the_sdist_holds_what_a_checkout_does(built):
     with tarfile.open(built[1]) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    top = {"CITATION.cff", "CHANGELOG.md", "LICENSE", "Makefile", "mkdocs.yml", "README.md", "requirements.lock"}
-    assert top | {"docs/index.md", "problems/pencil.py", "tests/test_release.py", "nlpgrasp/version.py"} <= names
+    top = {
+        "CITATION.cff",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "LICENSE",
+        "Makefile",
+        "mkdocs.yml",
+        "README.md",
+        "requirements.lock",
+    }
+    assert (
+        top | {"docs/index.md", "paper/paper.md", "problems/pencil.py", "tests/test_release.py", "nlpgrasp/version.py"}
+        <= names
+    )
+
+
+@pytest.mark.slow
+def test_an_index_would_take_them(built):
+    command = [sys.executable, "-m", "twine", "check", "--strict", *map(str, built)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("PASSED") == 2
+
+
+def test_the_citation_is_whole():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors", "version", "license", "type"} <= citation.keys()
+    assert re.fullmatch(r"10\.\d{4,}/\S+", citation["preferred-citation"]["doi"])
+
+
+def test_what_the_paper_cites_is_in_its_bibliography():
+    text, listed = ((ROOT / "paper" / name).read_text(encoding="utf-8") for name in ("paper.md", "paper.bib"))
+    keys = re.findall(r"^@\w+\{(\w+),", listed, re.MULTILINE)
+    assert set(re.findall(r"@(\w+)", text.partition("---\n\n")[2])) == set(keys)
+    assert len(re.findall(r"^  doi +=", listed, re.MULTILINE)) == len(keys) == len(set(keys))
+
+
+def test_the_forms_and_the_workflow_are_read():
+    for path in (ROOT / ".github").rglob("*.yml"):
+        read = yaml.safe_load(path.read_text(encoding="utf-8"))
+        assert isinstance(read, dict), path.name
+    runs = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
+    assert "bash .ci/run" in runs
+    assert {"macos-latest", "windows-latest"} <= set(re.findall(r"[a-z]+-latest", runs))
 
 
 @pytest.mark.slow

@@ -51,7 +51,7 @@ def best_possible(
     Returns
     -------
     BestPossible
-        With the bound as ``upper``, a grasp wherever one that resists the task was met, and the certificate: the bound
+        With the bound as ``upper``, a grasp wherever one that exerts the task was met, and the certificate: the bound
         is what follows from its at most 10,000 leaves, of a mesh 40,000, though a search went on beyond them.
 
     Raises

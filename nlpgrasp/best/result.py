@@ -27,7 +27,7 @@ class BestPossible:
     upper : float
         No placement has a larger mu. A proof: it holds however early the search was stopped.
     grasp : Grasp or None
-        The best grasp met, of the problem without what was left out; ``None`` where none resists the task.
+        The best grasp met, of the problem without what was left out; ``None`` where none exerts the task.
     mu : Bounds
         Its certified quality; 0 to 0 where there is no grasp.
     faces : tuple of str

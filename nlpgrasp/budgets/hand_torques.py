@@ -24,8 +24,8 @@ MOST_FORCE = 100.0  # newtons: what a contact bears where joints need no torque 
 class HandTorques(ForceBudget):
     """What the joints of the problem's hand can hold: ``|sum_i J_i(q)^T f_i| <= tau`` in the posture q of the grasp.
 
-    mu is then the scale of the task that the motors resist. A posture in which some force loads no joint (a
-    straight finger, the palm) would resist without end, hence the limit on normal force.
+    mu is then the scale of the task that the motors exert. A posture in which some force loads no joint (a
+    straight finger, the palm) would exert without end, hence the limit on normal force.
 
     Parameters
     ----------

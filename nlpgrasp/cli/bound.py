@@ -89,7 +89,7 @@ class _Progress:
 def _show(name: str, found: ng.BestPossible, out: Path | None) -> None:
     typer.echo(f"{name}: mu at most {found.upper:.6g} over all placements")
     if found.grasp is None:
-        typer.echo("  no grasp met that resists the task")
+        typer.echo("  no grasp met that exerts the task's wrenches")
     else:
         closed = "closed" if found.closed else "not closed"
         typer.echo(f"  best grasp met: mu certified in {found.mu}, within {found.gap:.2%} of the bound ({closed})")

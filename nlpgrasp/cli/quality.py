@@ -86,7 +86,7 @@ def _measure(given: ReadGrasp, rtol: float, torque_scale: float | None, as_json:
     typer.echo(f"  delta    certified in {ball} (torque scale {scale:.4g} m): {closed}force-closed")
     typer.echo(f"  nu       {volume}")
     if found is not None and found.upper == 0.0 and found.worst_direction is not None:
-        typer.echo(f"  cannot resist the task: no contact force works along {found.worst_direction.tolist()}")
+        typer.echo(f"  cannot exert the task's wrenches: no contact force works along {found.worst_direction.tolist()}")
 
 
 def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> GraspSolution:

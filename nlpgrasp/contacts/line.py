@@ -20,7 +20,7 @@ MORE, HALVINGS = 1e-7, 40  # relative: the most that is added to normal forces, 
 
 @dataclass(frozen=True)
 class LineContact(PadContact):
-    """A segment of contact: the pressure may move along it, so it also resists a moment across the line.
+    """A segment of contact: the pressure may move along it, so it also exerts a moment across the line.
 
     Without friction 2 components ``(f_n, m_t2)``; with friction 5, all but the moment about the line (in the plane
     2 and 3, with the moment m). The pressure's centre stays on the segment: ``|m_t2| <= length / 2 f_n``, exactly what

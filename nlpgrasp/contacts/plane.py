@@ -18,7 +18,7 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class PlaneContact(PadContact):
-    """A disc or a rectangle of contact: the pressure may move over it, so it also resists tilting moments.
+    """A disc or a rectangle of contact: the pressure may move over it, so it also exerts tilting moments.
 
     Without friction 3 components ``(f_n, m_t1, m_t2)``; with friction all 6. The pressure's centre stays on the pad:
     ``|m_t| <= radius f_n`` on a disc, ``|m_t2| <= a / 2 f_n`` and ``|m_t1| <= b / 2 f_n`` on a rectangle a by b,

@@ -30,6 +30,7 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = N
     problem : GraspProblem
         With the body, and an ``URDFHand`` whose palm is the file's gripper frame.
     posture : IsaacGrasp
+        A grasp read from an isaac_grasp file.
     near : float
         Metres: a fingertip farther from the surface, outside or inside, makes no contact.
 

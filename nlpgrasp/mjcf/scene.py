@@ -76,7 +76,9 @@ def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
     Parameters
     ----------
     solution : GraspSolution
+        One with a grasp.
     options : SceneOptions, optional
+        Masses, sizes and gains of the scene.
 
     Raises
     ------

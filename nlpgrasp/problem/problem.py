@@ -33,13 +33,15 @@ class GraspProblem:
     Parameters
     ----------
     body : Body
+        What is held, in its own frame, metres.
     contacts : sequence of ContactModel
         One a finger; a single model is used for every fingertip of ``hand``, and refused without one.
     task : Task
-        Wrenches to resist, body frame; about ``torque_origin``, or about the task's own point if it has one.
+        What the fingers are to exert, body frame; about ``torque_origin``, or about the task's own point if it has one.
     hand : Hand, optional
         Free point fingertips when left out. Contact i belongs to fingertip i.
     constraints : sequence of PlacementConstraint
+        Where contacts and hand may be; each has a name that reports use.
     force_budget : {"l2", "per_finger", "shared", "per_finger_size", "hand_torques"} or ForceBudget
         What a unit of finger force means: ``"l2"`` bounds the L2 norm of all finger forces by 1, ``"per_finger"``
         each normal force, ``"shared"`` their sum, ``"per_finger_size"`` each force;
@@ -52,6 +54,7 @@ class GraspProblem:
     torque_origin : (space,) array, optional
         Point about which task and grasp map take moments, metres, body frame; the body's centroid when left out.
     name : str
+        Shown in prints and reports, and written into the file.
     max_force : float, optional
         Limit of each finger's force, newtons: the answer says whether the task as it is given stays within it. The
         search does not go by it.

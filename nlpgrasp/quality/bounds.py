@@ -95,6 +95,7 @@ class StackBounds:
     torque_scale : float, optional
         Metres: the length that turned torques into forces, where the measure needs one.
     kind : str
+        Which measure they are of, as in ``Bounds``.
     task_beta : float, optional
         As of ``Bounds``.
     """

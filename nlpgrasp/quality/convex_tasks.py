@@ -32,7 +32,7 @@ def mu_tilde(
 def mu_tilde(
     grasp: Grasp | GraspStack, task: Task, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2"
 ) -> Bounds | StackBounds:
-    """Return mu-tilde (3.3-4b): one over the least finger force that resists every wrench of the task.
+    """Return mu-tilde (3.3-4b): one over the least finger force that exerts every wrench of the task.
 
     The same number as ``mu``, which measures a task by its own size; the paper's mu of a centred ``A_beta`` is
     beta times it (``mu(...).beta``).
@@ -40,7 +40,9 @@ def mu_tilde(
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Contacts in place; of a stack every grasp is measured.
     task : Task
+        Any convex set of wrenches that the fingers are to exert.
     rtol : float
         Relative width at which to stop.
     force_budget : str or ForceBudget
@@ -93,6 +95,7 @@ def mu_1(
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Contacts in place; of a stack every grasp is measured.
     task : Task
         C, any convex set of wrenches.
     center : (d,) array

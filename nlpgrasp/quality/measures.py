@@ -56,12 +56,13 @@ def mu(
     """Return the task-oriented quality: mu (3.3-4a) when the task is centred, mu-tilde (3.3-4b) otherwise.
 
     Both are the largest alpha with ``alpha A`` inside ``G(B n K)``: unit force (in the sense of the force budget)
-    then resists every wrench of the task times alpha; the whole task needs force ``1 / alpha``. For a centred
+    then exerts every wrench of the task times alpha; the whole task needs force ``1 / alpha``. For a centred
     ellipsoid alpha times the task's ``beta`` is the paper's mu, the beta of the largest ``A_beta`` inside.
 
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Contacts in place; of a stack every grasp is measured.
     task : Task
         About the same torque origin as the grasp.
     rtol : float
@@ -138,12 +139,14 @@ def delta(
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Contacts in place; of a stack every grasp is measured.
     torque_scale : float
         Metres. A torque counts as the force ``torque / torque_scale``; delta depends on it and on the torque
         origin (Remark 6), so both belong with any value that is quoted.
     rtol : float
         Relative width at which to stop.
     force_budget : str or ForceBudget
+        What a unit of finger force means.
 
     Returns
     -------

@@ -27,15 +27,18 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     """Return an upper bound on each grasp's mu, to rank thousands of them by.
 
     With the L2 budget it is mostly mu itself; with the other budgets some 5 % above on average, and far above for some
-    grasps that barely resist the task. The ratio ``phi_G / phi_A`` is evaluated in well-spread directions, and followed
-    downhill from the weakest ones. A value of 0 proves that a grasp cannot resist the task; any other value is no proof
+    grasps that barely exert the task. The ratio ``phi_G / phi_A`` is evaluated in well-spread directions, and followed
+    downhill from the weakest ones. A value of 0 proves that a grasp cannot exert the task; any other value is no proof
     that it can.
 
     Parameters
     ----------
     stack : GraspStack
+        Grasps to compare.
     task : Task
+        Wrenches that the fingers are to exert.
     force_budget : str or ForceBudget
+        What a unit of finger force means.
 
     Returns
     -------

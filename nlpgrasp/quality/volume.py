@@ -107,6 +107,7 @@ def nu(
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Contacts in place; of a stack every grasp is measured.
     torque_scale : float
         Metres: torques count as ``torque / torque_scale``, which divides the volume by its power.
     rtol : float

@@ -26,6 +26,7 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
     Parameters
     ----------
     fit : EllipsoidFit
+        Of ``fit_ellipsoid``.
     wrenches : (m, d) array
         Those it was fitted to, newtons and newton-metres.
     path : str or Path

@@ -90,7 +90,7 @@ def given(solution: GraspSolution, share: float, mass: float | None, count: int)
     elif found.feasible[0]:
         kilograms = min(whole.mass, WEIGHT * (1.0 - share) * effort / float(found.used[0]) / EARTH)
     else:
-        raise InputError("solution", "a grasp that cannot carry the body upwards", "one that resists its weight too")
+        raise InputError("solution", "a grasp that cannot carry the body upwards", "one that bears its weight too")
     labels = tuple(wrench_words(share * w) for w in wrenches)
     weight = kilograms * EARTH * carrying
     return Given(solution, grasp, budget, effort, whole.scaled(kilograms), wrenches, labels, weight)

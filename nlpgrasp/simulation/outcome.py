@@ -53,6 +53,7 @@ class Simulation:
     Parameters
     ----------
     name : str
+        The solution's.
     share : float
         Of certified mu, that the task wrenches were scaled by.
     effort : float
@@ -60,6 +61,7 @@ class Simulation:
     mass : float
         Kilograms.
     trials : tuple of Trial
+        One for each condition and wrench.
     gap : float
         The certified upper bound over the lower one.
     lost_at : float or None

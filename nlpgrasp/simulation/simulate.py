@@ -40,6 +40,7 @@ def simulate(
     Parameters
     ----------
     solution : GraspSolution
+        One with a grasp.
     share : float
         Of certified mu, above 0 and below 1.
     mass : float, optional

@@ -72,6 +72,7 @@ class ForcesNeeded:
         wrench : (d,) array
             The hardest one.
         forces : (k, space) array
+            Of the fingers, newtons, for the hardest wrench.
         moments : (k, d - space) array or None
             For that wrench.
         others : sequence of (k, space) array

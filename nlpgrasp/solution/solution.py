@@ -35,11 +35,13 @@ class GraspSolution(Several):
     Parameters
     ----------
     status : Status
+        How the solve ended.
     name : str
         The problem's name.
     problem : mapping
         The problem as JSON data (see ``to_dict``).
     grasp : Grasp or None
+        The contacts found.
     faces : tuple of str
         The face each contact is on.
     mu : Bounds
@@ -55,6 +57,7 @@ class GraspSolution(Several):
     moments : sequence of (k, d - space) array
         Newton-metres about the contact points, with the forces; empty when no contact exerts any.
     constraints : tuple of ConstraintReport
+        Values and limits of the rows, by name.
     prices : tuple of ShadowPrice
         What limits cost, those that bind first.
     robust : Robustness or None
@@ -125,10 +128,7 @@ class GraspSolution(Several):
         return self.with_answer(first_accepted(self.grasps, accepts))
 
     def with_answer(self, found: FoundGrasp) -> GraspSolution:
-        """Return a solution with a grasp that was kept as its answer, and no others.
-
-        Of another than the answer, what is known of the answer alone is left out: delta, nu, prices, the drawn hand.
-        """
+        """Return a solution whose answer is a grasp that was kept, without what is known of the first answer alone."""
         if found.grasp is self.grasp:
             return replace(self, others=(), stated_first=None)
         return replace(
@@ -182,8 +182,7 @@ class GraspSolution(Several):
         """
         placed = None if data["grasp"] is None else PlacedGrasp.from_dict(data["grasp"], f"{name}: grasp")
         grasp = None if placed is None else placed.grasp
-        dimension = None if grasp is None else grasp.dimension
-        quality = Quality.from_dict(data["quality"], dimension, f"{name}: quality")
+        quality = Quality.from_dict(data["quality"], grasp.dimension if grasp else None, f"{name}: quality")
         forces, moments = forces_and_moments(data.get("forces", []), name)
         starts, solver = starts_of(data.get("solver", {}), name)
         why_not, best = data.get("why_not"), data.get("best_start")

@@ -42,6 +42,7 @@ def with_extras(solution: GraspSolution, problem: GraspProblem | None = None) ->
     Parameters
     ----------
     solution : GraspSolution
+        What was found, of ``solve`` or from a file.
     problem : GraspProblem, optional
         That was solved.
 

@@ -57,11 +57,13 @@ def solve(
     Parameters
     ----------
     problem : GraspProblem
+        What is asked.
     starts : int
         At least 1.
     seed : int
         At least 0.
     options : SolveOptions, optional
+        Everything else, with the package's defaults when left out.
     keep : int
         Most grasps that are kept, best first, in ``solution.grasps``; the first is the answer. Others are the distinct
         ones that starts ended with; where these are too few, grasps that the solve met besides, of at least half the

@@ -100,7 +100,7 @@ class Branches:
         return branch
 
     def _raise(self, bench: Workbench, branch: Branch, rng: np.random.Generator) -> None:
-        """Slide a branch that resists nothing as long as that helps."""
+        """Slide a branch that exerts nothing as long as that helps."""
         look(bench, branch, rng)
         for _ in range(RISING):
             if slide(bench, branch, rng, self.steps) or branch.value <= 0.0:
@@ -189,7 +189,7 @@ class Branches:
         return None
 
     def ranked(self) -> list[Branch]:
-        """Return the branches that resist the task, as far as is known, the best first."""
+        """Return the branches that exert the task, as far as is known, the best first."""
         return sorted((state for state in self.states if state.value > 0.0), key=lambda s: -s.value)
 
     def cold(self, bench: Workbench, rng: np.random.Generator) -> list[Branch]:

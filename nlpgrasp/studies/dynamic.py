@@ -45,7 +45,9 @@ def follow_task(
         of all placements covers the problem, the first programs of as many look for local optima to follow at both
         ends of the path, those of a third at each step in between.
     seed : int
+        Of the starts at the first task, and wherever the search begins anew.
     options : SolveOptions, optional
+        Of the solves.
     regrasp_gain : float
         How much better, relatively, the fingers have to be elsewhere before they move, be it that they slide there or
         that they regrasp to another local optimum; at least zero.

@@ -57,7 +57,9 @@ class DynamicGrasp:
     Parameters
     ----------
     name : str
+        The problem's.
     steps : tuple of DynamicStep
+        One a task, in order.
     """
 
     name: str

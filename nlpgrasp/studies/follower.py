@@ -48,7 +48,7 @@ class Held:
 
     @property
     def holds(self) -> bool:
-        """Whether it resists the task and keeps the constraints."""
+        """Whether it exerts the task and keeps the constraints."""
         return self.worth > 0.0
 
     @property

@@ -1,4 +1,4 @@
-"""Tasks: sets of wrenches a grasp has to resist."""
+"""Tasks: sets of wrenches that the fingers have to exert."""
 
 from nlpgrasp.tasks.base import Task, TaskSum, task_from_dict
 from nlpgrasp.tasks.convex import TaskSet

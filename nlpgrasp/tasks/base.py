@@ -19,7 +19,7 @@ from nlpgrasp.tasks.about import change_of_frame, check_alike
 
 
 class Task(ABC):
-    """A convex set of wrenches the grasp has to resist, known by its support function (Section 3.3).
+    """A convex set of wrenches the fingers have to exert, known by its support function (Section 3.3).
 
     The wrenches are those that the fingers exert on the body: against a load w of the surroundings, ``-w``. A kind that
     can be written has a ``kind``, its name in files, and ``from_dict``, and is registered (``tasks.registry``).

@@ -26,6 +26,7 @@ class TaskSet(Task):
         Directions (m, d) to ``phi(y | A)`` (m,), or to the pair of that and the wrenches (m, d) that attain it. Must
         be convex and positively homogeneous; without the wrenches they are taken as its difference quotients.
     dimension : {3, 6}
+        Of the wrenches: 3 in the plane, 6 in space.
 
     Raises
     ------

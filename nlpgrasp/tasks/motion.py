@@ -106,6 +106,7 @@ def motion_wrenches(
     quaternions : (m, 4) array
         (w, x, y, z), body to world.
     mass : MassProperties
+        The body's mass, centre of mass and inertia.
     gravity : (3,) array
         World frame, m / s^2.
 

@@ -57,6 +57,7 @@ class Verification:
     Parameters
     ----------
     checks : tuple of Check
+        What was compared, in order, with the outcome of each.
     mu : Bounds or None
         Computed anew.
     """

@@ -90,6 +90,7 @@ class Mesh(Body):
         Parameters
         ----------
         path : str or Path
+            STL, OBJ, PLY, OFF or whatever else ``trimesh`` reads.
         unit : {"m", "dm", "cm", "mm", "in", "ft"}
             The unit of the file's coordinates.
         smoothing, resolution

@@ -40,6 +40,7 @@ class Experiment:
     Parameters
     ----------
     base : GraspProblem
+        What the variations change.
     variations : mapping of str to mapping, GraspProblem or callable; or a sequence of such pairs
         By name, the fields of the base problem that are replaced. Besides the fields of
         ``GraspProblem`` these are known: ``friction`` (of all contacts), ``fingers`` (how many, where
@@ -48,6 +49,7 @@ class Experiment:
         called in the worker that solves it: for hundreds of meshes that should not all be in memory.
         ``ng.combinations`` makes combinations of several factors.
     seeds : iterable of int
+        Each variation is solved once with each.
     starts : int
         Of each solve.
     options : SolveOptions, optional

@@ -22,7 +22,9 @@ class Comparison:
     Parameters
     ----------
     names : tuple of str
+        Of the solutions, the best first.
     records : tuple of SolveRecord
+        What is known of each, in the same order.
     ranks : tuple of int
         1 plus the number of solutions that are certainly better.
     ties : tuple of tuple of str

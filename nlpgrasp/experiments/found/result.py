@@ -35,6 +35,7 @@ class ExperimentResult:
     Parameters
     ----------
     name : str
+        The experiment's.
     folder : Path
         Where the solutions are.
     variations : tuple of VariationResult

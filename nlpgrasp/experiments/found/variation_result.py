@@ -18,6 +18,7 @@ class VariationResult:
     Parameters
     ----------
     name : str
+        The variation's.
     solves : tuple of SolveRecord
         One a seed.
     """

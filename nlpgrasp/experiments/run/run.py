@@ -49,6 +49,7 @@ def run_experiment(
     Parameters
     ----------
     experiment : Experiment
+        What to solve.
     out : str or Path
         Folder for the results: new or empty, or with ``resume`` the one of an earlier run of this experiment.
     resume : bool

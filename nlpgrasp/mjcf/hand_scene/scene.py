@@ -53,6 +53,7 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
     urdf : path
         The hand's file, a URDF, a xacro file or MJCF: the one the problem was solved with.
     options : HandSceneOptions, optional
+        Servos, frictions and the object's mass.
 
     Raises
     ------

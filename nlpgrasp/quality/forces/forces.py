@@ -1,4 +1,4 @@
-"""Finger forces that produce given wrenches with the least effort, and which wrenches cannot be produced."""
+"""Finger forces that exert given wrenches with the least effort, and which wrenches cannot be exerted."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ CLEAR = 1e-6  # least <w, y> of unit vectors
 
 @dataclass(frozen=True)
 class FingerForces:
-    """Least forces that produce given wrenches.
+    """Least forces that exert given wrenches.
 
     Parameters
     ----------
     forces : (m, n) array
         Force components in the contact frames, newtons and newton-metres, contact by contact, normal force first;
-        the solver's last attempt where a wrench cannot be produced.
+        the solver's last attempt where a wrench cannot be exerted.
     feasible : (m,) bool array
-        Whether the contacts can produce the wrench, with whatever force.
+        Whether the contacts can exert the wrench, with whatever force.
     residual : (m,) array
         ``||G x - w||`` relative to ``||w||``, torques over the longest arm.
     used : (m,) array
         Least amount of the force budget, in its units: the L2 norm of all forces, the largest normal force, ...;
-        infinite where a wrench cannot be produced.
+        infinite where a wrench cannot be exerted.
     separating_directions : (m, d) array
         Why not: a unit direction y with ``<w, y> > 0`` along which no force in the contacts' cones does positive work;
-        NaN where a wrench can be produced.
+        NaN where a wrench can be exerted.
     """
 
     forces: FloatArray
@@ -78,8 +78,9 @@ def finger_forces(
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Contacts in place; of a stack every grasp has the same wrenches.
     wrenches : (m, d) or (d,) array
-        What the fingers have to produce, newtons and newton-metres, about the grasp's torque origin. A load on the body
+        What the fingers have to exert, newtons and newton-metres, about the grasp's torque origin. A load on the body
         asks for its opposite.
     force_budget : str or ForceBudget
         What counts as least.

@@ -217,7 +217,7 @@ def _impossible(program: _Program) -> InputError:
     idle = program.idle()
     named = f"contact{'s' if len(idle) > 1 else ''} {', '.join(map(str, idle))}"
     given = f"{named} cannot press" if idle else "forces that press at every contact, but none that carry the wrench"
-    allowed = "a grasp whose contacts balance each other" if idle else "a wrench that these contacts produce"
+    allowed = "a grasp whose contacts balance each other" if idle else "a wrench that these contacts exert"
     rough = program.least_normal(MOST)
     if rough is not None:
         factor = program.least_share(rough)[1]

@@ -23,6 +23,7 @@ def min_weight(grasp: Grasp, edges: int = 8, *, first_edge: float = 0.0) -> floa
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Point contacts, with friction or without, and soft contacts.
     edges, first_edge
         As for ``pyramid_wrenches``.
 

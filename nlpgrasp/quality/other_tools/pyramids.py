@@ -1,6 +1,6 @@
 """Measures from m-edge friction pyramids, which other tools report, to compare with the certified ones.
 
-None is a certificate. All but the volume are 0 where the contacts cannot resist some wrench, and all are where the
+None is a certificate. All but the volume are 0 where the contacts cannot exert some wrench, and all are where the
 pyramids' wrenches do not span wrench space, which is what several tools miss.
 """
 
@@ -81,6 +81,7 @@ def ferrari_canny(
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Point contacts, with friction or without, and soft contacts.
     edges, torque_scale, unit_edges, first_edge
         As for ``pyramid_wrenches``.
     force_budget : {"shared", "per_finger"}

@@ -26,6 +26,7 @@ def smallest_singular_value(grasp: Grasp | GraspStack, torque_scale: float = 1.0
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Contacts in place; of a stack every grasp is measured.
     torque_scale : float
         Metres: torques count as ``torque / torque_scale``.
 
@@ -48,6 +49,7 @@ def isotropy(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> float | Fl
     Parameters
     ----------
     grasp : Grasp or GraspStack
+        Contacts in place; of a stack every grasp is measured.
     torque_scale : float
         Metres: torques count as ``torque / torque_scale``.
 

@@ -59,6 +59,7 @@ def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int 
         farthest along y. That may be any other closed convex set too: the method then ends at rounding, or after
         ``most`` steps.
     point : (d,) array
+        From which the distance is taken.
     most : int
         Steps, at least 1.
 

@@ -81,11 +81,13 @@ def inscribed_polytope(
     Parameters
     ----------
     grasp : Grasp
+        Contacts in place.
     vertices : int
         At most so many, at least 2 d; at most 1500 in space: a polytope of many vertices has very many faces there.
     torque_scale : float
         Metres. Turns torques into forces, and the directions are even in these units.
     force_budget : str or ForceBudget
+        What a unit of finger force means.
     seed : int
         Of the random directions.
 

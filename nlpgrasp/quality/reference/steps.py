@@ -74,6 +74,7 @@ def mu_by_steps(
     Parameters
     ----------
     grasp : Grasp
+        Contacts in place.
     task : TaskEllipsoid or TaskPolytope
         About the same torque origin as the grasp.
     rtol : float
@@ -81,6 +82,7 @@ def mu_by_steps(
     vertices : int
         Of the polytope, as in ``inscribed_polytope``.
     force_budget : str or ForceBudget
+        What a unit of finger force means.
     seed : int
         Of the polytope's directions.
 

@@ -29,6 +29,7 @@ def write_hand(hand: Hand | Inspected, path: str | Path) -> Path:
     hand : Hand or Inspected
         With links; an ``Inspected`` may lack fingertips.
     path : str or Path
+        Where the page goes; a file that is there is replaced.
 
     Raises
     ------

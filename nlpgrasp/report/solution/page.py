@@ -30,6 +30,7 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
     solutions : mapping of str to GraspSolution
         By the names they have on the page, such as their files'.
     path : str or Path
+        Where the page goes; a file that is there is replaced.
 
     Raises
     ------

@@ -150,8 +150,8 @@ def wrench_space(solution: GraspSolution) -> str:
     if not charts:
         return ""
     words = (
-        "Shadows of what the fingers can produce with their budget (blue) and of the task times the certified lower "
-        "bound (green). In the first, in shares of what can be produced, the task comes nearest to the limit (red)."
+        "Shadows of what the fingers can exert with their budget (blue) and of the task times the certified lower "
+        "bound (green). In the first, in shares of what can be exerted, the task comes nearest to the limit (red)."
     )
     return f'<h3>Wrench space</h3><p class="note">{words}</p><div class="charts">{"".join(charts)}</div>'
 

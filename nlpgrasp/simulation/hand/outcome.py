@@ -53,6 +53,7 @@ class HandSimulation:
     Parameters
     ----------
     name : str
+        The solution's.
     mass : float
         Of the object, kilograms.
     push : float
@@ -60,6 +61,7 @@ class HandSimulation:
     normal_force : float
         What each finger was to press with at least, newtons.
     trials : tuple of HandTrial
+        One for each condition and push, in order.
     grasp : Seen
         Where everything is in the grasp.
     """

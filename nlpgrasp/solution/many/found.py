@@ -44,6 +44,7 @@ class FoundGrasp:
     needed : ForcesNeeded or None
         What the fingers press for the task as it was given.
     constraints : tuple of ConstraintReport
+        Values and limits of the rows at this grasp, by name.
     surface : SurfaceMatch or None
         For meshes.
     start : int or None

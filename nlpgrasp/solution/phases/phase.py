@@ -23,6 +23,7 @@ class Phase:
     Parameters
     ----------
     name : {"approach", "pregrasp", "grasp", "squeeze", "lift"}
+        Which keyframe it is.
     palm_position : (3,) array
         Of the palm's frame in the body's as it stands in the grasp, metres: in ``lift`` the body moves along.
     palm_quaternion : (4,) array

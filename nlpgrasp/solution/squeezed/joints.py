@@ -136,12 +136,15 @@ class JointSqueeze:
         Parameters
         ----------
         data : mapping
+            What ``to_dict`` wrote.
         count : int
+            Number of contacts.
         hand : mapping
             ``hand`` of the file, with the joints' positions.
         stated : mapping
             ``problem.hand``, with the torque limits.
         name : str
+            Of the field, for messages.
 
         Raises
         ------

@@ -151,6 +151,7 @@ class Squeeze:
         stated : object
             ``problem.hand``.
         grasp : Grasp
+            The one that is squeezed.
         name : str
             Shown in messages.
 

@@ -1,4 +1,4 @@
-"""Why there is no grasp: which constraints contradict each other, or which wrench nothing resists.
+"""Why there is no grasp: which constraints contradict each other, or which wrench nothing exerts.
 
 Elastic relaxation: every group of rows (a constraint, the fingertips, the links' clearance) may be broken at a
 price, and the sum of the groups' largest violations is minimised from several starts, by quadratic programs in a
@@ -194,7 +194,7 @@ def _contradiction(bench: Workbench, best: Relaxed) -> WhyNot:
 
 
 def _unreachable(bench: Workbench, results: Sequence[StartResult]) -> WhyNot:
-    """Explain why placements that keep all constraints do not resist the task."""
+    """Explain why placements that keep all constraints do not exert the task."""
     grasps = [r.found.grasp for r in results if isinstance(r, StartGrasp)]
     if not grasps:
         return WhyNot(reasons=("The constraints can be kept, but every start ended with an error.",))
@@ -203,24 +203,24 @@ def _unreachable(bench: Workbench, results: Sequence[StartResult]) -> WhyNot:
     best = int(np.argmax([b.upper for b in bounds]))
     grasp, found = grasps[best], bounds[best]
     if found.lower > 0.0:
-        text = "The constraints can be kept and the task can be resisted, but no start did both at once."
+        text = "The constraints can be kept and the task's wrenches can be exerted, but no start did both at once."
         return WhyNot(reasons=(text,), advice=("Try more starts.",))
     direction = found.worst_direction
-    reasons = ["The constraints can be kept, but in the best grasp found no finger force works against one wrench."]
+    reasons = ["The constraints can be kept, but in the best grasp found the fingers cannot exert one wrench."]
     if direction is not None:
-        reasons.append(f"That wrench is {direction_words(-direction, bench.scaling.length)}.")
+        reasons.append(f"That wrench is {direction_words(direction, bench.scaling.length)}.")
     advice = _with_friction(bench, grasp)
     advice.append("Try more starts, more fingers, other faces, or soft contacts where a torque is what is missing.")
     return WhyNot((), direction, tuple(reasons), tuple(advice))
 
 
 def _with_friction(bench: Workbench, grasp: Grasp) -> list[str]:
-    """Return how much more friction would make the best grasp found resist the task."""
+    """Return how much more friction would make the best grasp found exert the task."""
     for factor in FACTORS:
         if not all("friction" in model.coefficients for model in grasp.contacts):
             break
         models = [m.with_coefficients(friction=factor * m.coefficients["friction"]) for m in grasp.contacts]
         rougher = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin)
         if mu(rougher, bench.problem.task, 0.5, force_budget=bench.closure_budget).lower > 0.0:
-            return [f"With friction {factor:g} times as large the best grasp found would resist the task."]
+            return [f"With friction {factor:g} times as large the best grasp found would exert the task's wrenches."]
     return []

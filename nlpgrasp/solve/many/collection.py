@@ -145,7 +145,7 @@ def _met(runner: Runner, kept: _Distinct, stop: Stop) -> Iterator[Placed]:
 
 
 def _as_it_is(bench: Workbench, placed: Placed) -> StartGrasp | None:
-    """Return a placement on the body itself, certified; None where it breaks a constraint or resists nothing."""
+    """Return a placement on the body itself, certified; None where it breaks a constraint or exerts nothing."""
     found = next(iter(run_given(bench, Given(placed), 0, Stop(), improve=False)), None)
     return found if isinstance(found, StartGrasp) and found.solved else None
 

@@ -21,7 +21,7 @@ SCREENED = 8  # times as many as are wanted are screened closely
 def neighbours(bench: Workbench, known: Sequence[Placed], count: int) -> list[Placed]:
     """Return up to ``count`` grasps that differ in one contact from one that is known, the best first.
 
-    They keep the constraints, and resist the task as far as an upper bound on their mu tells. For problems whose hand,
+    They keep the constraints, and exert the task as far as an upper bound on their mu tells. For problems whose hand,
     if any, follows from the contacts.
 
     Parameters

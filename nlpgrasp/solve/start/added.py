@@ -20,7 +20,7 @@ DRAWN = 128  # places of added contacts that are looked at
 def with_more(bench: Workbench, grasp: Grasp, faces: Sequence[str]) -> Given | None:
     """Return a grasp of the workbench's problem, in which each contact of a smaller grasp has a wider one's place.
 
-    Contacts that are left are put where, of some places drawn, the constraints are kept and the task is resisted best.
+    Contacts that are left are put where, of some places drawn, the constraints are kept and the task is exerted best.
     None where the contacts are not wider, or where no place drawn keeps the constraints. For problems whose hand, if
     any, follows from the contacts.
 
@@ -55,7 +55,7 @@ def with_more(bench: Workbench, grasp: Grasp, faces: Sequence[str]) -> Given | N
 
 
 def best_allowed(bench: Workbench, points: FloatArray, normals: FloatArray, faces: FloatArray) -> Placed | None:
-    """Return the placement that keeps the constraints and resists the task best, of (b, k, space) points; None if none.
+    """Return the placement that keeps the constraints and exerts the task best, of (b, k, space) points; None if none.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The first program of a start: from a screened placement to contacts that resist the task."""
+"""The first program of a start: from a screened placement to contacts that exert the task."""
 
 from __future__ import annotations
 
@@ -103,6 +103,6 @@ def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float =
 
 
 def _score(bench: Workbench, placed: Placed, rng: np.random.Generator) -> float:
-    """Return how well a placement resists the task; minus its violation where it breaks a constraint."""
+    """Return how well a placement exerts the task; minus its violation where it breaks a constraint."""
     violation = bench.violation(placed)
     return -violation if violation > FEASIBLE else weakest_at(bench, placed, rng).value

@@ -49,7 +49,7 @@ class Given:
 def run_given(bench: Workbench, given: Given, index: int, stop: Stop, improve: bool = True) -> list[StartResult]:
     """Return the starts ``index`` and ``index + 1`` from a known grasp: as it is, and improved by the exchange.
 
-    The first has a mu of at least ``given.floor``, and is left out where it breaks a constraint or resists nothing;
+    The first has a mu of at least ``given.floor``, and is left out where it breaks a constraint or exerts nothing;
     the second where its numerics fail. None where a contact is not on a face
     that it may use.
     """

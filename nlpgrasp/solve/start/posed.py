@@ -71,7 +71,7 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
     """Return the best few of many poses of a hand around the body: random ones, and some that reach for goals.
 
     Each fingertip's contact is the nearest sample point of the faces it may use. Poses are ranked by how well the
-    contacts resist the task, less how far the fingertips are from them, what constraints they break and how much their
+    contacts exert the task, less how far the fingertips are from them, what constraints they break and how much their
     links are in the body's and each other's way: half of them by a small weight of the last, half by a large one.
     """
     count = bench.problem.hand.count if bench.problem.hand is not None else 0

@@ -37,7 +37,7 @@ class StartResult:
 
 @dataclass(frozen=True)
 class StartGrasp(StartResult):
-    """The grasp that a start ended with, whether it resists the task and keeps the constraints or not.
+    """The grasp that a start ended with, whether it exerts the task and keeps the constraints or not.
 
     Parameters
     ----------

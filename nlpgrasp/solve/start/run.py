@@ -188,7 +188,7 @@ def _certified(bench: Workbench, found: OnBody, state: AscentState, deadline: fl
 
 
 def _best_attempt(attempts: _Attempts) -> StartGrasp:
-    """Return the best of the first attempts that resist the task and keep the constraints; without any, the first."""
+    """Return the best of the first attempts that exert the task and keep the constraints; without any, the first."""
     each = iter(attempts)
     first = following = next(each)
     solved: list[StartGrasp] = []

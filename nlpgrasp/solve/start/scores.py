@@ -10,7 +10,7 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 
 
 def scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return how well placements (b, k, space) resist the task in sampled directions, (b,)."""
+    """Return how well placements (b, k, space) exert the task in sampled directions, (b,)."""
     stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
     ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
     return screening_score(ratios) * bench.scaling.beta

@@ -46,7 +46,7 @@ def random_placements(bench: Workbench, count: int, rng: np.random.Generator) ->
 
 
 def scout(bench: Workbench, count: int, rng: np.random.Generator) -> list[Placed]:
-    """Return up to ``count`` placements that resist the task, the best first and apart from each other.
+    """Return up to ``count`` placements that exert the task, the best first and apart from each other.
 
     A start's own screening looks at tens of placements in some directions; here ``screen`` follows the weakest
     directions of each. None where chance finds no placement that keeps the constraints, and with a hand that has a pose

@@ -26,7 +26,7 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
     Face assignments are enumerated where there are few, so that each gets its share of the candidates, and
     sampled where there are many. Candidates that violate a constraint come after all that do not; where a constraint
     leaves next to no room, as an equality does, the nearest of each assignment are moved onto the constraints and join
-    them. For a task that is not centred, which few placements resist and some of them hardly, several times as many
+    them. For a task that is not centred, which few placements exert and some of them hardly, several times as many
     are drawn.
     """
     if not bench.follows_contacts:
@@ -62,7 +62,7 @@ def _restored(bench: Workbench, drawn: Sequence[Placed], violation: FloatArray) 
     """Return the best placement, and its rank, of those that Newton's method brings onto the constraints, if any.
 
     Each assignment of faces sends as many of its nearest placements as the others, so that the nearest do not all
-    come from one that resists nothing.
+    come from one that exerts nothing.
     """
     turns: dict[tuple[str, ...], int] = {}
     order = []

@@ -48,7 +48,7 @@ def touching_candidates(bench: Workbench, candidates: Iterable[Placed], stop: St
 def best_touching(
     bench: Workbench, candidates: Iterable[Placed], rng: np.random.Generator, stop: Stop
 ) -> Iterator[Placed]:
-    """Return candidates moved to where all contacts touch, those first that resist the task best; then the others.
+    """Return candidates moved to where all contacts touch, those first that exert the task best; then the others.
 
     The others, nearest first, are as they were.
     """

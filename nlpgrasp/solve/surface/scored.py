@@ -1,4 +1,4 @@
-"""How well placements near a grasp resist the task: against well-spread directions, and those it has been weak in."""
+"""How well placements near a grasp exert the task: against well-spread directions, and those it has been weak in."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Scored:
         self._cuts = np.concatenate([self._cuts, found])[-MOST_CUTS:]
 
     def of(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return how well placements (b, k, space) resist the task, (b,).
+        """Return how well placements (b, k, space) exert the task, (b,).
 
         The least ratio over all directions, with the tie-break for placements that are not closed.
         """

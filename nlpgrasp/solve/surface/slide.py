@@ -2,7 +2,7 @@
 
 Smoothing rounds edges and noise; where the smooth surface and the mesh differ, the nearest point of the mesh
 may have quite another normal. So the nearest points are only the beginning: the contacts then slide over the
-mesh, one at a time, to the sample point that resists the task best. They stay where the mesh's normal is within
+mesh, one at a time, to the sample point that exerts the task best. They stay where the mesh's normal is within
 30 degrees of the smooth one: nobody can rely on a finger on a sharp edge or on one noisy triangle.
 """
 

@@ -1,4 +1,4 @@
-"""Fingers of a hand that holds a mesh walk over it, one at a time, to where the grasp resists the task better.
+"""Fingers of a hand that holds a mesh walk over it, one at a time, to where the grasp exerts the task better.
 
 The hand was placed around a smooth surface, and the mesh's normals are others: what is best there need not be good
 here. The palm and the other fingers stay where they are; the joints that move one finger alone bring its round
@@ -94,7 +94,7 @@ class _Walking:
         self._scored.look(self.held.placed.points, self.held.normals)
 
     def score(self, held: Held) -> float:
-        """Return how well a hand resists the task in all directions known by now."""
+        """Return how well a hand exerts the task in all directions known by now."""
         near = float(np.sum(near_edges(self.bench.problem, held.placed)))
         return float(self._scored.of(held.placed.points[None], held.normals[None])[0]) - OFF_EDGES * near
 

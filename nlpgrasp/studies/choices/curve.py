@@ -73,7 +73,7 @@ class ContactCurve:
         return max(0.0, float(bound / found.mu.lower - 1.0)) if found.mu.lower > 0.0 else np.inf
 
     def fewest(self, force: float) -> int | None:
-        """Return the least number of contacts whose force resists the whole task, or None where none does.
+        """Return the least number of contacts whose force exerts the whole task, or None where none does.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class ContactCurve:
     def fewest_possible(self, force: float) -> int | None:
         """Return the least number of contacts that is not proved to be too few for a force, or None where all are.
 
-        Where it is ``fewest(force)`` that answer is proved: none of the smaller numbers asked for resists the task.
+        Where it is ``fewest(force)`` that answer is proved: none of the smaller numbers asked for exerts the task.
 
         Parameters
         ----------

@@ -69,7 +69,7 @@ def first_choice(
 
     These are rules of thumb: size, mass and task predict the grasp types of people in less than half of the cases (Feix
     et al. 2014). They begin a search; ``ng.solve(choice.problem())`` finds the contacts' places and certifies what they
-    resist, ``ng.how_many_contacts`` and ``ng.choose_contact_types`` compare numbers and kinds.
+    exert, ``ng.how_many_contacts`` and ``ng.choose_contact_types`` compare numbers and kinds.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def _contact(asked: _Asked, count: int) -> tuple[ContactModel, Reason]:
         return FrictionContact(asked.friction), Reason("hard fingers", rule, SALISBURY)
     radius = min(asked.pad_radius, asked.sides[1] / 4.0)
     torsion = 2.0 / 3.0 * asked.friction * radius
-    rule = "two hard fingers resist no turn about the line between them; torsion 2/3 x friction x radius of the patch"
+    rule = "two hard fingers exert no torque about the line between them; torsion 2/3 x friction x radius of the patch"
     return SoftContact(asked.friction, float(torsion)), Reason("soft fingers", rule, f"{SALISBURY}; {PRESSURE}")
 
 

@@ -40,6 +40,7 @@ def how_many_contacts(
     problem_with : callable
         The problem with a number of contacts; the task is the same for all.
     counts : iterable of int
+        Numbers of contacts to try.
     starts, seed, options
         As of ``solve``.
     possible : mapping of int to float, optional

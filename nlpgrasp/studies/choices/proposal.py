@@ -43,9 +43,11 @@ class FirstChoice:
     Parameters
     ----------
     body : Body
+        What is held.
     mass : float
         Kilograms.
     grasp_type : {"precision", "power"}
+        Fingertips alone, or links and palm as well.
     name : str
         The grasp's name in Cutkosky's taxonomy.
     contact : ContactModel
@@ -58,11 +60,13 @@ class FirstChoice:
     opening : float
         Of a gripper, metres: the body's width across its shortest side and room on both sides of it.
     safety : float
+        Factor on the forces that the weight asks for.
     task : Task
         The weight, accelerations and a disturbance, about ``torque_origin``.
     torque_origin : (3,) tuple
         The centre of mass, metres, body frame.
     reasons : tuple of Reason
+        Why each number is what it is, with its source.
     """
 
     body: Body
@@ -101,10 +105,10 @@ class FirstChoice:
         Raises
         ------
         InputError
-            Where the solution is not of a grasp that resists the task, with normal forces as its budget.
+            Where the solution is not of a grasp that exerts the task, with normal forces as its budget.
         """
         if not isinstance(solution, GraspSolution) or not solution.success:
-            raise InputError("solution", solution, "a solution with a grasp that resists the task")
+            raise InputError("solution", solution, "a solution with a grasp that exerts the task's wrenches")
         if solution.budget.kind != "per_finger":
             raise InputError("solution", f"force budget {solution.budget.kind!r}", "'per_finger', as problem() has")
         return self.safety / solution.mu.lower

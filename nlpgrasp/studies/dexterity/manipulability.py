@@ -35,6 +35,7 @@ class FingerManipulability:
     Parameters
     ----------
     finger : int
+        Index of the contact that it makes.
     joints : tuple of str
         Those that move it.
     velocity : Transmission
@@ -63,9 +64,11 @@ class Manipulability:
     Parameters
     ----------
     fingers : tuple of FingerManipulability
+        One a finger.
     hand_jacobian : (n, m) array
         ``J_h``: velocities along the contacts' force components per unit of the joints' rates.
     joints : tuple of m str
+        Names, in the order of the columns of ``hand_jacobian``.
     body : Transmission
         From joint rates, as far as the contacts let them, to twists of the body about the grasp's torque origin: the
         velocity first, body frame.

@@ -135,6 +135,7 @@ def sensitivity(
     Parameters
     ----------
     solution : GraspSolution
+        One with a grasp.
     body : Body, optional
         Where the solution does not say all of it: a mesh, or a body given by a function.
     hand : URDFHand, optional
@@ -145,7 +146,7 @@ def sensitivity(
     Raises
     ------
     InputError
-        Without a grasp that resists the task, with a budget of joint torques (which depend on the posture), without a
+        Without a grasp that exerts the task, with a budget of joint torques (which depend on the posture), without a
         body where one is needed, or with a hand that is not the solution's.
     """
     if not isinstance(solution, GraspSolution):
@@ -160,7 +161,7 @@ def sensitivity(
         raise InputError("body", body, "the body of the solution")
     start = weakest_directions(grasp, solution.task, solution.budget, np.random.default_rng(0))
     if start.value <= 0.0:
-        raise InputError("solution", "a grasp that does not resist the task", "one with mu above 0")
+        raise InputError("solution", "a grasp that does not exert the task's wrenches", "one with mu above 0")
     changes = Changes(grasp, solution.faces, shape)
     groups = (
         changes.of_contacts(),

@@ -20,6 +20,7 @@ class FingerMove:
     Parameters
     ----------
     finger : int
+        Index of the finger that moves.
     path : (m, space) array
         Points of the body's surface from the old contact to the new one, metres, body frame.
     slides : bool

@@ -19,6 +19,7 @@ class EllipsoidFit:
     Parameters
     ----------
     task : TaskEllipsoid
+        The ellipsoid fitted.
     inside : (m,) bool array
         Which wrenches are in it.
     gap : float or None

@@ -38,6 +38,7 @@ class WrenchRecording:
     dropped : (s,) array
         Lines that were left out because they hold NaN, infinity or something else than a number.
     source : str
+        Where it is from, for messages and libraries; mostly the file's name.
     """
 
     wrenches: FloatArray
@@ -61,6 +62,7 @@ class WrenchRecording:
         Parameters
         ----------
         path : str or Path
+            A text file with a header and one wrench a row.
         columns : sequence of 6 str or int, optional
             Names (of the header) or numbers (from 0) of the columns of f_x, f_y, f_z, m_x, m_y, m_z. Found by
             their names (fx ... mz or tx ... tz) when left out.

@@ -81,11 +81,15 @@ class TaskEntry:
     Parameters
     ----------
     name : str
+        By which the library finds it.
     learnt : Learnt
         The ellipsoid, and what it takes to update it.
     frame : Frame
+        The axes and the point that its wrenches are about.
     description : str
+        What it is, for people.
     tags : tuple of str
+        Words that ``search`` finds beside the name's.
     provenance : tuple of Origin
         The oldest first.
     """

@@ -90,6 +90,7 @@ class TaskLibrary:
         Parameters
         ----------
         name : str
+            Of the new entry.
         what : TaskEllipsoid, TaskEntry, WrenchRecording, TaskPolytope or (m, d) array
             An ellipsoid or an entry as it is; of wrenches the ellipsoid of least volume. Moments of an array are about
             the frame's origin.
@@ -135,6 +136,7 @@ class TaskLibrary:
         Parameters
         ----------
         name : str
+            Of an entry of this library.
         wrenches : WrenchRecording, TaskPolytope or (m, d) array
             In the entry's frame, those of an array about its point.
         outliers : float
@@ -158,6 +160,7 @@ class TaskLibrary:
         Parameters
         ----------
         name : str
+            Of an entry of this library.
         other : str or TaskEntry
             Of this library, or an entry of another; of the same dimension and frame.
         """

@@ -39,7 +39,7 @@ def best_of_pairs(steps=17):
     return max(ng.mu(ng.Grasp(points[i], normals[i], contacts), task).lower for i in best)
 
 
-def test_more_contacts_resist_more(curve):
+def test_more_contacts_exert_more(curve):
     assert [k for k, _ in curve.solutions] == [2, 3, 4]
     lower = [found.mu.lower for _, found in curve.solutions]
     assert lower[0] < lower[1] < lower[2]
