@@ -53,7 +53,8 @@ def test_the_sdist_holds_what_a_checkout_does(built):
     with tarfile.open(built[1]) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     top = {"CITATION.cff", "CHANGELOG.md", "LICENSE", "Makefile", "mkdocs.yml", "README.md", "requirements.lock"}
-    assert top | {"docs/index.md", "problems/pencil.py", "tests/test_release.py", "nlpgrasp/version.py"} <= names
+    inside = {"docs/index.md", "problems/pencil.py", "studies/peers/cases.py", "tests/test_release.py"}
+    assert top | inside | {"nlpgrasp/version.py"} <= names
 
 
 @pytest.mark.slow
