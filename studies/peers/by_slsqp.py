@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 
 import nlpgrasp as ng
 from nlpgrasp.budgets.sets.l2 import L2Set
@@ -20,6 +20,7 @@ from studies.peers.surface import FaceFunction, face_functions
 
 NAME = "scipy SLSQP"
 SAMPLED, ITERATIONS = 200, 200
+MARGIN = 0.02  # about the bounding box, over the body's size
 
 
 def answers(case: Case, starts: int, budget: float) -> list[Answer]:
@@ -63,7 +64,9 @@ def placed(case: Case, start: Placement, rng: np.random.Generator) -> tuple[Floa
     if not len(_room(functions, np.append(start.points.ravel() / size, 0.0))):
         constraints.pop()
     x = np.append(start.points.ravel() / size, 0.0)
-    found = minimize(_less, x, method="SLSQP", constraints=constraints, options={"maxiter": ITERATIONS})
+    low, high = case.body.bounds / size + [[-MARGIN], [MARGIN]]
+    box = Bounds(np.append(np.tile(low, k), 0.0), np.append(np.tile(high, k), np.inf))
+    found = minimize(_less, x, method="SLSQP", bounds=box, constraints=constraints, options={"maxiter": ITERATIONS})
     return found.x[:-1].reshape(k, 3) * size, float(found.x[-1])
 
 
