@@ -7,46 +7,35 @@ program, and the support program, with as many random directions as there are E6
 import time
 
 import numpy as np
-from scipy.optimize import minimize
 
 import nlpgrasp as ng
-from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.nlp import CompiledProgram, support_program, vertex_program
-from nlpgrasp.quality import WrenchSet
 from nlpgrasp.quality.certificate.minimise import random_directions
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
+from studies.peers import by_slsqp
+from studies.peers.cases import Case
+from studies.peers.random_search import Placement
 
 AXES = np.array([2.0, 1.0, 1.0])
 TASK = ng.TaskEllipsoid([1.0] * 6)
 CONTACTS = [ng.FrictionContact(0.5)] * 4
 FACES = ("surface",) * 4
 STARTS = 4
+BODY = ng.Ellipsoid(AXES)
+CASE = Case("ellipsoid", lambda: BODY, 4, (1.0, 1.0, 1.0, *[1.0 / BODY.size] * 3))  # the same task
 
 
 def slsqp(points, rng):
-    """Maximise t subject to phi(y_j) >= t and the contacts on the ellipsoid."""
-    y = random_directions(200, 6, rng)
-
-    def support(x):
-        p = x[:12].reshape(4, 3)
-        n = -p / AXES**2
-        n /= np.linalg.norm(n, axis=1, keepdims=True)
-        G = ng.GraspStack(p[None], n[None], CONTACTS).G[0]
-        return WrenchSet(G, L2Set(CONTACTS, 3)).support(y)[0]
-
-    constraints = [
-        {"type": "ineq", "fun": lambda x: support(x) - x[12]},
-        {"type": "eq", "fun": lambda x: np.sum((x[:12].reshape(4, 3) / AXES) ** 2, axis=1) - 1.0},
-    ]
-    start = np.append(points.ravel(), 0.0)
-    found = minimize(lambda x: -x[12], start, method="SLSQP", constraints=constraints, options={"maxiter": 200})
-    p = found.x[:12].reshape(4, 3)
-    return p / np.linalg.norm(p / AXES, axis=1, keepdims=True), found.x[12]
+    """Return what SLSQP makes of placements on the ellipsoid, put back onto it, and what it believes."""
+    normals = -points / AXES**2
+    start = Placement(points, normals / np.linalg.norm(normals, axis=1, keepdims=True), FACES)
+    p, believed = by_slsqp.placed(CASE, start, rng)
+    return p / np.linalg.norm(p / AXES, axis=1, keepdims=True), believed
 
 
 def random_program(bench, compiled, points, rng, transcription):
@@ -65,7 +54,7 @@ def certified(bench, points):
 
 
 def run():
-    problem = ng.GraspProblem(ng.Ellipsoid(AXES), CONTACTS, TASK)
+    problem = ng.GraspProblem(BODY, CONTACTS, TASK)
     bench = Workbench(problem, ng.SolveOptions(workers=1))
     run_start(bench, STARTS, 0, Stop())
     programs = {

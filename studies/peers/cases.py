@@ -1,0 +1,119 @@
+"""The twelve bodies, with what is to be held against what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+import nlpgrasp as ng
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
+
+MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"  # scans and parts, where somebody has them
+FRICTION, TORSION = 0.5, 0.1  # coefficient; of the body's size
+BALL = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+LIFT = (0.5, 0.5, 1.0, 0.3, 0.3, 0.3)
+TURN = (0.3, 0.3, 0.5, 0.2, 0.2, 1.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One body with its contacts and its task.
+
+    Parameters
+    ----------
+    name : str
+    make : callable
+        Returns the body.
+    fingers : int
+        Two are soft, three and four have friction alone.
+    shape : tuple of 6 floats
+        The task's semi-axes: newtons, and torques over the body's size.
+    source : str
+        Where the body comes from.
+    """
+
+    name: str
+    make: Callable[[], Body]
+    fingers: int
+    shape: tuple[float, ...]
+    source: str = "exact"
+
+    @cached_property
+    def body(self) -> Body:
+        """The body, made when first asked for."""
+        return self.make()
+
+    @property
+    def contacts(self) -> list[ContactModel]:
+        """One contact model a finger."""
+        if self.fingers == 2:
+            return [ng.SoftContact(FRICTION, TORSION * self.body.size)] * 2
+        return [ng.FrictionContact(FRICTION)] * self.fingers
+
+    @property
+    def axes(self) -> FloatArray:
+        """The task's semi-axes (6,), newtons and newton-metres."""
+        return np.asarray(np.array(self.shape) * np.array([1.0] * 3 + [self.body.size] * 3))
+
+    @property
+    def task(self) -> ng.TaskEllipsoid:
+        """The task, about the body's centroid."""
+        return ng.TaskEllipsoid(self.axes)
+
+    @property
+    def problem(self) -> ng.GraspProblem:
+        """What the package is asked; contacts may be on edges, as for all others."""
+        return ng.GraspProblem(self.body, self.contacts, self.task, edge_margin=0.0, name=self.name)
+
+
+def _made(name: str) -> Body:
+    """Return what stands in for a mesh that is not there, made by trimesh."""
+    import trimesh
+
+    make = trimesh.creation
+    if name == "strawberry":
+        shape = make.icosphere(subdivisions=4, radius=0.022)
+        shape.vertices *= 1.0 + 0.25 * shape.vertices[:, 2:] / 0.022
+    elif name == "can":
+        shape = make.capsule(height=0.05, radius=0.025, count=[48, 48])
+        shape.vertices *= np.array([1.9, 1.0, 1.0])
+    elif name == "part":
+        shape = make.box([0.08, 0.05, 0.03]).difference(make.cylinder(0.012, 0.1, sections=64))
+    else:
+        head = make.box([0.1, 0.03, 0.03])
+        head.apply_translation([0.0, 0.0, 0.13])
+        shape = make.cylinder(0.014, 0.28, sections=48).union(head)
+    return ng.Mesh(shape)
+
+
+def _mesh(name: str, file: str, unit: str, fingers: int, shape: tuple[float, ...]) -> Case:
+    """Return a case of a mesh from a file, or of one made in its place."""
+    path = MESHES / file
+    if path.is_file():
+        return Case(name, lambda: ng.Mesh.load(path, unit=unit), fingers, shape, file)
+    return Case(name, lambda: _made(name), fingers, shape, "made by trimesh")
+
+
+CASES = {
+    case.name: case
+    for case in (
+        Case("box", lambda: ng.Box([0.08, 0.04, 0.04]), 4, BALL),
+        Case("plate", lambda: ng.Box([0.12, 0.08, 0.01]), 3, LIFT),
+        Case("cube", lambda: ng.Box([0.05, 0.05, 0.05]), 2, LIFT),
+        Case("cylinder", lambda: ng.Cylinder(0.03, 0.08), 3, BALL),
+        Case("disc", lambda: ng.Cylinder(0.05, 0.02), 4, TURN),
+        Case("ellipsoid", lambda: ng.Ellipsoid([0.06, 0.03, 0.03]), 4, BALL),
+        Case("pebble", lambda: ng.Ellipsoid([0.05, 0.035, 0.02]), 2, LIFT),
+        Case("torus", lambda: ng.Torus(0.04, 0.012), 4, LIFT),
+        _mesh("strawberry", "ycb_012_strawberry.stl", "m", 3, BALL),
+        _mesh("can", "ycb_010_potted_meat_can.stl", "m", 2, TURN),
+        _mesh("part", "featuretype.stl", "in", 4, BALL),
+        _mesh("hammer", "ycb_048_hammer.stl", "m", 4, TURN),
+    )
+}
