@@ -31,8 +31,10 @@ _DATA = {}
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return a folder for the mesh's file and bound files."""
-    return tmp_path_factory.mktemp("meshes")
+    """Return a folder with the mesh's file, for bound files."""
+    place = tmp_path_factory.mktemp("meshes")
+    bent_bar(np.random.default_rng(3)).export(place / "bar.ply")
+    return place
 
 
 def few_pieces(place, name):
@@ -46,7 +48,6 @@ def few_pieces(place, name):
 
 def bound_data(place, name, nodes):
     """Return what a bound file holds after a search of about so many nodes."""
-    bent_bar(np.random.default_rng(3)).export(place / "bar.ply")
     contacts, more = PROBLEMS[name]
     problem = ng.GraspProblem(ng.Mesh.load(place / "bar.ply", resolution=8), contacts, TASK, **more)
     search = Search(scope_of(problem), 0.01)
