@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import UNIT_TOLERANCE, coordinate_size, rigid_transform, wrench_transform
+from nlpgrasp.common.given.pose import Pose, rigid_transform
+from nlpgrasp.common.spatial import UNIT_TOLERANCE, coordinate_size, wrench_transform
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -116,7 +117,7 @@ class Grasp(ContactPlaces):
         local = (self.B @ x).reshape(len(self), self.dimension)
         return np.asarray(np.einsum("kij,kj->ki", wrench_transform(np.zeros_like(self.points), self.frames), local))
 
-    def in_frame(self, pose: ArrayLike) -> Grasp:
+    def in_frame(self, pose: Pose) -> Grasp:
         """Return the same grasp in another body frame, (2.5-4): its grasp map is ``blockdiag(A, A) G``, (2.5-6).
 
         Torque origin, tangents and directions of contacts go along. Qualities stay what they are where the task goes
@@ -124,8 +125,9 @@ class Grasp(ContactPlaces):
 
         Parameters
         ----------
-        pose : (3, 3) array in the plane, (4, 4) in space
-            ``[[A, b], [0, 1]]``: a point x of this grasp's frame is ``A x + b`` in the other, metres.
+        pose : (3, 3) array in the plane, (4, 4) in space, or mapping
+            ``[[A, b], [0, 1]]``: a point x of this grasp's frame is ``A x + b`` in the other, metres; or a mapping with
+            ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
 
         Raises
         ------

@@ -88,7 +88,7 @@ def check_size(body: Body) -> None:
     """Refuse a body to hold that is so large or small that it was stated in another unit than metres."""
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     wrong = "its numbers are metres, and were probably given in a {} unit"
-    likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong)
+    likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
 
 
 def warn_of_friction(models: Sequence[ContactModel], field: str, stacklevel: int) -> None:

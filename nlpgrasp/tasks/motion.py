@@ -103,8 +103,8 @@ def motion_wrenches(
         Seconds, increasing; at least 4.
     positions : (m, 3) array
         Of the body frame's origin, world frame, metres.
-    quaternions : (m, 4) array
-        (w, x, y, z), body to world.
+    quaternions : (m, 4) or (m, 3, 3) array
+        (w, x, y, z), body to world; or rotation matrices.
     mass : MassProperties
     gravity : (3,) array
         World frame, m / s^2.

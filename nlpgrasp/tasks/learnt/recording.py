@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nlpgrasp.common.spatial import rigid_transform, wrench_transform
+from nlpgrasp.common.given.pose import Pose, pose_matrix
+from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import LARGEST, FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.learnt.enclosing import GAP, bad_rows, enclose
@@ -52,7 +53,7 @@ class WrenchRecording:
         *,
         columns: Sequence[str | int] | None = None,
         units: tuple[str, str] | None = None,
-        sensor_pose: ArrayLike | None = None,
+        sensor_pose: Pose | None = None,
         exerts: str = "surroundings",
         skip_invalid: bool = False,
     ) -> WrenchRecording:
@@ -98,7 +99,7 @@ class WrenchRecording:
             warnings.warn(f"{path}: left out {bad_rows(lines[~good])}", UserWarning, stacklevel=2)
         if not good.any():
             raise InputError(f"{path}", "no line with six numbers", "at least one wrench")
-        pose = np.eye(4) if sensor_pose is None else _pose(sensor_pose)
+        pose = np.eye(4) if sensor_pose is None else pose_matrix("sensor_pose", sensor_pose)
         wrenches = values[good] @ wrench_transform(pose[:3, 3], pose[:3, :3]).T
         sign = -1.0 if exerts == "surroundings" else 1.0
         return cls(sign * wrenches, lines[good], lines[~good], str(path))
@@ -195,10 +196,3 @@ def _number(row: list[str], column: int) -> float:
     except (ValueError, IndexError):
         return float("nan")
     return value if abs(value) <= LARGEST else float("nan")
-
-
-def _pose(value: ArrayLike) -> FloatArray:
-    """Return a rigid transform."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rigid_transform("sensor_pose", value, 3)
-    return pose
