@@ -91,7 +91,7 @@ def check_size(body: Body) -> None:
     likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
 
 
-def warn_of_friction(models: Sequence[ContactModel], field: str, stacklevel: int) -> None:
+def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
     """Warn, once, of contacts with more friction than dry surfaces have.
 
     Parameters
@@ -99,14 +99,12 @@ def warn_of_friction(models: Sequence[ContactModel], field: str, stacklevel: int
     models : sequence of ContactModel
     field : str
         Where they are, with ``{}`` for the number of the contact.
-    stacklevel : int
-        As of ``warnings.warn``.
     """
     for i, model in enumerate(models):
         friction = model.coefficients.get("friction", 0.0)
         if friction > MOST_FRICTION:
             text = f"{field.format(i)}: {friction:g} is above {MOST_FRICTION:g}; rubber on dry surfaces has about 1"
-            say_once(text, stacklevel + 1)
+            say_once(text)
             return
 
 

@@ -115,7 +115,7 @@ class GraspProblem:
         ):
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._check_constraints()
-        warn_of_friction(self.models, "GraspProblem.contacts[{}].friction", stacklevel=3)
+        warn_of_friction(self.models, "GraspProblem.contacts[{}].friction")
         count = range(len(self.models))
         faces = [allowed_faces(self.body, self.models, self.constraints, i) for i in count]
         object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from copy import copy
 from functools import cached_property
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.rows import UNIT_QUATERNION, LinkSphere, Placement, Row
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
@@ -133,7 +133,7 @@ class URDFHand(LinkedHand):
         robot = read_robot(path, palm)
         tips = tips_of(robot, fingertips)
         for text in remarks(robot):
-            warnings.warn(f"{robot.source}: {text}", UserWarning, stacklevel=2)
+            warn(f"{robot.source}: {text}")
         return cls(
             LinkTree(robot, tips, approach_of(approach)),
             torque_limits_of(robot, torque_limits),
