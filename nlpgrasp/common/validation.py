@@ -35,7 +35,7 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
     if at_least is not None:
         allowed = f"a number of at least {at_least:g}"
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise InputError(field, repr(value), allowed)
+        raise InputError(field, repr(value), allowed + (", without quotes" if isinstance(value, str) else ""))
     if not -LARGEST <= value <= LARGEST:  # false for NaN
         raise InputError(field, value, allowed)
     result = float(value)

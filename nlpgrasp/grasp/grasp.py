@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.given.pose import Pose, rigid_transform
+from nlpgrasp.common.shown.said import asked_by_user, warn
 from nlpgrasp.common.spatial import UNIT_TOLERANCE, coordinate_size, wrench_transform
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.places import ContactPlaces
+from nlpgrasp.grasp.places import ContactPlaces, all_point_away
 
 
 class Grasp(ContactPlaces):
@@ -40,6 +41,11 @@ class Grasp(ContactPlaces):
     InputError
         On shapes that do not match, NaN, a negative force unit, normals that are not unit (says by how much), or a
         line or rectangle of contact without a direction.
+
+    Warns
+    -----
+    UserWarning
+        Where all normals point away from the middle of the contacts, as outward ones do.
     """
 
     _name = "Grasp"
@@ -67,6 +73,8 @@ class Grasp(ContactPlaces):
         if error > UNIT_TOLERANCE:
             raise InputError("Grasp.tangents", f"frames off orthonormal by {error:.3g}", "orthonormal contact frames")
         self.tangents = read_only(t)
+        if asked_by_user() and all_point_away(self.points, n):
+            warn("Grasp.normals: all point away from the middle of the contacts; they have to point into the body")
 
     @property
     def frames(self) -> FloatArray:

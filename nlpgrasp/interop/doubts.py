@@ -10,6 +10,7 @@ from nlpgrasp.bodies import Body, body_from_dict
 from nlpgrasp.common.shown.said import warn
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.places import all_point_away
 from nlpgrasp.interop.contacts_csv import FRICTION
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -43,8 +44,7 @@ def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
     """
     points, normals = grasp.points, grasp.normals
     if body is None or body.space != grasp.space:
-        from_middle = np.sum(normals * (points - points.mean(axis=0)), axis=1)
-        if len(grasp) > 1 and np.all(from_middle > 0.0):
+        if all_point_away(points, normals):
             text = f"{name}: all normals point away from the middle of the contacts; they have to point into the body"
             warn(text)
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -82,6 +83,15 @@ def check_placements(
         if own and used:
             _check_contact(i, own, (p[i], n[i]), used, body.size)
     _check_room(constraints, faces, samples)
+
+
+def body_words(given: object) -> str:
+    """Return what to give for a body instead of something that is none: a file's name, a mesh."""
+    if isinstance(given, str | Path):
+        return f'a body: ng.Mesh.load("{given}", unit="mm"), in the unit of the file'
+    if type(given).__module__.split(".")[0] == "trimesh":
+        return 'a body: ng.Mesh(mesh, unit="mm"), in the unit of its vertices'
+    return "a body such as ng.Box or ng.Mesh"
 
 
 def check_size(body: Body) -> None:

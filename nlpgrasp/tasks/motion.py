@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.validation import FloatArray, array, number, read_only
+from nlpgrasp.common.validation import FloatArray, array, number, read_only, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.polytope import TaskPolytope
 from nlpgrasp.tasks.rigid_motion import RigidMotion
@@ -85,6 +85,7 @@ class MassProperties:
         return np.concatenate([force, moment], axis=1)
 
 
+@within("motion_wrenches: ")
 def motion_wrenches(
     times: ArrayLike,
     positions: ArrayLike,

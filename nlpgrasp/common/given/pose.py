@@ -55,7 +55,7 @@ def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, Fl
     try:
         pose = array(field, value, (space + 1, space + 1))
     except InputError as error:
-        raise InputError(field, error.given, spellings) from None
+        raise InputError(field, error.given, error.allowed if "finite" in error.allowed else spellings) from None
     try:
         if not np.array_equal(pose[-1], np.eye(space + 1)[-1]):
             raise InputError(field, "", "")

@@ -26,3 +26,8 @@ def _inside() -> int:
     while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).split(".")[0] in BETWEEN:
         frame, level = frame.f_back, level + 1
     return level
+
+
+def asked_by_user() -> bool:
+    """Return whether the function that asks was called by a line outside the package."""
+    return str(sys._getframe(2).f_globals.get("__name__", "")).split(".")[0] != PACKAGE

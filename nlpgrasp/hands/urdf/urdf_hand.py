@@ -24,6 +24,7 @@ from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.spheres.self_collision import WatchedLinks, apart, watched_links
 from nlpgrasp.hands.tips import Touch
+from nlpgrasp.hands.urdf.kinematics import require_kinematics
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
 from nlpgrasp.hands.urdf.urdf_arguments import Fingertips, approach_of, remarks, tips_of, torque_limits_of
@@ -120,7 +121,8 @@ class URDFHand(LinkedHand):
         InputError
             On files, links, joints or limits that cannot be used; unknown link names list those there are.
         MissingExtraError
-            On MJCF without MuJoCo, and on meshes in COLLADA without their reader.
+            Without adam-robotics, which solves need; on MJCF without MuJoCo, and on meshes in COLLADA without their
+            reader.
 
         Warns
         -----
@@ -132,6 +134,7 @@ class URDFHand(LinkedHand):
         """
         robot = read_robot(path, palm)
         tips = tips_of(robot, fingertips)
+        require_kinematics()
         for text in remarks(robot):
             warn(f"{robot.source}: {text}")
         return cls(
