@@ -1,6 +1,7 @@
 """Mistakes of a newcomer: each is one sentence that names the field and the cure."""
 
 import os
+import subprocess
 import sys
 import warnings
 from pathlib import Path
@@ -256,13 +257,13 @@ def test_a_missing_extra_is_named_before_the_work(name, tmp_path, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
-def said_by(monkeypatch, capsys, *words, code=2):
+def said_by(monkeypatch, capsys, *words):
     """What a command writes to standard error: one line, of this package."""
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)  # which the command line changes
     monkeypatch.setattr(sys, "argv", ["nlpgrasp", *map(str, words)])
     with pytest.raises(SystemExit) as ended:
         main()
-    assert ended.value.code == code
+    assert ended.value.code == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1
     assert told.startswith("nlpgrasp: ")
@@ -335,10 +336,11 @@ def test_pictures_of_a_report_miss_matplotlib_before_the_work(tmp_path, monkeypa
     assert 'needs the extra "viz"' in told
 
 
-def test_warnings_of_the_command_line_are_lines_without_source(tmp_path, monkeypatch, capsys):
+def test_warnings_of_the_command_line_are_lines_without_source(tmp_path):
     rows = "p_x,p_y,p_z,n_x,n_y,n_z\n0.04,0,0,1,0,0\n-0.04,0,0,-1,0,0\n0,0.04,0,0,1,0\n"
     table = written(tmp_path, "contacts.csv", rows)
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        told = said_by(monkeypatch, capsys, "quality", table, "--friction", "0.5", code=0)
-    assert "contacts.csv: all normals point away from the middle of the contacts" in told
+    command = [sys.executable, "-m", "nlpgrasp", "quality", str(table), "--friction", "0.5"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    said = f"{table}: all normals point away from the middle of the contacts; they have to point into the body"
+    assert done.stderr == f"nlpgrasp: {said}\n"
