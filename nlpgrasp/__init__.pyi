@@ -79,6 +79,7 @@ from nlpgrasp.quality import (
 from nlpgrasp.report.fit import draw_fit
 from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_hand
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.frames.in_frame import SolutionInFrame
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.phases.phase import Phase
@@ -191,6 +192,7 @@ __all__ = [
     "SharedJointTorqueLimits",
     "Simulation",
     "SoftContact",
+    "SolutionInFrame",
     "SolveOptions",
     "Sphere",
     "SphereTip",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -13,6 +13,7 @@ from nlpgrasp.bodies.base import intersection
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes.centred import CentredBody
 from nlpgrasp.bodies.shapes.extruded import IntArray, extruded
+from nlpgrasp.common.given.lengths import in_metres
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 
@@ -25,13 +26,16 @@ class Box(CentredBody):
     ----------
     extents : (3,) array
         Full lengths along x, y, z, metres, each greater than zero.
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Of the lengths given; the body's own are metres.
     """
 
     kind: ClassVar[str] = "box"
     extents: ArrayLike
+    unit: InitVar[str] = field(default="m", kw_only=True)
 
-    def __post_init__(self) -> None:
-        values = array("Box.extents", self.extents, (3,))
+    def __post_init__(self, unit: str) -> None:
+        values = in_metres("Box.unit", array("Box.extents", self.extents, (3,)), unit)
         object.__setattr__(self, "extents", tuple(number("Box.extents", v, above=0.0) for v in values))
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -12,8 +12,9 @@ from nlpgrasp.bodies.base import TINY, intersection
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes.centred import CentredBody
 from nlpgrasp.bodies.shapes.extruded import IntArray, circle, extruded
+from nlpgrasp.common.given.lengths import one_in_metres
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import FloatArray
 
 ROUND = 96  # sides of the prism that it is drawn as
 
@@ -26,15 +27,18 @@ class Cylinder(CentredBody):
     ----------
     radius, height : float
         Metres, greater than zero.
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Of the lengths given; the body's own are metres.
     """
 
     kind: ClassVar[str] = "cylinder"
     radius: float
     height: float
+    unit: InitVar[str] = field(default="m", kw_only=True)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, unit: str) -> None:
         for name in ("radius", "height"):
-            object.__setattr__(self, name, number(f"Cylinder.{name}", getattr(self, name), above=0.0))
+            object.__setattr__(self, name, one_in_metres("Cylinder", name, getattr(self, name), unit))
 
     @property
     def half_size(self) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -14,6 +14,7 @@ from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes import curved
 from nlpgrasp.bodies.shapes.centred import CentredBody
 from nlpgrasp.bodies.shapes.extruded import IntArray
+from nlpgrasp.common.given.lengths import in_metres
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 
@@ -28,13 +29,16 @@ class Ellipsoid(CentredBody):
     ----------
     semi_axes : (3,) array
         Along x, y, z, metres, each greater than zero.
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Of the lengths given; the body's own are metres.
     """
 
     kind: ClassVar[str] = "ellipsoid"
     semi_axes: ArrayLike
+    unit: InitVar[str] = field(default="m", kw_only=True)
 
-    def __post_init__(self) -> None:
-        values = array("Ellipsoid.semi_axes", self.semi_axes, (3,))
+    def __post_init__(self, unit: str) -> None:
+        values = in_metres("Ellipsoid.unit", array("Ellipsoid.semi_axes", self.semi_axes, (3,)), unit)
         object.__setattr__(self, "semi_axes", tuple(number("Ellipsoid.semi_axes", v, above=0.0) for v in values))
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.bodies.base import TINY, Body
 from nlpgrasp.bodies.face import SHARP, Face, turning
 from nlpgrasp.bodies.shapes.extruded import PLATE, IntArray, extruded
+from nlpgrasp.common.given.lengths import in_metres
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
@@ -27,13 +28,16 @@ class Polygon(Body):
     ----------
     vertices : (m, 2) array
         Metres, in either sense of rotation (stored counter-clockwise, starting at the first).
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Of the lengths given; the body's own are metres.
     """
 
     kind: ClassVar[str] = "polygon"
     vertices: ArrayLike
+    unit: InitVar[str] = field(default="m", kw_only=True)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "vertices", simple_polygon("Polygon.vertices", self.vertices))
+    def __post_init__(self, unit: str) -> None:
+        object.__setattr__(self, "vertices", simple_polygon("Polygon.vertices", self.vertices, unit))
 
     @property
     def corners(self) -> FloatArray:
@@ -78,9 +82,9 @@ class Polygon(Body):
         return {"type": self.kind, "vertices": self.corners.tolist()}
 
 
-def simple_polygon(field: str, vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
-    """Return the vertices counter-clockwise, refusing fewer than 3, zero area or edges that cross."""
-    v = array(field, vertices, (None, 2))
+def simple_polygon(field: str, vertices: ArrayLike, unit: str = "m") -> tuple[tuple[float, float], ...]:
+    """Return the vertices counter-clockwise, metres, refusing fewer than 3, zero area or edges that cross."""
+    v = in_metres(f"{field.split('.')[0]}.unit", array(field, vertices, (None, 2)), unit)
     if len(v) < 3:
         raise InputError(field, f"{len(v)} vertices", "at least 3 vertices")
     following = np.roll(v, -1, axis=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -13,8 +13,9 @@ from nlpgrasp.bodies.base import Body, intersection
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.polygon import edge_face, inradius, polygon_centroid, polygon_distance, simple_polygon
 from nlpgrasp.bodies.shapes.extruded import IntArray, extruded
+from nlpgrasp.common.given.lengths import one_in_metres
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
 
@@ -28,15 +29,18 @@ class Prism(Body):
         Vertices of a convex polygon, metres.
     height : float
         Metres, greater than zero.
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Of the lengths given; the body's own are metres.
     """
 
     kind: ClassVar[str] = "prism"
     polygon: ArrayLike
     height: float
+    unit: InitVar[str] = field(default="m", kw_only=True)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "polygon", simple_polygon("Prism.polygon", self.polygon))
-        object.__setattr__(self, "height", number("Prism.height", self.height, above=0.0))
+    def __post_init__(self, unit: str) -> None:
+        object.__setattr__(self, "polygon", simple_polygon("Prism.polygon", self.polygon, unit))
+        object.__setattr__(self, "height", one_in_metres("Prism", "height", self.height, unit))
         edges = np.roll(self.corners, -1, axis=0) - self.corners
         following = np.roll(edges, -1, axis=0)
         if np.any(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -13,8 +13,9 @@ from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes import curved
 from nlpgrasp.bodies.shapes.centred import CentredBody
 from nlpgrasp.bodies.shapes.extruded import IntArray
+from nlpgrasp.common.given.lengths import one_in_metres
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import FloatArray
 
 ROWS = 15  # of the triangles it is drawn as, from a pole to the equator
 
@@ -27,13 +28,16 @@ class Sphere(CentredBody):
     ----------
     radius : float
         Metres, greater than zero.
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Of the lengths given; the body's own are metres.
     """
 
     kind: ClassVar[str] = "sphere"
     radius: float
+    unit: InitVar[str] = field(default="m", kw_only=True)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", number("Sphere.radius", self.radius, above=0.0))
+    def __post_init__(self, unit: str) -> None:
+        object.__setattr__(self, "radius", one_in_metres("Sphere", "radius", self.radius, unit))
 
     @property
     def half_size(self) -> FloatArray:

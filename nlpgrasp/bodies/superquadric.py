@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -13,6 +13,7 @@ from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes import curved
 from nlpgrasp.bodies.shapes.centred import CentredBody
 from nlpgrasp.bodies.shapes.extruded import IntArray
+from nlpgrasp.common.given.lengths import in_metres
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
@@ -33,14 +34,17 @@ class Superquadric(CentredBody):
         Metres, each greater than zero.
     exponents : (2,) array
         ``(e1, e2)``, each in [0.2, 1.9]: outside it the normals are too ill-conditioned to be of use.
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Of the semi-axes given; the body's own are metres.
     """
 
     kind: ClassVar[str] = "superquadric"
     semi_axes: ArrayLike
     exponents: ArrayLike = (0.5, 0.5)
+    unit: InitVar[str] = field(default="m", kw_only=True)
 
-    def __post_init__(self) -> None:
-        axes = array("Superquadric.semi_axes", self.semi_axes, (3,))
+    def __post_init__(self, unit: str) -> None:
+        axes = in_metres("Superquadric.unit", array("Superquadric.semi_axes", self.semi_axes, (3,)), unit)
         object.__setattr__(self, "semi_axes", tuple(number("Superquadric.semi_axes", v, above=0.0) for v in axes))
         e = array("Superquadric.exponents", self.exponents, (2,))
         if np.any(e < 0.2) or np.any(e > 1.9):

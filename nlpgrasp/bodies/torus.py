@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -13,8 +13,9 @@ from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes import curved
 from nlpgrasp.bodies.shapes.centred import CentredBody
 from nlpgrasp.bodies.shapes.extruded import IntArray
+from nlpgrasp.common.given.lengths import one_in_metres
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
 AROUND, ACROSS = 48, 20  # points that it is drawn with: about the axis, about the tube
@@ -30,15 +31,18 @@ class Torus(CentredBody):
         From the axis to the centre of the tube, metres; greater than the minor radius.
     minor_radius : float
         Of the tube, metres, greater than zero.
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Of the lengths given; the body's own are metres.
     """
 
     kind: ClassVar[str] = "torus"
     major_radius: float
     minor_radius: float
+    unit: InitVar[str] = field(default="m", kw_only=True)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, unit: str) -> None:
         for name in ("major_radius", "minor_radius"):
-            object.__setattr__(self, name, number(f"Torus.{name}", getattr(self, name), above=0.0))
+            object.__setattr__(self, name, one_in_metres("Torus", name, getattr(self, name), unit))
         if self.minor_radius >= self.major_radius:
             raise InputError("Torus.minor_radius", self.minor_radius, f"less than the major radius {self.major_radius}")
 

@@ -29,9 +29,13 @@ def report_command(
 
     often = Counter(file.name for file in files)
     names = [file.name if often[file.name] == 1 else str(file) for file in files]
-    solutions = {name: complete(file) for name, file in zip(names, files, strict=True)}
     target = files[0].with_suffix(".html") if out is None else out
     writable(target, *files)
+    if png:
+        from nlpgrasp.common.extras.pyplot import pyplot
+
+        pyplot("a picture")  # before the work
+    solutions = {name: complete(file) for name, file in zip(names, files, strict=True)}
     if not png:
         typer.echo(f"written to {write_report(solutions, target)}")
         return

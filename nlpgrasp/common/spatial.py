@@ -171,35 +171,3 @@ def move_torque_origin(shift: FloatArray) -> FloatArray:
     else:
         result[3:, :3] = -cross_matrix(b)
     return result
-
-
-def rigid_transform(field: str, value: object, space: int) -> tuple[FloatArray, FloatArray]:
-    """Return rotation A and translation b of a pose in E(2) or E(3): a point x becomes ``A x + b``, (2.5-4).
-
-    Parameters
-    ----------
-    field : str
-        Name shown in the message.
-    value : (space + 1, space + 1) array
-        ``[[A, b], [0, 1]]``, metres; A a rotation to 1e-6, then made one exactly.
-    space : int
-        2 or 3.
-
-    Returns
-    -------
-    A : (space, space) array
-    b : (space,) array
-
-    Raises
-    ------
-    InputError
-        When it is of another shape, or no rotation and translation.
-    """
-    pose = array(field, value, (space + 1, space + 1))
-    turn = pose[:space, :space]
-    off = float(np.max(np.abs(turn @ turn.T - np.eye(space))))
-    if off > UNIT_TOLERANCE or np.linalg.det(turn) < 0.0 or not np.array_equal(pose[-1], np.eye(space + 1)[-1]):
-        size = f"({space + 1}, {space + 1})"
-        raise InputError(field, pose.tolist(), f"a rigid transform, {size}: a rotation and a translation")
-    left, _, right = np.linalg.svd(turn)
-    return left @ right, pose[:space, space]

@@ -35,7 +35,7 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
     if at_least is not None:
         allowed = f"a number of at least {at_least:g}"
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise InputError(field, repr(value), allowed)
+        raise InputError(field, repr(value), allowed + (", without quotes" if isinstance(value, str) else ""))
     if not -LARGEST <= value <= LARGEST:  # false for NaN
         raise InputError(field, value, allowed)
     result = float(value)
@@ -46,7 +46,7 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
     return result
 
 
-def likely_size(field: str, what: str, longest: float, wrong: str) -> None:
+def likely_size(field: str, what: str, longest: float, wrong: str, has_unit: bool = True) -> None:
     """Refuse a body that is too large or too small for one that is grasped.
 
     Parameters
@@ -58,9 +58,13 @@ def likely_size(field: str, what: str, longest: float, wrong: str) -> None:
         Longest side of its bounding box, metres.
     wrong : str
         What is wrong then, with ``{}`` where it says "smaller" or "larger".
+    has_unit : bool
+        Whether the body takes a ``unit``.
     """
     if not SHORTEST_BODY <= longest <= LONGEST_BODY:
-        allowed = f"{SHORTEST_BODY:g} m to {LONGEST_BODY:g} m: {wrong.format('smaller' if longest > 1.0 else 'larger')}"
+        told, large = wrong.format("smaller" if longest > 1.0 else "larger"), has_unit and longest > 1.0
+        cure = ': unit="mm" says that they are millimetres' if large else ""
+        allowed = f"{SHORTEST_BODY:g} m to {LONGEST_BODY:g} m: {told}{cure}"
         raise InputError(field, f"{what} of {longest:.3g} m", allowed)
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.frozen import unchecked
+from nlpgrasp.common.given.angles import angle
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import array, number
+from nlpgrasp.common.validation import array
 from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.errors import InputError
 
@@ -39,10 +40,7 @@ class Approach(PlacementConstraint):
         if size == 0.0:
             raise InputError("Approach.direction", self.direction, "a direction")
         object.__setattr__(self, "direction", tuple((direction / size).tolist()))
-        angle = number("Approach.angle", self.angle, above=0.0)
-        if angle > np.pi:
-            raise InputError("Approach.angle", self.angle, "an angle of at most pi")
-        object.__setattr__(self, "angle", angle)
+        object.__setattr__(self, "angle", angle("Approach.angle", self.angle, np.pi, "pi"))
 
     def check(self, space: int, size: float, contacts: int) -> None:
         """Refuse planar bodies, which no palm faces."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar, Self
 
 import casadi as ca
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.frozen import unchecked
+from nlpgrasp.common.given.pose import Pose, rigid_transform
 from nlpgrasp.common.rows import Clearance, Placement, Row
 from nlpgrasp.common.solids import Solid, solid_from_dict
 from nlpgrasp.common.types import Expression, Json
@@ -36,6 +37,9 @@ class Obstacle(PlacementConstraint):
         How it is turned, (w, x, y, z); as the held body when left out. Bodies in space only.
     name : str
         Shown in reports.
+    pose : (4, 4) array or mapping, optional
+        Instead of position and quaternion: of the obstacle's frame in the held body's, as a matrix, (3, 3) in the
+        plane without a turn, or a mapping with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
     """
 
     kind: ClassVar[str] = "obstacle"
@@ -44,13 +48,16 @@ class Obstacle(PlacementConstraint):
     position: ArrayLike | None = None
     quaternion: ArrayLike | None = None
     name: str = "obstacle"
+    pose: InitVar[Pose | None] = field(default=None, kw_only=True)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, pose: Pose | None) -> None:
         if isinstance(self.body, type) or not isinstance(self.body, Solid):
             raise InputError("Obstacle.body", self.body, "a body such as ng.Box or ng.Mesh")
         object.__setattr__(self, "clearance", number("Obstacle.clearance", self.clearance, at_least=0.0))
         if not isinstance(self.name, str) or not self.name:
             raise InputError("Obstacle.name", self.name, "a non-empty name")
+        if pose is not None:
+            self._set_pose(pose)
         if self.position is not None:
             object.__setattr__(self, "position", _listed("Obstacle.position", self.position, self.body.space))
         if self.quaternion is not None:
@@ -61,6 +68,17 @@ class Obstacle(PlacementConstraint):
             if size == 0.0:
                 raise InputError("Obstacle.quaternion", self.quaternion, "a quaternion that is not zero")
             object.__setattr__(self, "quaternion", tuple((quaternion / size).tolist()))
+
+    def _set_pose(self, pose: Pose) -> None:
+        if self.position is not None or self.quaternion is not None:
+            raise InputError("Obstacle.pose", "a pose beside position or quaternion", "one of them")
+        turn, shift = rigid_transform("Obstacle.pose", pose, self.body.space)
+        if self.body.space == 3:
+            turned = Rotation.from_matrix(turn).as_quat(canonical=True, scalar_first=True)
+            object.__setattr__(self, "quaternion", turned.tolist())
+        elif not np.array_equal(turn, np.eye(2)):
+            raise InputError("Obstacle.pose", "a planar body that is turned", "a translation alone: turn its polygon")
+        object.__setattr__(self, "position", shift.tolist())
 
     @property
     def rotation(self) -> FloatArray:

@@ -8,11 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import UNIT_TOLERANCE, coordinate_size, rigid_transform, wrench_transform
+from nlpgrasp.common.given.pose import Pose, rigid_transform
+from nlpgrasp.common.shown.said import asked_by_user, warn
+from nlpgrasp.common.spatial import UNIT_TOLERANCE, coordinate_size, wrench_transform
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.places import ContactPlaces
+from nlpgrasp.grasp.places import ContactPlaces, all_point_away
 
 
 class Grasp(ContactPlaces):
@@ -39,6 +41,11 @@ class Grasp(ContactPlaces):
     InputError
         On shapes that do not match, NaN, a negative force unit, normals that are not unit (says by how much), or a
         line or rectangle of contact without a direction.
+
+    Warns
+    -----
+    UserWarning
+        Where all normals point away from the middle of the contacts, as outward ones do.
     """
 
     _name = "Grasp"
@@ -66,6 +73,8 @@ class Grasp(ContactPlaces):
         if error > UNIT_TOLERANCE:
             raise InputError("Grasp.tangents", f"frames off orthonormal by {error:.3g}", "orthonormal contact frames")
         self.tangents = read_only(t)
+        if asked_by_user() and all_point_away(self.points, n):
+            warn("Grasp.normals: all point away from the middle of the contacts; they have to point into the body")
 
     @property
     def frames(self) -> FloatArray:
@@ -116,7 +125,7 @@ class Grasp(ContactPlaces):
         local = (self.B @ x).reshape(len(self), self.dimension)
         return np.asarray(np.einsum("kij,kj->ki", wrench_transform(np.zeros_like(self.points), self.frames), local))
 
-    def in_frame(self, pose: ArrayLike) -> Grasp:
+    def in_frame(self, pose: Pose) -> Grasp:
         """Return the same grasp in another body frame, (2.5-4): its grasp map is ``blockdiag(A, A) G``, (2.5-6).
 
         Torque origin, tangents and directions of contacts go along. Qualities stay what they are where the task goes
@@ -124,8 +133,9 @@ class Grasp(ContactPlaces):
 
         Parameters
         ----------
-        pose : (3, 3) array in the plane, (4, 4) in space
-            ``[[A, b], [0, 1]]``: a point x of this grasp's frame is ``A x + b`` in the other, metres.
+        pose : (3, 3) array in the plane, (4, 4) in space, or mapping
+            ``[[A, b], [0, 1]]``: a point x of this grasp's frame is ``A x + b`` in the other, metres; or a mapping with
+            ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
 
         Raises
         ------

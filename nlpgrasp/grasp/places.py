@@ -14,6 +14,7 @@ from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
 ROUNDING = 1e-15
+AWAY = np.cos(np.pi / 4.0)
 
 
 class ContactPlaces:
@@ -92,3 +93,12 @@ def unit_normals(field: str, normals: FloatArray) -> FloatArray:
         )
     # normalising twice could change a last digit, and files must round-trip: leave what is unit to rounding
     return np.asarray(normals / np.where(off <= ROUNDING, 1.0, length)[..., None])
+
+
+def all_point_away(points: FloatArray, normals: FloatArray) -> bool:
+    """Return whether all of several normals (k, space) lead away from the middle of the points, to within 45 degrees.
+
+    Those of contacts in a hollow that is gripped from inside do too.
+    """
+    away = points - points.mean(axis=0)
+    return len(points) > 1 and bool(np.all(np.sum(normals * away, axis=1) > AWAY * np.linalg.norm(away, axis=1)))

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.spatial import coordinate_size, rigid_transform, wrench_transform
+from nlpgrasp.common.given.pose import Pose, rigid_transform
+from nlpgrasp.common.spatial import coordinate_size, wrench_transform
 from nlpgrasp.common.validation import FloatArray, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.grasp.grasp import Grasp
@@ -59,7 +60,7 @@ class GraspStack(ContactPlaces):
         maps = [full[:, i] @ model.basis(self.space) for i, model in enumerate(self.contacts)]
         return read_only(np.concatenate(maps, axis=2))
 
-    def in_frame(self, pose: ArrayLike) -> GraspStack:
+    def in_frame(self, pose: Pose) -> GraspStack:
         """Return the same grasps in another body frame, (2.5-4); the pose as in ``Grasp.in_frame``."""
         A, b = rigid_transform("pose", pose, self.space)
         models = [c.turned(A) for c in self.contacts]

@@ -10,11 +10,14 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.given.lengths import of_a_hand
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
+
+LARGEST_TIP = 1.0  # metres
 
 
 @dataclass(frozen=True)
@@ -42,16 +45,19 @@ class Fingertips(Hand):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "count", integer("Fingertips.count", self.count, at_least=1))
-        object.__setattr__(self, "radius", number("Fingertips.radius", self.radius, at_least=0.0))
+        radius = of_a_hand("Fingertips.radius", number("Fingertips.radius", self.radius, at_least=0.0), LARGEST_TIP)
+        object.__setattr__(self, "radius", radius)
         if self.spread is not None:
             given = self.spread
             pair = tuple(given) if isinstance(given, Iterable) and np.ndim(given) else (0.0, given)
             if len(pair) != 2:
                 raise InputError("Fingertips.spread", self.spread, "one distance, or a least and a greatest one")
             low = number("Fingertips.spread", pair[0], at_least=0.0)
-            object.__setattr__(self, "spread", (low, number("Fingertips.spread", pair[1], above=low)))
+            high = of_a_hand("Fingertips.spread", number("Fingertips.spread", pair[1], above=low))
+            object.__setattr__(self, "spread", (low, high))
         if self.reach is not None:
-            object.__setattr__(self, "reach", number("Fingertips.reach", self.reach, above=0.0))
+            reach = of_a_hand("Fingertips.reach", number("Fingertips.reach", self.reach, above=0.0))
+            object.__setattr__(self, "reach", reach)
 
     @property
     def tip_radii(self) -> tuple[float, ...]:

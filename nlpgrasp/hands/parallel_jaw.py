@@ -8,12 +8,15 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.common.given.angles import angle
+from nlpgrasp.common.given.lengths import of_a_hand
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.jaw_pose import Distance, Jaws
+
+MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)
 
 
 @dataclass(frozen=True)
@@ -52,11 +55,9 @@ class ParallelJaw(Hand):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "closed", number("ParallelJaw.closed", self.closed, at_least=0.0))
-        object.__setattr__(self, "opening", number("ParallelJaw.opening", self.opening, above=self.closed))
-        tilt = number("ParallelJaw.tilt", self.tilt, above=0.0)
-        if tilt >= np.pi / 2.0:
-            raise InputError("ParallelJaw.tilt", self.tilt, "an angle below a right angle")
-        object.__setattr__(self, "tilt", tilt)
+        opening = of_a_hand("ParallelJaw.opening", number("ParallelJaw.opening", self.opening, above=self.closed))
+        object.__setattr__(self, "opening", opening)
+        object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", self.tilt, MOST_TILT, "less than a right angle"))
         for name in ("finger_length", "finger_thickness"):
             object.__setattr__(self, name, number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0))
 

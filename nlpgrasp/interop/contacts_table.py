@@ -66,7 +66,7 @@ def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict
     models = [_model(name, i, row, friction) for i, row in enumerate(rows)]
     if friction is None:
         warn_frictionless(name, [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in rows])
-    warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}", stacklevel=3)
+    warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}")
     rows_of: dict[str, list[int]] = {}
     for i, row in enumerate(rows):
         rows_of.setdefault((row.get(GRASP) or "").strip(), []).append(i)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
 from nlpgrasp.bodies import Body, body_from_dict
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.grasp.places import all_point_away
 from nlpgrasp.interop.contacts_csv import FRICTION
 from nlpgrasp.solution.solution import GraspSolution
 
 STEP = 1e-3  # of the body's size: how far along a normal it is looked
-CALLER = 4  # as of ``warnings.warn``: the line that reads the table
 
 
 def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:
@@ -24,7 +24,7 @@ def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:
         return
     which = f"no {FRICTION} stated" if len(rows) == len(unsaid) else f"no {FRICTION} stated in rows {', '.join(rows)}"
     text = f"{name}: {which}: taken to be frictionless; friction=0.5 (--friction 0.5) states another"
-    warnings.warn(text, UserWarning, stacklevel=CALLER)
+    warn(text)
 
 
 def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
@@ -44,10 +44,9 @@ def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
     """
     points, normals = grasp.points, grasp.normals
     if body is None or body.space != grasp.space:
-        from_middle = np.sum(normals * (points - points.mean(axis=0)), axis=1)
-        if len(grasp) > 1 and np.all(from_middle > 0.0):
+        if all_point_away(points, normals):
             text = f"{name}: all normals point away from the middle of the contacts; they have to point into the body"
-            warnings.warn(text, UserWarning, stacklevel=CALLER)
+            warn(text)
         return
     step = STEP * body.size
     along, behind = (body.signed_distance(points + s * normals) for s in (step, -step))

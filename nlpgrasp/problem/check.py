@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -84,14 +85,23 @@ def check_placements(
     _check_room(constraints, faces, samples)
 
 
+def body_words(given: object) -> str:
+    """Return what to give for a body instead of something that is none: a file's name, a mesh."""
+    if isinstance(given, str | Path):
+        return f'a body: ng.Mesh.load("{given}", unit="mm"), in the unit of the file'
+    if type(given).__module__.split(".")[0] == "trimesh":
+        return 'a body: ng.Mesh(mesh, unit="mm"), in the unit of its vertices'
+    return "a body such as ng.Box or ng.Mesh"
+
+
 def check_size(body: Body) -> None:
     """Refuse a body to hold that is so large or small that it was stated in another unit than metres."""
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     wrong = "its numbers are metres, and were probably given in a {} unit"
-    likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong)
+    likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
 
 
-def warn_of_friction(models: Sequence[ContactModel], field: str, stacklevel: int) -> None:
+def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
     """Warn, once, of contacts with more friction than dry surfaces have.
 
     Parameters
@@ -99,14 +109,12 @@ def warn_of_friction(models: Sequence[ContactModel], field: str, stacklevel: int
     models : sequence of ContactModel
     field : str
         Where they are, with ``{}`` for the number of the contact.
-    stacklevel : int
-        As of ``warnings.warn``.
     """
     for i, model in enumerate(models):
         friction = model.coefficients.get("friction", 0.0)
         if friction > MOST_FRICTION:
             text = f"{field.format(i)}: {friction:g} is above {MOST_FRICTION:g}; rubber on dry surfaces has about 1"
-            say_once(text, stacklevel + 1)
+            say_once(text)
             return
 
 

@@ -18,7 +18,7 @@ from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
-from nlpgrasp.problem.check import check_placements, check_size, warn_of_friction
+from nlpgrasp.problem.check import body_words, check_placements, check_size, warn_of_friction
 from nlpgrasp.problem.faces import allowed_faces
 from nlpgrasp.problem.margin import margin_of
 from nlpgrasp.tasks import Task
@@ -90,16 +90,16 @@ class GraspProblem:
 
     def __post_init__(self) -> None:
         if not isinstance(self.body, Body):
-            raise InputError("GraspProblem.body", self.body, "a body such as ng.Box or ng.Mesh")
+            raise InputError("GraspProblem.body", self.body, body_words(self.body))
         check_size(self.body)
         self._set_contacts()
         if not isinstance(self.task, Task):
-            raise InputError("GraspProblem.task", self.task, "a task such as ng.TaskEllipsoid")
+            raise InputError("GraspProblem.task", self.task, "a task, such as ng.TaskEllipsoid(semi_axes)")
         wanted = wrench_dimension(self.body.space)
         if self.task.dimension != wanted:
-            raise InputError(
-                "GraspProblem.task", f"dimension {self.task.dimension}", f"dimension {wanted} for this body"
-            )
+            components = "f_x, f_y, m_z" if wanted == 3 else "f_x, f_y, f_z, m_x, m_y, m_z"
+            allowed = f"dimension {wanted} for this body: {components}"
+            raise InputError("GraspProblem.task", f"dimension {self.task.dimension}", allowed)
         budget = force_budget(self.force_budget, "GraspProblem.force_budget")
         budget.check(self.models, self.body.space)
         budget.check_hand(self.hand)
@@ -118,7 +118,7 @@ class GraspProblem:
         ):
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._check_constraints()
-        warn_of_friction(self.models, "GraspProblem.contacts[{}].friction", stacklevel=3)
+        warn_of_friction(self.models, "GraspProblem.contacts[{}].friction")
         count = range(len(self.models))
         faces = [allowed_faces(self.body, self.models, self.constraints, i) for i in count]
         object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))
@@ -142,13 +142,15 @@ class GraspProblem:
         except TypeError:
             models = ()
         if not models or not all(isinstance(m, ContactModel) for m in models):
-            raise InputError("GraspProblem.contacts", given, "contact models, one a finger")
+            allowed = "contact models, one a finger, such as [ng.FrictionContact(0.6)] * 3"
+            raise InputError("GraspProblem.contacts", given, allowed)
         if len(models) > MOST_CONTACTS:
             raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"at most {MOST_CONTACTS}")
         if self.hand is not None:
             self.hand.check(self.body.space)
         if self.hand is not None and self.hand.count != len(models):
-            raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"{self.hand.count}, one a fingertip")
+            allowed = f"{self.hand.count}, one a fingertip of the hand"
+            raise InputError("GraspProblem.contacts", f"{len(models)} contacts", allowed)
         for i, model in enumerate(models):
             model.components(self.body.space)
             if model.needs_tangents and self.body.space == 3:

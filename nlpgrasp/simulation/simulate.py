@@ -16,6 +16,7 @@ from nlpgrasp.simulation.growing import grow
 from nlpgrasp.simulation.loads import Loads, answered
 from nlpgrasp.simulation.outcome import Simulation, Trial, in_words
 from nlpgrasp.simulation.snapshot import Snapshot
+from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.solution import GraspSolution
 
 RISE, PAUSE, GROW, HOLD = 4.0, 4.0, 12.0, 10.0  # of a run, units of time
@@ -58,6 +59,7 @@ def simulate(
     MissingExtraError
         Without MuJoCo (extra ``sim``).
     """
+    solution = given_solution(solution)
     import_mujoco("a simulation")
     share = number("share", share, above=0.0)
     if share >= 1.0:

@@ -13,6 +13,7 @@ from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.problem.from_dict import problem_from_dict
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import delta
+from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import extras
@@ -51,6 +52,7 @@ def with_extras(solution: GraspSolution, problem: GraspProblem | None = None) ->
     InputError
         When ``problem`` is not the one that the solution states.
     """
+    solution = given_solution(solution)
     if problem is not None:
         _check_same(solution, problem)
     grasp = solution.grasp

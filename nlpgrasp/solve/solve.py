@@ -33,6 +33,8 @@ from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
 
 Progress = Callable[[StartRecord, Bounds], None]
 
+NO_PROBLEM = "a GraspProblem, such as ng.GraspProblem(body, contacts, task); nlpgrasp solve runs scripts"
+
 
 def solve(
     problem: GraspProblem,
@@ -90,12 +92,12 @@ def solve(
         With ``throw``, when no grasp was found.
     """
     if not isinstance(problem, GraspProblem):
-        raise InputError("problem", problem, "a GraspProblem")
+        raise InputError("problem", problem, NO_PROBLEM)
     starts = integer("starts", starts, at_least=1, at_most=10**6)
     seed = integer("seed", seed, at_least=0, at_most=10**15)
     options = SolveOptions() if options is None else options
     if not isinstance(options, SolveOptions):
-        raise InputError("options", options, "a SolveOptions")
+        raise InputError("options", options, "a SolveOptions, such as ng.SolveOptions(gap=0.02)")
     if options.edge_margin is not None:
         problem = replace(problem, edge_margin=options.edge_margin)
     check_name(options.exchange)

@@ -13,6 +13,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.quality.forces.least_friction import balanced_forces
+from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.joints import Gain, JointSqueeze, usual_gain
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
@@ -73,7 +74,7 @@ def squeeze(
         Without a grasp; on numbers out of range; where no forces press at all contacts, with the contacts that cannot
         and the friction that would do.
     """
-    grasp = solution if isinstance(solution, Grasp) else solution.require_grasp()
+    grasp = solution if isinstance(solution, Grasp) else given_solution(solution).require_grasp()
     least = number("normal_force", normal_force, above=0.0)
     wrench = _carried(grasp, gravity, up)
     found = balanced_forces(grasp, wrench, least)

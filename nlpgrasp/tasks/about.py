@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from numpy.typing import ArrayLike
-
-from nlpgrasp.common.spatial import rigid_transform, rotate_body_frame, space_dimension
+from nlpgrasp.common.given.pose import Pose, rigid_transform
+from nlpgrasp.common.spatial import rotate_body_frame, space_dimension
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
@@ -33,7 +32,7 @@ def check_alike(one: Framed, other: Framed) -> None:
         )
 
 
-def change_of_frame(pose: ArrayLike, dimension: int, about: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
+def change_of_frame(pose: Pose, dimension: int, about: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
     """Return the wrench map ``blockdiag(A, A)`` of a change of body frame (2.5-6), (d, d), and the point in that frame.
 
     Raises

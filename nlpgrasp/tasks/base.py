@@ -10,6 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.given.pose import Pose
 from nlpgrasp.common.registry import Registry
 from nlpgrasp.common.spatial import move_torque_origin, space_dimension
 from nlpgrasp.common.types import Json
@@ -108,13 +109,13 @@ class Task(ABC):
         result = copy(self) if np.array_equal(new, old) else self.transformed(move_torque_origin(new - old))
         return result._about(new)
 
-    def in_frame(self, pose: ArrayLike) -> Task:
+    def in_frame(self, pose: Pose) -> Task:
         """Return the same wrenches in another body frame, (2.5-5): turned, and ``about`` moves along.
 
         Parameters
         ----------
-        pose : (3, 3) array in the plane, (4, 4) in space
-            ``[[A, b], [0, 1]]``: a point x of this frame is ``A x + b`` in the other, metres.
+        pose : (3, 3) array in the plane, (4, 4) in space, or mapping
+            A point x of this frame is ``A x + b`` in the other; spelt as for ``Grasp.in_frame``.
         """
         matrix, about = change_of_frame(pose, self.dimension, self.about)
         return self.transformed(matrix)._about(about)
@@ -242,8 +243,7 @@ def task_from_dict(data: Json) -> Task:
     name = data.get("type") if isinstance(data, Mapping) else None
     kind = TASKS.find(name)
     if kind is None:
-        *first, last = TASKS.names
-        raise InputError("task.type", name, f"{', '.join(first)} or {last}")
+        raise TASKS.unknown(name)
     try:
         return kind.from_dict(data)
     except (KeyError, TypeError) as error:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.validation import FloatArray, array, number, read_only
+from nlpgrasp.common.validation import FloatArray, array, number, read_only, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.polytope import TaskPolytope
 from nlpgrasp.tasks.rigid_motion import RigidMotion
@@ -85,6 +85,7 @@ class MassProperties:
         return np.concatenate([force, moment], axis=1)
 
 
+@within("motion_wrenches: ")
 def motion_wrenches(
     times: ArrayLike,
     positions: ArrayLike,
@@ -103,8 +104,8 @@ def motion_wrenches(
         Seconds, increasing; at least 4.
     positions : (m, 3) array
         Of the body frame's origin, world frame, metres.
-    quaternions : (m, 4) array
-        (w, x, y, z), body to world.
+    quaternions : (m, 4) or (m, 3, 3) array
+        (w, x, y, z), body to world; or rotation matrices.
     mass : MassProperties
         The body's mass, centre of mass and inertia.
     gravity : (3,) array

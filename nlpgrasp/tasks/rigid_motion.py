@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from nlpgrasp.common.spatial import rigid_transform
+from nlpgrasp.common.given.pose import Pose, pose_matrix, rotation_matrices
 from nlpgrasp.common.validation import FloatArray, array, read_only
 from nlpgrasp.errors import InputError
 
 FEWEST_POSES = 4
-UNIT = 1e-3  # how far a quaternion's length may be off 1
 UPRIGHT = 1e-6  # least cos(theta_2) at which Euler angles are coordinates
 
 
@@ -29,8 +30,8 @@ class RigidMotion:
         Seconds, increasing; at least 4.
     positions : (m, 3) array
         Of the body frame's origin, inertial frame, metres.
-    quaternions : (m, 4) array
-        (w, x, y, z), body to inertial frame, of unit length to 1e-3.
+    quaternions : (m, 4) or (m, 3, 3) array
+        (w, x, y, z), body to inertial frame, of unit length to 1e-3; or rotation matrices.
 
     Raises
     ------
@@ -47,30 +48,31 @@ class RigidMotion:
         if len(late):
             i = int(late[0])
             raise InputError("times", f"{t[i + 1]:g} s after {t[i]:g} s at row {i + 1}", "increasing times")
-        p, q = array("positions", positions, (len(t), 3)), array("quaternions", quaternions, (len(t), 4))
-        sizes = np.linalg.norm(q, axis=1)
-        if np.any(np.abs(sizes - 1.0) > UNIT):
-            i = int(np.argmax(np.abs(sizes - 1.0)))
-            raise InputError("quaternions", f"length {sizes[i]:g} at row {i}", "unit quaternions (w, x, y, z)")
+        p, turns = array("positions", positions, (len(t), 3)), rotation_matrices("quaternions", quaternions)
+        if len(turns) != len(t):
+            raise InputError("quaternions", f"{len(turns)} rows", f"{len(t)}, one a time")
         self.times = read_only(t)
         self._moving = CubicSpline(t, p)
-        self._turning = RotationSpline(t, Rotation.from_quat(q, scalar_first=True))
+        self._turning = RotationSpline(t, Rotation.from_matrix(turns))
 
     @classmethod
-    def of_poses(cls, times: ArrayLike, poses: ArrayLike) -> RigidMotion:
+    def of_poses(cls, times: ArrayLike, poses: ArrayLike | Sequence[Pose]) -> RigidMotion:
         """Return the motion through poses ``[[A, b], [0, 1]]``, (m, 4, 4): a body's point x is at ``A x + b``.
+
+        Poses may also be mappings with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
 
         Raises
         ------
         InputError
             As above, and where a pose is no rotation and translation (the first such row is named).
         """
-        given = array("poses", poses, (None, 4, 4))
-        parts = [rigid_transform(f"poses[{i}]", pose, 3) for i, pose in enumerate(given)]
+        if not isinstance(poses, list | tuple | np.ndarray):
+            raise InputError("poses", poses, "a sequence of poses")
+        parts = [pose_matrix(f"poses[{i}]", pose) for i, pose in enumerate(poses)]
         if len(parts) < FEWEST_POSES:
             raise InputError("poses", f"{len(parts)} poses", f"at least {FEWEST_POSES}")
-        turns = Rotation.from_matrix(np.array([A for A, _ in parts]))
-        return cls(times, given[:, :3, 3], turns.as_quat(scalar_first=True))
+        given = np.array(parts)
+        return cls(times, given[:, :3, 3], given[:, :3, :3])
 
     def poses(self, at: ArrayLike | None = None) -> FloatArray:
         """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,); at the given ones when left out.

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.given.angles import angle as radians
+from nlpgrasp.common.validation import FloatArray, array, number, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.polytope import TaskPolytope
@@ -19,6 +20,7 @@ TILTS = 13  # orientations between upright and tilted that a pour passes
 ORIGIN = np.zeros(3)
 
 
+@within("press: ")
 def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float = 0.2) -> TaskEllipsoid:
     """Return: press with a point of the tool, with anything from nothing to ``force``.
 
@@ -39,6 +41,7 @@ def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float 
     return _at_point(point, forces, 0.5 * force * along)
 
 
+@within("cut: ")
 def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sideways: float = 0.1) -> TaskEllipsoid:
     """Return: a blade pressed down with up to ``force`` and drawn to and fro along its edge with as much.
 
@@ -60,11 +63,11 @@ def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sidew
     edge /= np.linalg.norm(edge)
     force = number("force", force, above=0.0)
     side = number("sideways", sideways, at_least=0.0) * force
-    return _at_point(
-        point, np.array([0.5 * force * below, force * edge, side * np.cross(below, edge)]), 0.5 * force * below
-    )
+    forces = np.array([0.5 * force * below, force * edge, side * np.cross(below, edge)])
+    return _at_point(point, forces, 0.5 * force * below)
 
 
+@within("turn: ")
 def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid:
     """Return: turn the body about an axis with up to ``torque``, either way or one way.
 
@@ -85,6 +88,7 @@ def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid
     return _made(moment[None], moment if one_way else np.zeros(6))
 
 
+@within("write: ")
 def write(lead: ArrayLike, axis: ArrayLike, force: float, torque: float) -> TaskEllipsoid:
     """Return Example 3-5: torque about the two axes across the pencil at its lead, and a force along it, (3.3-2).
 
@@ -99,16 +103,14 @@ def write(lead: ArrayLike, axis: ArrayLike, force: float, torque: float) -> Task
     torque : float
         Either way about the axes across the pencil, at the lead, newton-metres; a tenth of it about its own.
     """
-    along, force, torque = (
-        _direction("axis", axis),
-        number("force", force, above=0.0),
-        number("torque", torque, above=0.0),
-    )
+    along, force = _direction("axis", axis), number("force", force, above=0.0)
+    torque = number("torque", torque, above=0.0)
     forces = np.concatenate([0.5 * force * along[None], force / 3.0 * _across(along)])
     moments = np.concatenate([0.1 * torque * along[None], torque * _across(along)])
     return _at_point(lead, forces, 0.5 * force * along, moments)
 
 
+@within("insert: ")
 def insert(point: ArrayLike, direction: ArrayLike, force: float, jam: float, depth: float) -> TaskEllipsoid:
     """Return: push a peg in with up to ``force``, against jams that push and turn its end.
 
@@ -131,6 +133,7 @@ def insert(point: ArrayLike, direction: ArrayLike, force: float, jam: float, dep
     return _at_point(point, forces, 0.5 * force * along, jam * depth * _across(along))
 
 
+@within("lift: ")
 def lift(
     center_of_mass: ArrayLike, mass: float, up: ArrayLike = (0.0, 0.0, 1.0), acceleration: float = 2.0
 ) -> TaskEllipsoid:
@@ -152,6 +155,7 @@ def lift(
     return _at_point(center_of_mass, mass * shaking * np.eye(3), mass * WEIGHT * above, name="center_of_mass")
 
 
+@within("gravity: ")
 def gravity(center_of_mass: ArrayLike, mass: float) -> TaskEllipsoid:
     """Return: carry a body in any orientation.
 
@@ -166,6 +170,7 @@ def gravity(center_of_mass: ArrayLike, mass: float) -> TaskEllipsoid:
     return _at_point(center_of_mass, weight * np.eye(3), np.zeros(3), name="center_of_mass")
 
 
+@within("pour: ")
 def pour(
     center_of_mass: ArrayLike, mass: float, axis: ArrayLike, angle: float, up: ArrayLike = (0.0, 0.0, 1.0)
 ) -> TaskPolytope:
@@ -185,9 +190,7 @@ def pour(
         In the body's frame while it is upright.
     """
     above, about = _direction("up", up), _direction("axis", axis)
-    angle = number("angle", angle, above=0.0)
-    if angle > np.pi:
-        raise InputError("angle", angle, "at most pi")
+    angle = radians("angle", angle, np.pi, "pi")
     weight, where = number("mass", mass, above=0.0) * WEIGHT, array("center_of_mass", center_of_mass, (3,))
     t = np.linspace(0.0, angle, TILTS)[:, None]
     # the body turns by t, so that in its frame up turns by -t (Rodrigues)
@@ -201,6 +204,7 @@ def pour(
     return TaskPolytope(np.concatenate([forces, np.cross(where, forces)], axis=1)).given_about(ORIGIN)
 
 
+@within("disturbance: ")
 def disturbance(force: float, torque: float, point: ArrayLike = (0.0, 0.0, 0.0)) -> TaskEllipsoid:
     """Return: any force at a point, and any torque, up to these sizes.
 

@@ -16,6 +16,7 @@ import numpy as np
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.measures import mu
+from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bound.beside import beside_checks
 from nlpgrasp.verify.bound.file import bound_file, verify_bound
@@ -63,12 +64,11 @@ def verify(
     InputError
         When the file cannot be read or is not of schema 1.
     """
-    file = None if isinstance(solution, GraspSolution) else Path(solution)
+    file = Path(solution) if isinstance(solution, str | Path) else None
     bound = None if file is None else bound_file(file)
     if bound is not None:
         return verify_bound(bound, rtol, Sources.beside(file, folders))
-    if not isinstance(solution, GraspSolution):
-        solution = GraspSolution.load(solution)
+    solution = given_solution(solution) if file is None else GraspSolution.load(file)
     told = guarded("outcome", lambda: outcome_checks(solution))
     grasp = solution.grasp
     if grasp is None:

@@ -75,6 +75,19 @@ def test_normalising_again_changes_nothing(rng):
     """Files hold the normals: reading them must give the same digits."""
     normals = rng.standard_normal((500, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    once = ng.Grasp(normals, normals * (1 + 1e-7), ng.PointContact()).normals
-    np.testing.assert_array_equal(ng.Grasp(normals, once, ng.PointContact()).normals, once)
+    once = ng.Grasp(-normals, normals * (1 + 1e-7), ng.PointContact()).normals
+    np.testing.assert_array_equal(ng.Grasp(-normals, once, ng.PointContact()).normals, once)
     assert np.max(np.abs(np.linalg.norm(once, axis=1) - 1.0)) < 1e-15
+
+
+def test_normals_that_all_lead_away_are_said_to_the_user(rng):
+    """Outward ones of a ball; inward ones, one not outward, and a grasp the package makes itself say nothing."""
+    away = rng.standard_normal((5, 3))
+    away -= away.mean(axis=0)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    with pytest.warns(UserWarning, match=r"^Grasp\.normals: all point away from the middle") as said:
+        outward = ng.Grasp(away, away, ng.PointContact())
+    assert said[0].filename == __file__
+    ng.Grasp(away, -away, ng.PointContact())
+    ng.Grasp(away, [-away[0], *away[1:]], ng.PointContact())
+    assert len(outward.in_frame(np.eye(4))) == len(outward.scaled(2.0)) == 5

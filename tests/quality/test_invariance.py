@@ -196,7 +196,7 @@ def test_a_stack_in_another_frame(rng):
 @pytest.mark.parametrize(
     ("pose", "message"),
     [
-        (np.eye(3), r"pose: got shape \(3, 3\), expected shape \(4, 4\)"),
+        (np.eye(3), r"pose: got shape \(3, 3\), expected a \(4, 4\) matrix, or {.position."),
         (
             np.diag([1.0, 1.0, -1.0, 1.0]),
             r"pose: got .*, expected a rigid transform, \(4, 4\): a rotation and",

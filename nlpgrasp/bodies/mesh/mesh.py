@@ -13,7 +13,8 @@ from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.mesh.edges import SharpEdges
 from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, automatic_resolution, distance_spline
-from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, usable_mesh
+from nlpgrasp.common.given.lengths import metres_per
+from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, scaled_mesh, usable_mesh
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.types import Expression, Json
@@ -35,7 +36,7 @@ class Mesh(Body):
     Parameters
     ----------
     mesh : trimesh.Trimesh
-        Vertices in metres.
+        Vertices in metres, or in ``unit``.
     smoothing : float
         Standard deviation of the Gaussian over the distance grid, in grid cells; 0 for none.
     resolution : int, optional
@@ -43,6 +44,8 @@ class Mesh(Body):
         the shortest side has 16 (see ``automatic_resolution``).
     source : str, optional
         Where the mesh comes from, for the record.
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+        Of the vertices given; the body's own are metres.
 
     Attributes
     ----------
@@ -68,11 +71,13 @@ class Mesh(Body):
         smoothing: float = 1.5,
         resolution: int | None = None,
         source: str | None = None,
+        *,
+        unit: str = "m",
     ) -> None:
         self.smoothing = number("Mesh.smoothing", smoothing, at_least=0.0)
         self.source = None if source is None else str(source)
         self.unit: str | None = None
-        self.mesh, self.repairs = usable_mesh(mesh)
+        self.mesh, self.repairs = usable_mesh(scaled_mesh(mesh, metres_per("Mesh.unit", unit)))
         if resolution is None:
             resolution = automatic_resolution(np.ptp(self.mesh.bounds, axis=0))
         self.resolution = integer("Mesh.resolution", resolution, at_least=8, at_most=400)

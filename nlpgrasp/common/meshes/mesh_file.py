@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlpgrasp.common.given.lengths import metres_per
 from nlpgrasp.common.meshes.outer import outer_surface
 from nlpgrasp.common.meshes.parts import Parts, without_doubles
 from nlpgrasp.common.meshes.winding import OPEN_SHARE, unclear_share
@@ -20,8 +21,6 @@ from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
     import trimesh
-
-UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 
 
 def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
@@ -35,8 +34,7 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     import trimesh
 
     file = Path(path)
-    if unit not in UNITS:
-        raise InputError("Mesh.unit", unit, "one of " + ", ".join(UNITS))
+    factor = metres_per("Mesh.unit", unit)
     if not file.is_file():
         raise InputError("Mesh.path", str(path), "a mesh file that exists")
     try:
@@ -49,8 +47,17 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
         raise InputError("Mesh.path", reason, "a mesh file trimesh can read (STL, OBJ, PLY, OFF, GLB, ...)") from None
     if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
         raise InputError("Mesh.path", f"{path} without triangles", "a triangle mesh")
-    result = loaded.copy()
-    result.apply_scale(UNITS[unit])
+    return scaled_mesh(loaded, factor)
+
+
+def scaled_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
+    """Return a copy of a mesh that is this many times as large; what is not a mesh is returned as it is."""
+    import trimesh
+
+    if not isinstance(mesh, trimesh.Trimesh):
+        return mesh
+    result = mesh.copy()
+    result.apply_scale(factor)
     return result
 
 
@@ -89,7 +96,7 @@ def _of_likely_size(mesh: object) -> trimesh.Trimesh:
     longest = _longest_side(mesh)
     if longest <= 0.0:
         raise InputError("Mesh.mesh", "a mesh of zero size", "a mesh with volume")
-    likely_size("Mesh.unit", "a longest side", longest, "the file's unit is probably {} than the one stated")
+    likely_size("Mesh.unit", "a longest side", longest, "its unit is probably {} than the one stated")
     return mesh
 
 

@@ -100,7 +100,7 @@ def _read(file: Path) -> dict[str, FloatArray] | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        say_once(f"the cache folder {file.parent} cannot be read ({error.strerror}): going on without it", 3)
+        say_once(f"the cache folder {file.parent} cannot be read ({error.strerror}): going on without it")
         return None
     if hashlib.sha256(data[DIGEST:]).digest() == data[:DIGEST]:
         try:
@@ -108,7 +108,7 @@ def _read(file: Path) -> dict[str, FloatArray] | None:
                 return {name: arrays[name] for name in arrays.files}
         except (ValueError, OSError, BadZipFile):
             pass
-    say_once(f"{file} is not a whole entry of the cache: it is made anew", 3)
+    say_once(f"{file} is not a whole entry of the cache: it is made anew")
     return None
 
 
@@ -123,7 +123,7 @@ def _write(file: Path, arrays: Arrays) -> None:
         _make_room(file.parent)
     except (OSError, InputError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        say_once(f"the cache folder {file.parent} cannot be written ({reason}): going on without it", 3)
+        say_once(f"the cache folder {file.parent} cannot be written ({reason}): going on without it")
 
 
 def _make_room(where: Path) -> None:

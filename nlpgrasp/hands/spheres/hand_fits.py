@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.spheres.link_spheres import SphereFit, fit_spheres, surface_points
@@ -50,7 +50,7 @@ def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: 
             if fit.uncovered > WORTH_A_WARNING:
                 deep = f"{1e3 * fit.uncovered:.1f} mm"
                 text = f"link {link} is thicker than its fingertip: it may be {deep} deep in the body beside a contact"
-                warnings.warn(text, UserWarning, stacklevel=2)
+                warn(text)
         if len(fit.radii):
             result[link] = fit
     return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,10 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.given.angles import angles
+from nlpgrasp.common.given.pose import Pose, pose_matrix
 from nlpgrasp.common.rows import ON_FINGERTIP, Row
 from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips.patches import DOT, FINE, dome
 
 SLACK = 2e-4  # metres that spheres of a touching link stay behind its patch: the contact itself keeps them off
@@ -133,5 +137,21 @@ def frame_of(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
     """Return the (4, 4) transform of an offset and roll, pitch, yaw, checked."""
     pose = np.eye(4)
     pose[:3, 3] = array(f"{field}.offset", offset, (3,))
-    pose[:3, :3] = Rotation.from_euler("xyz", array(f"{field}.rpy", rpy, (3,))).as_matrix()
+    turns = angles(f"{field}.rpy", array(f"{field}.rpy", rpy, (3,)))
+    pose[:3, :3] = Rotation.from_euler("xyz", turns).as_matrix()
     return pose
+
+
+def offset_and_rpy(
+    field: str, offset: ArrayLike, rpy: ArrayLike, pose: Pose | None
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the offset and roll, pitch, yaw that were given, or those of a pose that was given instead."""
+    if pose is not None:
+        if np.any(np.asarray(offset, dtype=object) != 0.0) or np.any(np.asarray(rpy, dtype=object) != 0.0):
+            raise InputError(f"{field}.pose", "a pose beside offset or rpy", "one of them")
+        frame = pose_matrix(f"{field}.pose", pose)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a pitch of a right angle leaves roll and yaw a choice
+            offset, rpy = frame[:3, 3], Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
+    frame_of(field, offset, rpy)
+    return tuple(np.asarray(offset, float).tolist()), tuple(np.asarray(rpy, float).tolist())

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.given.angles import angle
+from nlpgrasp.common.given.pose import Pose
 from nlpgrasp.common.rows import Row
 from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal, frame_of
+from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal, frame_of, offset_and_rpy
 from nlpgrasp.hands.tips.patches import FINE, dome
 
 
@@ -31,6 +33,8 @@ class EllipsoidTip(Tip):
         Metres, greater than zero.
     offset, rpy : (3,) array
         Pose of the ellipsoid in the link's frame, metres and radians.
+    pose : (4, 4) array or mapping, optional
+        The same pose instead, as a matrix or as ``position`` with ``quaternion_wxyz`` or ``quaternion_xyzw``.
     facing : (3,) array, optional
         Middle of the patch: an outward direction in the ellipsoid's frame; the whole ellipsoid when left out.
     angle : float
@@ -43,18 +47,17 @@ class EllipsoidTip(Tip):
     rpy: ArrayLike = (0.0, 0.0, 0.0)
     facing: ArrayLike | None = None
     angle: float = np.pi / 2.0
+    pose: InitVar[Pose | None] = field(default=None, kw_only=True)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, pose: Pose | None) -> None:
         axes = array("EllipsoidTip.semi_axes", self.semi_axes, (3,))
         if np.any(axes <= 0.0):
             raise InputError("EllipsoidTip.semi_axes", axes.tolist(), "three lengths above zero")
         object.__setattr__(self, "semi_axes", tuple(axes.tolist()))
-        frame_of("EllipsoidTip", self.offset, self.rpy)
-        object.__setattr__(self, "offset", tuple(np.asarray(self.offset, float).tolist()))
-        object.__setattr__(self, "rpy", tuple(np.asarray(self.rpy, float).tolist()))
-        object.__setattr__(self, "angle", number("EllipsoidTip.angle", self.angle, above=0.0))
-        if self.angle > np.pi:
-            raise InputError("EllipsoidTip.angle", self.angle, "an angle of at most pi")
+        offset, rpy = offset_and_rpy("EllipsoidTip", self.offset, self.rpy, pose)
+        object.__setattr__(self, "offset", offset)
+        object.__setattr__(self, "rpy", rpy)
+        object.__setattr__(self, "angle", angle("EllipsoidTip.angle", self.angle, np.pi, "pi"))
         if self.facing is not None:
             direction = array("EllipsoidTip.facing", self.facing, (3,))
             length = float(np.linalg.norm(direction))

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.given.pose import Pose
 from nlpgrasp.common.rows import Row
 from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.tips.base import SLACK, Tip, Touch, frame_of
+from nlpgrasp.hands.tips.base import SLACK, Tip, Touch, frame_of, offset_and_rpy
 from nlpgrasp.hands.tips.patches import FINE, rectangle
 
 
@@ -28,21 +29,24 @@ class FlatTip(Tip):
         Full lengths along x and y, metres, greater than zero.
     offset, rpy : (3,) array
         Pose of the rectangle's middle in the link's frame, metres and radians.
+    pose : (4, 4) array or mapping, optional
+        The same pose instead, as a matrix or as ``position`` with ``quaternion_wxyz`` or ``quaternion_xyzw``.
     """
 
     kind: ClassVar[str] = "flat"
     extents: ArrayLike
     offset: ArrayLike = (0.0, 0.0, 0.0)
     rpy: ArrayLike = (0.0, 0.0, 0.0)
+    pose: InitVar[Pose | None] = field(default=None, kw_only=True)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, pose: Pose | None) -> None:
         extents = array("FlatTip.extents", self.extents, (2,))
         if np.any(extents <= 0.0):
             raise InputError("FlatTip.extents", extents.tolist(), "two lengths above zero")
         object.__setattr__(self, "extents", tuple(extents.tolist()))
-        frame_of("FlatTip", self.offset, self.rpy)
-        object.__setattr__(self, "offset", tuple(np.asarray(self.offset, float).tolist()))
-        object.__setattr__(self, "rpy", tuple(np.asarray(self.rpy, float).tolist()))
+        offset, rpy = offset_and_rpy("FlatTip", self.offset, self.rpy, pose)
+        object.__setattr__(self, "offset", offset)
+        object.__setattr__(self, "rpy", rpy)
 
     @property
     def frame(self) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from dataclasses import replace
+from importlib.util import find_spec
 
 import casadi as ca
 import numpy as np
@@ -14,6 +15,16 @@ from nlpgrasp.errors import MissingExtraError
 from nlpgrasp.hands.robot.robot import Joint, Robot
 
 ROUNDING = 1e-15  # constants of a rotation this small are zero
+
+
+def require_kinematics() -> None:
+    """Raise ``MissingExtraError`` when adam-robotics is not installed."""
+    try:
+        found = find_spec("adam.casadi")
+    except ImportError:
+        found = None
+    if found is None:
+        raise MissingExtraError("URDFHand", "hands")
 
 
 def link_poses(robot: Robot, links: Iterable[str], joints: Expression) -> dict[str, Expression]:
@@ -34,10 +45,9 @@ def link_poses(robot: Robot, links: Iterable[str], joints: Expression) -> dict[s
     MissingExtraError
         When adam-robotics is not installed.
     """
-    try:
-        from adam.casadi import KinDynComputations
-    except ImportError:
-        raise MissingExtraError("URDFHand", "hands") from None
+    require_kinematics()
+    from adam.casadi import KinDynComputations
+
     moving = [j for j in robot.joints if j.moves]
     index = {j.name: i for i, j in enumerate(robot.free_joints)}
     values = []

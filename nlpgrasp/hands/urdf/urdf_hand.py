@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from copy import copy
 from functools import cached_property
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.rows import UNIT_QUATERNION, LinkSphere, Placement, Row
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
@@ -24,6 +24,7 @@ from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.spheres.self_collision import WatchedLinks, apart, watched_links
 from nlpgrasp.hands.tips import Touch
+from nlpgrasp.hands.urdf.kinematics import require_kinematics
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
 from nlpgrasp.hands.urdf.urdf_arguments import Fingertips, approach_of, remarks, tips_of, torque_limits_of
@@ -120,7 +121,8 @@ class URDFHand(LinkedHand):
         InputError
             On files, links, joints or limits that cannot be used; unknown link names list those there are.
         MissingExtraError
-            On MJCF without MuJoCo, and on meshes in COLLADA without their reader.
+            Without adam-robotics, which solves need; on MJCF without MuJoCo, and on meshes in COLLADA without their
+            reader.
 
         Warns
         -----
@@ -132,8 +134,9 @@ class URDFHand(LinkedHand):
         """
         robot = read_robot(path, palm)
         tips = tips_of(robot, fingertips)
+        require_kinematics()
         for text in remarks(robot):
-            warnings.warn(f"{robot.source}: {text}", UserWarning, stacklevel=2)
+            warn(f"{robot.source}: {text}")
         return cls(
             LinkTree(robot, tips, approach_of(approach)),
             torque_limits_of(robot, torque_limits),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from nlpgrasp.common.meshes.mesh_file import UNITS
+from nlpgrasp.common.given.lengths import UNITS
 from nlpgrasp.solution.solution import GraspSolution
 
 

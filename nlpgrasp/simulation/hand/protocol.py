@@ -16,6 +16,7 @@ from nlpgrasp.simulation.given import EARTH
 from nlpgrasp.simulation.hand.motion import Motion
 from nlpgrasp.simulation.hand.outcome import AS_SOLVED, CONTROL, HandSimulation, HandTrial
 from nlpgrasp.simulation.hand.world import SETTLE, TRAVEL, HandWorld, Seen
+from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.solution import GraspSolution
 
 PUSH, SECONDS, MASS = 1.0, 2.0, 0.1  # newtons, for how long each, and kilograms
@@ -66,6 +67,7 @@ def simulate_hand(
     MissingExtraError
         Without MuJoCo or, for bodies that are not convex, coacd (extra ``sim``).
     """
+    solution = given_solution(solution)
     import_mujoco("a simulation")
     size = number("push", push, above=0.0)
     given = HandSceneOptions() if options is None else options

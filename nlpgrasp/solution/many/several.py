@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from nlpgrasp.common.given.pose import Pose
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solution.frames.in_frame import SolutionInFrame, moved
 from nlpgrasp.solution.many.choice import table
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.measured import Measured
@@ -25,6 +27,25 @@ class Several(Measured):
     def grasps(self) -> tuple[FoundGrasp, ...]:
         """All grasps that were kept, best first: the first is the answer itself; none where no grasp was found."""
         return () if self.grasp is None else (self._answer, *self.others)
+
+    def in_frame(self, pose: Pose) -> SolutionInFrame:
+        """Return the grasp as it is where the body stands in a world: contacts, forces, task, palm and phases there.
+
+        Of a grasp kept beside the answer: ``solution.with_answer(solution.grasps[i]).in_frame(pose)``.
+
+        Parameters
+        ----------
+        pose : (4, 4) array or mapping, (3, 3) array in the plane
+            Of the body in the world, ``[[A, b], [0, 1]]``: a point x of the body is at ``A x + b``, metres; or a
+            mapping with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
+
+        Raises
+        ------
+        InputError
+            When the pose is no rotation and translation, or no grasp was found.
+        """
+        grasp = self.require_grasp()
+        return moved(self.name, pose, grasp, self.faces, self.task, self.mu, self.forces, self.hand, self.phases)
 
     @property
     def _answer(self) -> FoundGrasp:

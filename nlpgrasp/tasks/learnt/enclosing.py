@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaincinv
 
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.shown.words import COMPONENTS
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.learnt.columns import columns_of, scales_of, states_units
 from nlpgrasp.tasks.learnt.local import FLAT, Local
 from nlpgrasp.tasks.learnt.min_volume import MinVolume, levels, min_volume_ellipsoid
+from nlpgrasp.tasks.learnt.table import table_of
 
 GAP = 1e-6
 SWEEPS = 50  # of leaving out the farthest
@@ -60,14 +62,14 @@ def enclose(
     middle = None if center is None else array("center", center, (rows.shape[1],))
     local = Local.of(rows, middle)
     if len(local.flat):
-        warnings.warn(flat_words(local.flat), UserWarning, stacklevel=3)
+        warn(flat_words(local.flat))
     excess: float | None = None
     if probability is None:
         found = trimmed(local.points, outliers, gap, middle is not None)
         offset, axes, excess = found.center, found.axes, found.gap
         if found.gap > gap:
             text = f"the ellipsoid's volume is only known to be within {found.gap:.2g} of the least, not {gap:.2g}"
-            warnings.warn(text, UserWarning, stacklevel=3)
+            warn(text)
     else:
         offset, axes = _covariance(local.points, probability, middle is not None)
     level = levels(local.points, offset, axes)
@@ -127,7 +129,12 @@ def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
 
 
 def wrench_rows(wrenches: ArrayLike) -> FloatArray:
-    """Return wrenches as an array; refuse rows that are not finite by name."""
+    """Return wrenches as an array; refuse rows that are not finite by name.
+
+    Columns of a pandas frame are found by their names, in newtons and newton-metres where they state no units.
+    """
+    if hasattr(wrenches, "columns"):
+        wrenches = _of_frame(wrenches)
     try:
         if np.asarray(wrenches).dtype.kind not in "iuf":
             raise TypeError
@@ -140,6 +147,17 @@ def wrench_rows(wrenches: ArrayLike) -> FloatArray:
     if len(bad):
         raise InputError("wrenches", bad_rows(bad), "finite numbers in every row")
     return array("wrenches", given, (None, None))
+
+
+def _of_frame(frame: object) -> FloatArray:
+    """Return the wrenches of a pandas frame, (m, d)."""
+    table = table_of("wrenches", frame)
+    if table.header is None:
+        return table.numbers(list(range(table.width)))
+    size = 3 if table.width == 3 else 6
+    chosen = columns_of(table.header, None, table.width, table.name, size)
+    stated = states_units(table.header, chosen)
+    return table.numbers(chosen) * scales_of(table.header, chosen, None if stated else ("N", "Nm"), table.name)
 
 
 def bad_rows(rows: NDArray[np.intp]) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.shown.text import columns
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -220,4 +220,4 @@ def _warn_if_flat(entry: TaskEntry) -> None:
     """Say that wrenches do not differ in some direction; a task that was stated so is meant so."""
     if entry.wrenches and entry.rank < entry.dimension:
         words = f"the wrenches differ in {entry.rank} of {entry.dimension} directions only: the ellipsoid is flat"
-        warnings.warn(f"{entry.name}: {words}", UserWarning, stacklevel=3)
+        warn(f"{entry.name}: {words}")

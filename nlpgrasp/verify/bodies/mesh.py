@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.common.meshes.mesh_file import UNITS, mesh_digest, read_mesh, usable_mesh
+from nlpgrasp.common.given.lengths import UNITS
+from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, usable_mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError

@@ -1,0 +1,1 @@
+"""What users state in several ways: lengths in units, angles, poses."""

@@ -1,0 +1,1 @@
+"""A solution in the frame of a world."""

@@ -1,0 +1,51 @@
+"""Lengths of bodies in the unit that the user states; the body and its file are in metres."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+
+MADE = {  # in some unit, and in metres
+    "box": lambda s, **unit: ng.Box([80 * s, 35 * s, 60 * s], **unit),
+    "sphere": lambda s, **unit: ng.Sphere(35 * s, **unit),
+    "ellipsoid": lambda s, **unit: ng.Ellipsoid([35 * s, 20 * s, 7 * s], **unit),
+    "cylinder": lambda s, **unit: ng.Cylinder(35 * s, 70 * s, **unit),
+    "superquadric": lambda s, **unit: ng.Superquadric([35 * s, 20 * s, 7 * s], [0.4, 0.8], **unit),
+    "torus": lambda s, **unit: ng.Torus(35 * s, 7 * s, **unit),
+    "prism": lambda s, **unit: ng.Prism([[0, 0], [35 * s, 0], [0, 29 * s]], 57 * s, **unit),
+    "polygon": lambda s, **unit: ng.Polygon([[0, 0], [35 * s, 0], [0, 29 * s]], **unit),
+}
+METRES = {"dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+
+
+@pytest.mark.parametrize("kind", MADE)
+def test_lengths_are_those_of_the_unit(kind):
+    for unit, metres in METRES.items():
+        stated, known = MADE[kind](1, unit=unit), MADE[kind](metres)
+        np.testing.assert_allclose(stated.bounds, known.bounds, rtol=1e-15)
+        assert "unit" not in stated.to_dict()
+        assert type(stated).from_dict(stated.to_dict()) == stated
+        assert "unit" not in repr(stated)
+
+
+def test_millimetres_are_the_numbers_that_one_would_write():
+    assert ng.Box([35, 57, 29], unit="mm").to_dict()["extents"] == [0.035, 0.057, 0.029]
+    assert ng.Box([0.035, 0.057, 0.029]) == ng.Box([35, 57, 29], unit="mm")
+
+
+@pytest.mark.parametrize("kind", MADE)
+def test_other_units_are_refused_by_name(kind):
+    name = type(MADE[kind](1.0)).__name__
+    for unit in ("inch", None, 0.001):
+        with pytest.raises(ng.InputError, match=rf"^{name}\.unit: got .*, expected one of m, dm, cm, mm, in, ft$"):
+            MADE[kind](1.0, unit=unit)
+
+
+def test_a_mesh_object_in_millimetres():
+    box = trimesh.creation.box([80.0, 40.0, 60.0])
+    body = ng.Mesh(box, resolution=8, unit="mm")
+    np.testing.assert_allclose(np.ptp(body.bounds, axis=0), [0.08, 0.04, 0.06], rtol=1e-12)
+    assert np.ptp(box.bounds, axis=0).tolist() == [80.0, 40.0, 60.0]  # the user's own stays as it is
+    with pytest.raises(ng.InputError, match=r"^Mesh\.unit: got inch"):
+        ng.Mesh(box, unit="inch")
