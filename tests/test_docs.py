@@ -74,7 +74,7 @@ EXPECTED = {
     "gripper_and_part": ("part: Solved", "within the 40 N stated"),
     "data_sets": ("2 problems",),
     "how_close": ("mu at most 0.4", "ok   leaves: "),
-    "hands": ("mu certified in [0.4", "spread, fingers"),
+    "hands": ("mu certified in [0.4", "spread, fingers", "confirmed: held as solved, lost without the squeeze"),
     "tasks": ("of 2000 wrenches inside", "less friction leave"),
     "experiments": ("plate: 8 of 8 solves done", "1 free, rough [0.8"),
     "interop": ("stable: True [0.",),

@@ -169,6 +169,17 @@ def test_what_cannot_be_exported(held, tmp_path, monkeypatch):
         mjcf_with_hand(held, HAND)
 
 
+def test_joints_that_are_too_weak_are_named(held):
+    """By hand: torques grow with the force, and the joint with the largest share of its effort ends first."""
+    name, share = held.squeeze.joints.worst
+    most = 2.0 / share
+    mjcf_with_hand(held, HAND, ng.HandSceneOptions(normal_force=most))
+    lacking = held.squeeze.joints.limits[name] / 2.0
+    said = f"normal_force: got {1.5 * most:.3g} N, {lacking:.3g} N m more than the effort of joint {name}"
+    with pytest.raises(InputError, match=f"{said}, expected at most {most:.3g} N"):
+        mjcf_with_hand(held, HAND, ng.HandSceneOptions(normal_force=1.5 * most))
+
+
 def test_from_the_command_line(held, tmp_path):
     held.save(tmp_path / "held.json")
 

@@ -24,6 +24,7 @@ from nlpgrasp.solution.squeezed.squeeze import Squeeze
 from nlpgrasp.tasks.mass import mass_of
 
 STEP = 1e-3  # seconds
+EFFORT = 1e-9  # of a joint's effort: rounding
 CONTACT = {"solref": "0.004 1", "solimp": "0.95 0.99 0.001"}  # of every geom, and of what makes joints follow others
 SOLVER = {
     "timestep": f"{STEP:g}",
@@ -58,7 +59,8 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
     Raises
     ------
     InputError
-        Without such a hand or a squeeze, on another hand's file, an object without a volume, or what MuJoCo refuses.
+        Without such a hand or a squeeze, on another hand's file, joints too weak for the squeeze, an object without a
+        volume, or what MuJoCo refuses.
     MissingExtraError
         Without MuJoCo, or without coacd for a body that is not convex (extra ``sim``).
     """
@@ -91,7 +93,9 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
     tips = tuple(solution.problem["hand"]["fingertips"])
     placed = PlacedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits)
     add_hand(root, placed, surfaces, given)
-    frames = keyframes(hand, robot, solution.squeeze, gains, _scale(solution.squeeze, given.normal_force))
+    scale = _scale(solution.squeeze, given.normal_force)
+    _require_effort(solution.squeeze, scale)
+    frames = keyframes(hand, robot, solution.squeeze, gains, scale)
     root.insert(0, Comment(SAID.format(names=", ".join(frame.name for frame in frames))))
     add_keyframes(root, frames)
     told = text(root)
@@ -133,3 +137,14 @@ def _scale(squeeze: Squeeze, normal_force: float | None) -> float:
     if np.any(squeeze.wrench):
         raise InputError("normal_force", normal_force, "none where the file's squeeze carries a weight")
     return normal_force / squeeze.normal_force
+
+
+def _require_effort(squeeze: Squeeze, scale: float) -> None:
+    """Refuse torques above the hand's limits: its servos would give less, and the forces would not be balanced."""
+    joints = squeeze.joints
+    if joints is None or joints.worst is None or scale * joints.worst[1] <= 1.0 + EFFORT:
+        return
+    name, share = joints.worst
+    force, lacking = scale * squeeze.normal_force, (scale * share - 1.0) * joints.limits[name]
+    given = f"{force:.3g} N, {lacking:.3g} N m more than the effort of joint {name}"
+    raise InputError("normal_force", given, f"at most {squeeze.normal_force / share:.3g} N")

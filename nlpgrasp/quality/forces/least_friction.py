@@ -107,6 +107,7 @@ class _Program:
         self.balance = self.G @ self.lift
         self.normals = self.lift[[where.start for where in ranges(contacts, space)]] * grasp.force_unit
         self.total = self.normals.sum(axis=0)
+        self.frictions = {model.coefficients.get("friction", 0.0) for model in contacts}
 
     @cached_property
     def back(self) -> FloatArray:
@@ -221,5 +222,8 @@ def _impossible(program: _Program) -> InputError:
     rough = program.least_normal(MOST)
     if rough is not None:
         factor = program.least_share(rough)[1]
-        allowed = f"friction at least {factor:.3g} times as large, or {allowed}"
+        larger = f"friction at least {factor:.3g} times as large"
+        if len(program.frictions) == 1:
+            larger += f" ({factor * max(program.frictions):.3g} in place of {max(program.frictions):.3g})"
+        allowed = f"{larger}, or {allowed}"
     return InputError("squeeze", given, allowed)
