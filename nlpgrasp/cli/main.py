@@ -105,7 +105,6 @@ def verify_command(file: File, rtol: Rtol = 0.01, folder: Folders = None, as_jso
         emit({"passed": verification.passed, "mu": mu_pair, "checks": checks})
     else:
         typer.echo(str(verification))
-        typer.echo("verified" if verification else "NOT verified")
     if not verification:
         raise typer.Exit(1)
 
