@@ -16,6 +16,7 @@ from nlpgrasp.common.files import file_name, writable_place
 
 Write = Callable[[object, Path], Path]
 Card = Callable[[object], str]
+Serve = Callable[..., str | None]
 TALL = 460  # pixels of a page in a notebook
 
 
@@ -51,6 +52,18 @@ def show(thing: object, name: str, writer: tuple[str, str], path: str | Path | N
         folder.rmdir()
         raise
     return opened(page)
+
+
+def live(thing: object, server: tuple[str, str], *more: object) -> str | None:
+    """Return the address at which a face serves a page of something; None where it cannot.
+
+    Parameters
+    ----------
+    thing : object
+    server : (str, str) tuple
+        Module and function that takes the thing, and ``more``.
+    """
+    return cast(Serve, _found(server))(thing, *more)
 
 
 def inline(thing: object, card: tuple[str, str]) -> str:
