@@ -25,17 +25,34 @@ def test_the_example_is_that_of_the_readme():
     assert script[1] == f"problem, starts={STARTS}"
 
 
-def test_it_prints_the_verdict_and_says_where_the_page_is(tmp_path, monkeypatch):
-    monkeypatch.setattr(ng, "solve", lambda *_, **__: ng.GraspSolution.from_dict(honest.box()))
-    monkeypatch.chdir(tmp_path)
+def demo():
+    """Exit code and what is printed by the command."""
     told = io.StringIO()
-    monkeypatch.setattr("sys.argv", ["nlpgrasp", "demo", "--no-open"])
     with contextlib.redirect_stdout(told), pytest.raises(SystemExit) as ended:
         main()
-    assert ended.value.code == 0
-    assert re.search(r"^verified: \d+ checks passed", told.getvalue(), re.MULTILINE)
-    assert told.getvalue().endswith("written to demo.json and demo.html\n")
-    assert "data-grasp" in (tmp_path / "demo.html").read_text(encoding="utf-8")
+    return ended.value.code, told.getvalue()
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["nlpgrasp", "demo", "--no-open"])
+    return tmp_path
+
+
+def test_a_grasp_that_is_not_verified_is_exit_code_1(here, monkeypatch):
+    monkeypatch.setattr(ng, "solve", lambda *_, **__: ng.GraspSolution.from_dict(honest.jaws()))
+    code, told = demo()
+    assert (code, "\nNOT verified: 2 of 14 checks failed (certified quality, width)" in told) == (1, True)
+    assert told.endswith("written to demo.json and demo.html\n")
+    assert "data-grasp" in (here / "demo.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_the_example_is_solved_and_verified(here):
+    code, told = demo()
+    assert (code, re.search(r"^verified: \d+ checks passed$", told, re.MULTILINE) is not None) == (0, True)
+    assert ng.GraspSolution.load(here / "demo.json").mu.lower == pytest.approx(0.092, rel=0.01)
 
 
 @pytest.mark.parametrize("out", ["no/demo.json", "demo.html"])
