@@ -11,8 +11,7 @@ test test-all bench: export OMP_NUM_THREADS = 1
 .PHONY: demo test test-all bench lint types docs gallery picture dist browser robots lock clean
 
 demo: $(READY)
-	$(BIN)/nlpgrasp solve problems/screwdriver.py --out screwdriver.json
-	$(BIN)/nlpgrasp verify screwdriver.json
+	$(BIN)/nlpgrasp demo
 
 test: $(READY)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"

@@ -43,7 +43,7 @@ class _Package(ModuleType):
         return import_module, (self.__name__,)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *__all__})
+        return list(__all__)
 
 
 sys.modules[__name__].__class__ = _Package

@@ -27,6 +27,7 @@ SLOW = (
     "choosing_contacts",
     "my_solve_failed",
     "getting_started",
+    "see_it",
     "architecture",
     "cli",
     "certified_bounds",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes.extruded import IntArray
-from nlpgrasp.common.registry import StatedPart
+from nlpgrasp.bodies.shapes.seen import Seen
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -21,7 +21,7 @@ TINY = 1e-24  # under a root, for its derivative at zero
 ON = 1e-6  # of the body's size: points that are as near to a face are on it
 
 
-class Body(StatedPart):
+class Body(Seen):
     """A rigid body: faces ``h(p) = 0`` in a bounding box, metres, in the body frame.
 
     The surface is stated once, as a CasADi expression; numbers come from the compiled function of it.

@@ -1,4 +1,4 @@
-"""``nlpgrasp solve | bound | quality | verify | experiment | report | hand | export | simulate | task``.
+"""``nlpgrasp demo | solve | bound | quality | verify | experiment | report | hand | export | simulate | task``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -18,6 +18,7 @@ import typer
 
 import nlpgrasp as ng
 from nlpgrasp.cli.bound import bound_command
+from nlpgrasp.cli.demo.command import demo_command
 from nlpgrasp.cli.experiment import experiment_command
 from nlpgrasp.cli.export import export_command
 from nlpgrasp.cli.hand.command import hand_command
@@ -105,7 +106,6 @@ def verify_command(file: File, rtol: Rtol = 0.01, folder: Folders = None, as_jso
         emit({"passed": verification.passed, "mu": mu_pair, "checks": checks})
     else:
         typer.echo(str(verification))
-        typer.echo("verified" if verification else "NOT verified")
     if not verification:
         raise typer.Exit(1)
 
@@ -124,6 +124,7 @@ def command_line(words: Sequence[str]) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback(invoke_without_command=True)(_root)
+    app.command("demo")(demo_command)
     app.command("solve")(solve_command)
     app.command("bound")(bound_command)
     app.command("verify")(verify_command)

@@ -81,6 +81,10 @@ class Bounds:
     def __str__(self) -> str:
         return f"[{self.lower:.5g}, {self.upper:.5g}]"
 
+    def __repr__(self) -> str:
+        kind = f", kind={self.kind!r}" if self.kind else ""
+        return f"{type(self).__name__}({self.lower:.5g}, {self.upper:.5g}{kind})"
+
 
 @dataclass(frozen=True)
 class StackBounds:

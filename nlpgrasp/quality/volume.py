@@ -68,6 +68,9 @@ class Volume(Bounds):
     def __str__(self) -> str:
         return f"{self.value:.5g} +- {self.error:.2g}, certified {super().__str__()}"
 
+    def __repr__(self) -> str:
+        return f"Volume({self.lower:.5g}, {self.upper:.5g}, value={self.value:.5g}, error={self.error:.2g})"
+
 
 @overload
 def nu(

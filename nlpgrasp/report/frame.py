@@ -8,6 +8,9 @@ from importlib.resources import files
 
 from nlpgrasp.common.shown.palette import COLOURS, DARK, css_variables
 
+ICON = '<link rel="icon" href="data:,">'  # none: a page from disk asks for no file
+VIEWER = ("shapes.js", "renderer.js", "view.js", "page.js")
+
 
 def page(title: str, style: str, parts: Sequence[str], head: str = "", scripts: str = "") -> str:
     """Return a page of HTML.
@@ -39,6 +42,11 @@ def style(*sheets: str) -> str:
     dark = f"@media (prefers-color-scheme: dark) {{ :root {{ {css_variables(DARK)} }} }}"
     texts = [resource(name) for name in ("frame.css", *sheets)]
     return "\n".join([f":root {{ {css_variables(COLOURS)} }}", dark, *texts])
+
+
+def viewer(names: Sequence[str] = VIEWER) -> str:
+    """Return the scripts that draw a page's scenes, as HTML."""
+    return "".join(f"<script>{resource(f'viewer/{name}')}</script>" for name in names)
 
 
 def resource(name: str) -> str:

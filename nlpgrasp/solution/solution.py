@@ -19,17 +19,17 @@ from nlpgrasp.solution.forces import forces_and_moments, held_wrenches
 from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.many.choice import Accepts, first_accepted
 from nlpgrasp.solution.many.found import FoundGrasp, found_grasps
-from nlpgrasp.solution.many.several import Several
 from nlpgrasp.solution.needed import ForcesNeeded
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality import Quality, check_beta
 from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of
 from nlpgrasp.solution.schema import SCHEMA_NAME
 from nlpgrasp.solution.schema.types import SolutionData, SolverData
+from nlpgrasp.solution.seen import Seen
 
 
-@dataclass(frozen=True)
-class GraspSolution(Several):
+@dataclass(frozen=True, repr=False)
+class GraspSolution(Seen):
     """A grasp found, its certified quality and the evidence.
 
     Parameters

@@ -71,6 +71,9 @@ class TaskSet(Task):
         """Dimension d of wrench space: 3 in the plane, 6 in space."""
         return self._dimension
 
+    def __repr__(self) -> str:
+        return f"TaskSet(support=..., dimension={self._dimension})"
+
     @property
     def is_centred(self) -> bool:
         """Whether the support function is even, as far as probing it shows."""

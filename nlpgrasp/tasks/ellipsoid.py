@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.shown.numbers import vector
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import SMALLEST, FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
@@ -224,7 +225,11 @@ class TaskEllipsoid(Task):
 
     def __repr__(self) -> str:
         beta = "" if self.beta == 1.0 else f", beta={self.beta:g}"
-        return f"TaskEllipsoid(center={self.center.tolist()}, axes={self.axes.tolist()}{beta})"
+        center = f", center=[{vector(self.center, relative=0.0)}]" if np.any(self.center) else ""
+        along = np.array_equal(self.axes, np.diag(np.diag(self.axes)))  # the coordinate axes
+        lengths = np.diag(self.axes) if along else np.linalg.norm(self.axes, axis=1)
+        turned = "" if along else ", directions=..."
+        return f"TaskEllipsoid([{vector(lengths, relative=0.0)}]{center}{turned}{beta})"
 
     def __eq__(self, other: object) -> bool:
         return (

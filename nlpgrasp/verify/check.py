@@ -78,8 +78,18 @@ class Verification:
     def __bool__(self) -> bool:
         return self.passed
 
+    @property
+    def verdict(self) -> str:
+        """The outcome in a sentence: ``"verified: ..."`` or ``"NOT verified: ..."``, with how many checks say so."""
+        failed = [check.name for check in self.checks if check.failed]
+        made = len(self.checks) - len(self.not_made)
+        left = f"; {len(self.not_made)} could not be made" if self.not_made else ""
+        if failed:
+            return f"NOT verified: {len(failed)} of {made} checks failed ({', '.join(failed)}){left}"
+        return f"verified: {made} check{'' if made == 1 else 's'} passed{left}"
+
     def __str__(self) -> str:
-        return "\n".join(map(str, self.checks))
+        return "\n".join([*map(str, self.checks), self.verdict])
 
 
 class NotMadeError(NlpgraspError):

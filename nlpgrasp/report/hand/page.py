@@ -12,7 +12,7 @@ from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.inspection.findings import Finding, findings
 from nlpgrasp.hands.inspection.inspected import Inspected, inspected
 from nlpgrasp.hands.inspection.opposition import opposition
-from nlpgrasp.report.frame import page, resource, style
+from nlpgrasp.report.frame import ICON, page, style, viewer
 from nlpgrasp.report.hand import controls, tables
 from nlpgrasp.report.hand.scene import scene
 from nlpgrasp.report.hand.tree import joint_tree
@@ -58,11 +58,8 @@ def write_hand(hand: Hand | Inspected, path: str | Path) -> Path:
         tables.links(shown),
         f'<script type="application/json">{text}</script></section>',
     ]
-    scripts = "".join(f"<script>{resource(f'viewer/{name}')}</script>" for name in VIEWER)
     title = f"{robot.name}: the hand"
-    return write_text(
-        path, page(title, style("report.css", "hand.css"), body, '<link rel="icon" href="data:,">', scripts)
-    )
+    return write_text(path, page(title, style("report.css", "hand.css"), body, ICON, viewer(VIEWER)))
 
 
 def _verdict(found: tuple[Finding, ...], tips: int) -> str:

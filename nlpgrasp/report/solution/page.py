@@ -9,15 +9,13 @@ from pathlib import Path
 
 from nlpgrasp.common.files import write_text
 from nlpgrasp.experiments.found.compare import compare
-from nlpgrasp.report.frame import page, resource, style
+from nlpgrasp.report.frame import ICON, page, style, viewer
 from nlpgrasp.report.solution import sections
 from nlpgrasp.report.solution.panel import verdict
 from nlpgrasp.report.solution.starts import starts
 from nlpgrasp.report.solution.strip import every, replacements, scenes, strip
 from nlpgrasp.report.solution.worth import worth
 from nlpgrasp.solution.solution import GraspSolution
-
-VIEWER = ("shapes.js", "renderer.js", "view.js", "page.js")
 
 
 def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Path:
@@ -44,8 +42,23 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
         body += [f"<h1>{len(solutions)} grasps compared</h1>", sections.comparison(compared, solutions)]
     heading = "h1" if len(solutions) == 1 else "h2"
     body += [_solution(name, solution, i, heading) for i, (name, solution) in enumerate(solutions.items())]
-    scripts = "".join(f"<script>{resource(f'viewer/{name}')}</script>" for name in VIEWER)
-    return write_text(path, page(title, style("report.css"), body, '<link rel="icon" href="data:,">', scripts))
+    return write_text(path, page(title, style("report.css"), body, ICON, viewer()))
+
+
+def write_own(solution: GraspSolution, path: str | Path) -> Path:
+    """Write the page of one solution, under the name of its file.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        On a path that cannot be written.
+    """
+    return write_report({Path(path).name: solution}, path)
 
 
 def _solution(name: str, solution: GraspSolution, number: int, heading: str) -> str:

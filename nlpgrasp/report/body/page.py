@@ -1,0 +1,105 @@
+"""The page of a body: its surface to turn, how large it is, and what its faces are called."""
+
+from __future__ import annotations
+
+import json
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.bodies.mesh.mesh import Mesh
+from nlpgrasp.common.files import write_text
+from nlpgrasp.common.shown.numbers import typeset, vector
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.report.body.scene import scene
+from nlpgrasp.report.frame import ICON, page, style, viewer
+from nlpgrasp.report.solution.panel import Fact
+
+LARGE = 1.0  # metres: above, a body is no thing for a hand, and most often one in millimetres
+SMALL = 1e-3  # metres
+LISTED = 12  # faces whose names are listed
+
+
+def write_body(body: Body, path: str | Path) -> Path:
+    """Write a page that shows a body; it opens from disk and needs no network.
+
+    Parameters
+    ----------
+    body : Body
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        On a path that cannot be written.
+    """
+    panel = f'<aside class="panel">{"".join(fact.html() for fact in facts(body))}</aside>'
+    parts = [_opening(body), f'<div class="first"><div class="stage">{_stage(body)}</div>{panel}</div>', _data(body)]
+    return write_text(path, page(_name(body), style("report.css"), parts, ICON, viewer()))
+
+
+def card(body: Body) -> str:
+    """Return a small page that shows a body, for a notebook's frame."""
+    parts = [_opening(body, typeset(_size(body))), f'<div class="stage">{_stage(body)}</div>', _data(body)]
+    return page(_name(body), style("report.css", "card.css"), parts, ICON, viewer())
+
+
+def facts(body: Body) -> list[Fact]:
+    """Return what is to be known of a body before anything is solved with it."""
+    extents = np.ptp(body.bounds, axis=0)
+    names = body.face_names
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    listed = f'<p class="note"><code>{escape(", ".join(names[:LISTED]))}</code>{more}</p>'
+    centre = vector(1e3 * body.centroid)
+    found = [
+        Fact("Size", _size(body), (_doubt(extents),), "weak" if _odd(extents) else "", broad=True),
+        Fact("Faces", str(len(names)), ("names for a contact's faces",), more=listed),
+        Fact("Centre", f"{centre} mm", ("in the body's frame; moments are about it, unless torque_origin is stated",)),
+    ]
+    if isinstance(body, Mesh):
+        found.append(Fact("Mesh", f"{len(body.mesh.faces)} triangles", body.repairs or ("used as it is",), broad=True))
+    return found
+
+
+def _odd(extents: FloatArray) -> bool:
+    return bool(np.max(extents) > LARGE or np.max(extents) < SMALL)
+
+
+def _doubt(extents: FloatArray) -> str:
+    if not _odd(extents):
+        return "along the axes of the body's frame"
+    size = "larger than a metre" if np.max(extents) > LARGE else "smaller than a millimetre"
+    return f'{size}: lengths are metres; ng.Mesh.load(..., unit="mm") reads a file in millimetres'
+
+
+def _name(body: Body) -> str:
+    return (body.source if isinstance(body, Mesh) else None) or body.shown_name
+
+
+def _opening(body: Body, beside: str = "") -> str:
+    return (
+        f'<section data-grasp aria-labelledby="name"><header><h1 id="name">{escape(_name(body))}</h1>'
+        f'<span class="file">{escape(beside)}</span></header>'
+    )
+
+
+def _stage(body: Body) -> str:
+    aria = f"The body, {_name(body)}; turn it with the mouse, a finger or the arrow keys."
+    switch = '<label class="switch"><input type="checkbox" data-show="through"><span>See through</span></label>'
+    return (
+        f'<div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}"></div>'
+        f'<div class="switches">{switch}</div>'
+    )
+
+
+def _data(body: Body) -> str:
+    text = json.dumps({"scenes": [scene(body)]}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return f'<script type="application/json">{text}</script></section>'
+
+
+def _size(body: Body) -> str:
+    """Return the extents of a body in millimetres."""
+    extents = vector(1e3 * np.ptp(body.bounds, axis=0)).split(", ")
+    return " \N{MULTIPLICATION SIGN} ".join(extents) + " mm"

@@ -1,0 +1,75 @@
+"""What the page draws of a body: its surface, and where its faces are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.bodies.mesh.triangles import triangles
+from nlpgrasp.common.shown.drawing import CONE, NORMAL, Drawing, Triangles, drawn_size
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.report.scene.camera import FROM_ABOVE, FROM_ASIDE, framed
+from nlpgrasp.report.scene.surfaces import cut, surface
+
+MOST = 6000  # triangles
+ENOUGH = 2000  # triangles among which the middle of a face is looked for
+NAMED = 24  # faces that have labels, at most
+DOT = 0.02  # radius of the mark under a label, of the body's size
+DIGITS = 7  # after the point, metres: what is for looking at
+
+
+def scene(body: Body) -> Json:
+    """Return what the viewer draws of a body; metres, body frame: as ``report.scene`` does of a grasp.
+
+    The names of the faces stand at ``contacts``.
+    """
+    shape = Triangles(*triangles(body, MOST))
+    size = drawn_size(Drawing(shape), None)
+    middle = (shape.vertices.min(axis=0) + shape.vertices.max(axis=0)) / 2.0
+    flat = body.space == 2
+    return {
+        "size": size,
+        "flat": flat,
+        "parts": [{"group": "body", "name": "body", **surface(shape).to_dict()}],
+        "tables": [],
+        "unseen": [],
+        "contacts": _labels(body, shape),
+        "palm": None,
+        "arrows": [],
+        "lengths": {"normal": NORMAL * size, "cone": CONE * size, "disc": DOT * size, "shaft": DOT * size, "pad": 0.0},
+        "frame": np.round(framed(shape.vertices, middle, size), DIGITS).tolist(),
+        "view": list(FROM_ABOVE if flat else FROM_ASIDE),
+    }
+
+
+def _labels(body: Body, shape: Triangles) -> list[Json]:
+    """Return where each face's name stands, of a body with several: near its middle, on it."""
+    if not 1 < len(body.faces) <= NAMED:
+        return []
+    corners = cut(shape, ENOUGH)
+    centres, across = corners.mean(axis=1), np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(across, axis=1)
+    near = np.stack([_distance(body, name, centres) for name in body.face_names])
+    owner = np.argmin(near, axis=0)
+    if body.space == 2:  # a plate's upper and lower side are none of its faces
+        owner[np.abs(across[:, 2]) > 0.5 * np.maximum(areas, 1e-300)] = -1
+    found = []
+    for i, name in enumerate(body.face_names):
+        own = np.flatnonzero((owner == i) & (areas > 0.0))
+        if len(own):
+            mean = np.average(centres[own], axis=0, weights=areas[own])
+            at = own[np.argmin(np.linalg.norm(centres[own] - mean, axis=1))]
+            found.append(_label(name, centres[at], -across[at] / areas[at]))
+    return found
+
+
+def _distance(body: Body, name: str, points: FloatArray) -> FloatArray:
+    """Return how far points (m, 3) are from a face, (m,), metres, as far as surface and extents tell."""
+    h, slope, _, extent = body.evaluate(name, points[:, : body.space])
+    return np.asarray(np.abs(h) / np.maximum(slope, 1e-12) + np.maximum(extent, 0.0))
+
+
+def _label(name: str, at: FloatArray, inward: FloatArray) -> Json:
+    place, normal = np.round(at, DIGITS).tolist(), np.round(inward, DIGITS).tolist()
+    return {"at": place, "inward": normal, "tip": 0.0, "slope": None, "face": f"face {name}", "label": name}

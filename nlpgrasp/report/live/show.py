@@ -1,0 +1,119 @@
+"""Serving a grasp on this computer alone, or saying in a sentence why not."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import socket
+import sys
+import threading
+from types import ModuleType
+
+from nlpgrasp.common.extras.viser import import_viser
+from nlpgrasp.common.shown.face import browsed, has_display
+from nlpgrasp.common.validation import integer
+from nlpgrasp.errors import MissingExtraError
+from nlpgrasp.hands.base import Hand
+from nlpgrasp.report.live.viewer import Viewer
+from nlpgrasp.report.live.way import own_hand
+from nlpgrasp.report.scene.scene import drawn_body
+from nlpgrasp.solution.solution import GraspSolution
+
+HOST = "127.0.0.1"
+LARGEST_PORT = 65535
+_viewers: dict[int, Viewer] = {}  # by port: what is shown again takes the place of what was shown before
+
+
+def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | None = None) -> str | None:
+    """Show a grasp on a page of this computer, and return its address; a script waits there until Ctrl-C.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    port : int or None
+        None for the one that was used before, and for a free one.
+    hand : Hand or None
+        The hand that the grasp was found with, for a slider over its way.
+
+    Returns
+    -------
+    str or None
+        None, after a sentence, without the extra, or where the port is taken; None too without a grasp to draw and
+        without a browser or a display for one.
+
+    Raises
+    ------
+    InputError
+        On a port that is none, and another hand.
+    """
+    if port is not None:
+        integer("show.port", port, at_least=1, at_most=LARGEST_PORT)
+    own_hand(solution, hand)
+    if not has_display() or solution.grasp is None or drawn_body(solution) is None:
+        return None
+    try:
+        viser = import_viser("a view with sliders")
+    except MissingExtraError as error:
+        _instead(str(error))
+        return None
+    viewer = served(viser, solution, port, hand)
+    if viewer is None:
+        _instead(f"port {port} is taken")
+        return None
+    if not browsed(viewer.address):
+        stop(viewer.port)
+        return None
+    sys.stdout.write(f"The grasp is shown at {viewer.address}\n")
+    _wait(viewer.port)
+    return viewer.address
+
+
+def served(
+    viser: ModuleType, solution: GraspSolution, port: int | None = None, hand: Hand | None = None
+) -> Viewer | None:
+    """Return what serves a grasp at a port, a free one for None; None where another program has the port."""
+    chosen = next(iter(_viewers), None) if port is None else port
+    if chosen not in _viewers:
+        chosen = _free(0 if port is None else port)
+        if chosen is None:
+            return None
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints a banner
+            viewer = Viewer(viser, HOST, chosen)
+        if viewer.port != chosen:  # taken in between
+            viewer.stop()
+            return None
+        _viewers[chosen] = viewer
+    _viewers[chosen].show(solution, hand)
+    return _viewers[chosen]
+
+
+def stop(port: int) -> None:
+    """Stop what is served at a port."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        _viewers.pop(port).stop()
+
+
+def _free(port: int) -> int | None:
+    """Return the port, or any free one for 0; None where it is taken."""
+    with socket.socket() as probe:
+        if sys.platform != "win32":  # there it would share a port that is taken
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError:
+            return None
+        return int(probe.getsockname()[1])
+
+
+def _wait(port: int) -> None:
+    """Keep a script where it is until Ctrl-C; at a prompt and in a notebook, come back at once."""
+    if hasattr(sys, "ps1") or sys.flags.interactive or "ipykernel" in sys.modules:
+        return
+    sys.stdout.write("Ctrl-C ends it.\n")
+    with contextlib.suppress(KeyboardInterrupt):
+        threading.Event().wait()
+    stop(port)
+
+
+def _instead(why: str) -> None:
+    sys.stdout.write(f"The report is written to a file instead: {why}\n")

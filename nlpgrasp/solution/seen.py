@@ -1,0 +1,58 @@
+"""A solution as people see it: a line, a page, a scene in a notebook."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlpgrasp.common.shown.face import inline, live, show
+from nlpgrasp.solution.many.several import Several
+
+if TYPE_CHECKING:
+    from nlpgrasp.hands.base import Hand
+
+PAGE = ("nlpgrasp.report.solution.page", "write_own")
+CARD = ("nlpgrasp.report.solution.card", "card")
+LIVE = ("nlpgrasp.report.live.show", "show_live")
+
+
+class Seen(Several):
+    """What shows itself: in a browser, in a notebook, as a line of text."""
+
+    def show(self, path: str | Path | None = None, port: int | None = None, hand: Hand | None = None) -> Path | str:
+        """Show the grasp in a browser, and return where it is.
+
+        With the extra ``view`` (viser) a page of this computer alone, with sliders over the task's wrenches, how much
+        of them, and the hand's way to the grasp; a script waits there until Ctrl-C. Without the extra, without a
+        browser or a display for it, or with a port that is taken, a sentence says so, and the report is written to a
+        file and opened where there is a browser.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            An HTML file: the report is written there instead.
+        port : int, optional
+            Of the page on this computer; a free one when left out.
+        hand : Hand, optional
+            The hand that the grasp was found with, for a slider over its way: a solution does not hold the hand's file.
+
+        Returns
+        -------
+        str or Path
+            The address of the page on this computer, or the file.
+
+        Raises
+        ------
+        InputError
+            On a path that cannot be written, a port that is none, and another hand.
+        """
+        address = None if path is not None else live(self, LIVE, port, hand)
+        return show(self, self.name, PAGE, path) if address is None else address
+
+    def _repr_html_(self) -> str:
+        """Return the solution as notebooks show it: the report's scene, small."""
+        return inline(self, CARD)
+
+    def __repr__(self) -> str:
+        found = "no grasp" if self.grasp is None else f"{self.label} in {self.mu}, {len(self.grasp)} contacts"
+        return f"{type(self).__name__}({self.name!r}: {self.status.name.lower()}, {found})"

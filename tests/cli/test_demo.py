@@ -1,0 +1,62 @@
+"""``nlpgrasp demo``: README's example, from nothing to a page."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.cli.demo.command import demo_command
+from nlpgrasp.cli.demo.example import STARTS, problem
+from nlpgrasp.cli.main import main
+from nlpgrasp.errors import InputError
+from tests.verify import honest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_the_example_is_that_of_the_readme():
+    (script,) = re.findall(r"```python\n(.*?)solution = ng.solve\((.*?)\)", (ROOT / "README.md").read_text(), re.DOTALL)
+    names = {}
+    exec(script[0], names)  # noqa: S102
+    assert names["problem"].to_dict() == problem().to_dict()
+    assert script[1] == f"problem, starts={STARTS}"
+
+
+def demo():
+    """Exit code and what is printed by the command."""
+    told = io.StringIO()
+    with contextlib.redirect_stdout(told), pytest.raises(SystemExit) as ended:
+        main()
+    return ended.value.code, told.getvalue()
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["nlpgrasp", "demo", "--no-open"])
+    return tmp_path
+
+
+def test_a_grasp_that_is_not_verified_is_exit_code_1(here, monkeypatch):
+    monkeypatch.setattr(ng, "solve", lambda *_, **__: ng.GraspSolution.from_dict(honest.jaws()))
+    code, told = demo()
+    assert (code, "\nNOT verified: 2 of 14 checks failed (certified quality, width)" in told) == (1, True)
+    assert told.endswith("written to demo.json and demo.html\n")
+    assert "data-grasp" in (here / "demo.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_the_example_is_solved_and_verified(here):
+    code, told = demo()
+    assert (code, re.search(r"^verified: \d+ checks passed$", told, re.MULTILINE) is not None) == (0, True)
+    assert ng.GraspSolution.load(here / "demo.json").mu.lower == pytest.approx(0.092, rel=0.01)
+
+
+@pytest.mark.parametrize("out", ["no/demo.json", "demo.html"])
+def test_a_file_that_cannot_be_written_is_refused_before_the_solve(out, tmp_path, monkeypatch):
+    monkeypatch.setattr(ng, "solve", pytest.fail)
+    with pytest.raises(InputError, match="--out"):
+        demo_command(tmp_path / out, show=False)

@@ -1,0 +1,93 @@
+"""The page of a body, and bodies and solutions in notebooks: faces where they are, one frame, no more than is there."""
+
+import json
+import re
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.common.shown import face
+from nlpgrasp.errors import InputError
+from nlpgrasp.report.body.page import facts
+from nlpgrasp.report.body.scene import scene
+from tests.samples import BODIES
+
+FILES = Path(__file__).parents[1] / "solution" / "files"
+
+
+def framed(html):
+    """The page inside a notebook's frame, and its data."""
+    (source,) = re.findall(r'<iframe srcdoc="([^"]*)"', html)
+    page = unescape(source)
+    return page, json.loads(re.search(r'<script type="application/json">(.*?)</script>', page, re.DOTALL)[1])
+
+
+@pytest.mark.parametrize("name", ["cylinder", "box", "prism", "polygon"])
+def test_each_face_is_named_at_a_point_of_its_own(name):
+    body = BODIES[name]
+    labels = scene(body)["contacts"]
+    assert [label["label"] for label in labels] == list(body.face_names)
+    for label in labels:
+        at = np.array([label["at"]])[:, : body.space]
+        h, slope, outward, extent = body.evaluate(label["label"], at)
+        assert abs(h[0] / slope[0]) <= 0.01 * body.size
+        assert extent[0] <= 0.01 * body.size
+        assert np.dot(label["inward"][: body.space], outward[0]) < -0.9
+
+
+def test_a_body_of_one_face_has_no_labels():
+    assert scene(BODIES["sphere"])["contacts"] == []
+
+
+def test_the_page_says_how_large_the_body_is(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(face, "has_display", lambda: False)
+    page = ng.Box([0.08, 0.04, 0.03]).show(tmp_path / "box.html")
+    assert capsys.readouterr().out == f"No browser was opened; the page is {page}\n"
+    text = page.read_text(encoding="utf-8")
+    assert "80 \N{MULTIPLICATION SIGN} 40 \N{MULTIPLICATION SIGN} 30" in text
+    assert "<code>+x, -x, +y, -y, +z, -z</code>" in text
+    assert "http" not in re.sub(r"http://www.w3.org\S*", "", text)
+
+
+def test_a_body_in_millimetres_is_doubted():
+    size, *_ = facts(ng.Box([80, 40, 30]))
+    assert (size.tone, "lengths are metres" in size.lines[0]) == ("weak", True)
+
+
+def test_the_page_of_a_mesh_says_what_was_mended(tmp_path, monkeypatch):
+    monkeypatch.setattr(face, "has_display", lambda: False)
+    trimesh.creation.box([0.08, 0.04, 0.03]).export(tmp_path / "part.stl")
+    body = ng.Mesh.load(tmp_path / "part.stl", resolution=16)
+    text = body.show(tmp_path / "part.html").read_text(encoding="utf-8")
+    assert '<h1 id="name">part.stl</h1>' in text
+    assert "12 triangles" in text
+
+
+def test_a_path_that_cannot_be_written_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"show\.path: got .* \(no folder"):
+        ng.Sphere(0.03).show(tmp_path / "no" / "body.html")
+
+
+def test_a_body_in_a_notebook_is_one_frame():
+    page, data = framed(ng.Box([0.08, 0.04, 0.03])._repr_html_())
+    assert page.startswith("<!doctype html>")
+    assert len(data["scenes"][0]["contacts"]) == 6
+
+
+def test_a_solution_in_a_notebook_is_the_scene_with_its_slider():
+    solution = ng.GraspSolution.load(FILES / "box.json")
+    page, data = framed(solution._repr_html_())
+    assert len(data["labels"]) == len(data["scenes"][0]["arrows"]) > 6
+    assert f'max="{len(data["labels"]) - 1}"' in page
+    assert "the task takes" in page
+
+
+def test_a_solution_without_a_grasp_is_shown_too():
+    solution = ng.GraspSolution.load(FILES / "none.json")
+    page, data = framed(solution._repr_html_())
+    assert "no grasp" in page
+    assert data["labels"] == []
