@@ -81,7 +81,7 @@ from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_h
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.frames.in_frame import SolutionInFrame
 from nlpgrasp.solution.many.found import FoundGrasp
-from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.phases.phase import Phase
 from nlpgrasp.solution.phases.trajectory import Trajectory, trajectory
 from nlpgrasp.solution.records import Status

@@ -13,7 +13,7 @@ from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.global_bound import SCHEMA, is_small, reference, write_bound
+from nlpgrasp.solution.measures.global_bound import SCHEMA, is_small, reference, write_bound
 
 LARGEST = 512 * 2**20  # bytes of a file
 

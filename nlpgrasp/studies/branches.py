@@ -12,7 +12,7 @@ from nlpgrasp.bodies import Box, Mesh, Prism
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.outlook.outlook import Outlook, unseen
 from nlpgrasp.solve.start.first_program import solve_first

@@ -11,7 +11,7 @@ import numpy as np
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
-from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath

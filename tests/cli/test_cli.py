@@ -250,7 +250,7 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
         (["report", "none.json"], "a solution file that exists"),
         (["report"], "Missing argument"),
         (["report", "square.py"], "not valid JSON"),
-        (["report", "none.json", "--out", "none/x.html"], "a solution file that exists"),
+        (["report", "none.json", "--out", "none/x.html"], "a file in a folder that exists"),
         (["solve", "none.py"], "a Python file that exists"),
         (["solve", "square.py", "--starts", "0"], "--starts"),
         (["solve", "square.py", "--seed", "-1"], "--seed"),

@@ -10,7 +10,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.experiments.found.digest import body_of
 from nlpgrasp.experiments.run.folder import HANDED_ON, OWN
-from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solve.handed import Offer, improved_by
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.experiments.small import QUICK, base, experiment

@@ -13,7 +13,7 @@ from nlpgrasp.report.solution.gauge import gauge, share_left, words
 from nlpgrasp.report.solution.panel import facts, verdict
 from nlpgrasp.report.solution.sections import contacts
 from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.measures.global_bound import GlobalBound
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
 

@@ -10,9 +10,9 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.quality import Bounds, Volume
 from nlpgrasp.solution import UNKNOWN, Conflict, ConstraintReport, StartRecord, SurfaceMatch
-from nlpgrasp.solution.forces import HeldWrench, forces_and_moments, held_wrenches
+from nlpgrasp.solution.measures.forces import HeldWrench, forces_and_moments, held_wrenches
+from nlpgrasp.solution.measures.quality import Quality
 from nlpgrasp.solution.placed import PlacedGrasp
-from nlpgrasp.solution.quality import Quality
 
 START = StartRecord(
     3, ng.Status.SOLVED, ("+x", "-x"), Bounds(0.1, 0.3), 1e-9, 41, {"screen": 0.1, "mesh": 0.7}, "ok", (0.5, 0.3)

@@ -77,7 +77,7 @@ def test_a_short_look_is_not_misled_by_directions_it_did_not_try():
 def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkeypatch):
     solution = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
     assert list(solution.save(tmp_path / "small.json").parent.iterdir()) == [tmp_path / "small.json"]
-    monkeypatch.setattr("nlpgrasp.solution.global_bound.SMALL", 150)
+    monkeypatch.setattr("nlpgrasp.solution.measures.global_bound.SMALL", 150)
     assert "certificate" not in solution.to_dict()["quality"]["best_possible"]
     path, beside = solution.save(tmp_path / "square.json"), tmp_path / "square.bound.json"
     stated = json.loads(path.read_text())["quality"]["best_possible"]

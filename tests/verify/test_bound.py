@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.sources import Sources
 from tests.verify.edits import put

@@ -253,7 +253,9 @@ def test_a_check_that_was_not_made_neither_passes_nor_fails():
     assert Verification((good, check), None)
     assert Verification((good, check), None).not_made == (check,)
     assert not Verification((check, bad), None)
-    assert str(Verification((good, bad), None)) == "ok   interval: fine\nFAIL interval: empty"
+    assert str(Verification((good, bad), None)) == (
+        "ok   interval: fine\nFAIL interval: empty\nNOT verified: 1 of 2 checks failed (interval)"
+    )
 
 
 def test_regions_of_a_script_have_limits_alone(rng):

@@ -11,10 +11,10 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solution.forces import forces_and_moments, held_wrenches
-from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.measures.forces import forces_and_moments, held_wrenches
+from nlpgrasp.solution.measures.needed import ForcesNeeded
+from nlpgrasp.solution.measures.quality import Quality
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
-from nlpgrasp.solution.quality import Quality
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.schema.types import FoundData, SolutionData
 

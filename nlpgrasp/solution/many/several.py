@@ -10,7 +10,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.frames.in_frame import SolutionInFrame, moved
 from nlpgrasp.solution.many.choice import table
 from nlpgrasp.solution.many.found import FoundGrasp
-from nlpgrasp.solution.measured import Measured
+from nlpgrasp.solution.measures.measured import Measured
 from nlpgrasp.solution.records import ConstraintReport
 
 

@@ -11,7 +11,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, finger_forces
-from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.measures.needed import ForcesNeeded
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import follows_contacts

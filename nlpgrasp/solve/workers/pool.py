@@ -16,7 +16,7 @@ from nlpgrasp.best.exchange import Places
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.choice import chosen
 from nlpgrasp.solve.after.look_back import Aftermath, look_back

@@ -8,7 +8,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.solution.global_bound import GlobalBound
+from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bound.file import bound_file
 from nlpgrasp.verify.bound.proof import Proof

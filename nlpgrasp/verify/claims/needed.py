@@ -16,7 +16,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.quality.forces.conic import least_forces
-from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task, TaskEllipsoid
 from nlpgrasp.verify.check import Check

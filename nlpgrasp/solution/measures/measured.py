@@ -13,12 +13,12 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.asked import Asked
 from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
-from nlpgrasp.solution.global_bound import GlobalBound
 from nlpgrasp.solution.joint_room import room_lines
-from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.measures.global_bound import GlobalBound
+from nlpgrasp.solution.measures.needed import ForcesNeeded
+from nlpgrasp.solution.measures.quality import Quality
 from nlpgrasp.solution.phases.phase import Phase, phases_from
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
-from nlpgrasp.solution.quality import Quality
 from nlpgrasp.solution.records import StartRecord, Status, passed_over, winner_of
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 

@@ -12,8 +12,8 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solution.global_bound import GlobalBound
-from nlpgrasp.solution.needed import ForcesNeeded
+from nlpgrasp.solution.measures.global_bound import GlobalBound
+from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.records import UNKNOWN
 from nlpgrasp.solution.schema.types import MuData, QualityData
 
