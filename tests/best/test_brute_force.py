@@ -12,7 +12,7 @@ from tests.best.brute_force.places import faces_of
 from tests.best.brute_force.search import BruteForce
 
 MANY = 2000
-SPATIAL = (10_004, 10_009, 10_011, 10_016, 10_024, 10_031, 10_032, 10_033, 10_039)  # quick ones
+SPATIAL = (10_004, 10_016, 10_024, 10_033)  # quick ones
 NEAR, SHARE = 0.05, 0.25  # brute force comes within 5 % of the bound in a third of the problems
 
 
@@ -24,7 +24,7 @@ def violations(numbers, **effort):
 
 
 def test_no_grasp_of_brute_force_is_above_the_bound():
-    planar = [number for number in range(10_000, 10_046) if random_case(number).problem.body.space == 2]
+    planar = [number for number in range(10_010, 10_028) if random_case(number).problem.body.space == 2]
     wrong, near = violations([*planar, *SPATIAL], rounds=4)
     assert wrong == []
     assert near >= SHARE

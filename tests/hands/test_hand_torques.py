@@ -11,6 +11,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import hand_of, points_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand
+from tests.once import solve_once
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 THREE = ng.Grasp(np.eye(3), -np.eye(3), [ng.FrictionContact(0.5)] * 3)
@@ -24,7 +25,7 @@ def problem(hand, contact=None, budget="hand_torques"):
 
 @pytest.fixture(scope="module")
 def solved():
-    return ng.solve(problem(four_finger_hand()), 1, options=ONE)
+    return solve_once(problem(four_finger_hand()), 1, options=ONE)
 
 
 @pytest.mark.parametrize("contact", [ng.FrictionContact(0.6), ng.SoftContact(0.6, 0.004, model="elliptic")])

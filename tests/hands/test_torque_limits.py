@@ -6,6 +6,7 @@ import pytest
 
 import nlpgrasp as ng
 from tests.hands.urdf import FOUR, FOUR_TIPS, Mujoco, body_frame, four_finger_hand
+from tests.once import solve_once
 
 LINKS = list(FOUR_TIPS)
 
@@ -15,7 +16,7 @@ def solution():
     body = ng.Sphere(0.03)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=four_finger_hand())
-    return ng.solve(problem, 1, options=ng.SolveOptions(workers=1, shadow_prices=False))
+    return solve_once(problem, 1, options=ng.SolveOptions(workers=1, shadow_prices=False))
 
 
 def mujoco_jacobians(solution):

@@ -12,6 +12,7 @@ import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import contacts_csv, glb, isaac_grasp, read_contacts_csv, read_isaac_grasps
 from tests.hands.urdf import GRIPPER, gripper, solution_links
+from tests.once import solve_once
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +23,7 @@ def box():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="box",
     )
-    return ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
+    return solve_once(problem, starts=1)
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +129,7 @@ def held():
         hand=gripper(),
         name="held box",
     )
-    return ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))
+    return solve_once(problem, starts=2)
 
 
 @pytest.mark.slow

@@ -14,12 +14,14 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.interop import grasp_of_posture, isaac_grasp, read_isaac_grasps
 from nlpgrasp.interop.placed_hand import nearest
 from tests.hands.urdf import gripper, three_finger_hand
+from tests.once import solve_once
 
 pytestmark = pytest.mark.slow  # a solve with a hand
 
 SCRIPT = """
 import nlpgrasp as ng
 from tests.hands.urdf import three_finger_hand
+from tests.once import solve_once
 
 def problem():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
@@ -37,7 +39,7 @@ def problem(body=None, hand=None):
 @pytest.fixture(scope="module")
 def held(tmp_path_factory):
     """A solution and its isaac_grasp file."""
-    solution = ng.solve(problem(), starts=2, options=ng.SolveOptions(workers=1))
+    solution = solve_once(problem(), starts=2)
     path = tmp_path_factory.mktemp("held") / "held.yaml"
     path.write_text(isaac_grasp({"grasp_0": solution}))
     return solution, path

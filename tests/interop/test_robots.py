@@ -13,6 +13,7 @@ import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import ExportOptions, benchmark_arrays, dexgraspbench, isaac_grasp, moveit, read_isaac_grasps
 from tests.hands.urdf import GRIPPER, solution_links
+from tests.once import solve_once
 
 # github.com/moveit/moveit_msgs: msg/Grasp.msg, msg/GripperTranslation.msg; trajectory_msgs, geometry_msgs, std_msgs,
 # builtin_interfaces of ROS 2. Nested messages by field; numbers, names and lists of them are leaves.
@@ -54,7 +55,7 @@ def held():
     body, contact = ng.Box([0.05, 0.03, 0.03]), ng.SoftContact(0.7, 0.01)
     problem = ng.GraspProblem(body, contact, task, hand=gripper(), name="held box", max_force=40.0)
     options = ng.SolveOptions(workers=1, exchange=False, final_rtol=0.05)
-    return ng.solve(problem, starts=2, options=options)
+    return solve_once(problem, starts=2, options=options)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +65,7 @@ def jaws():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.06]), ng.SoftContact(0.6, 0.005), task, hand=hand)
     options = ng.SolveOptions(workers=1, exchange=False, extras=False, final_rtol=0.05)
-    return ng.solve(problem, starts=1, options=options)
+    return solve_once(problem, starts=1, options=options)
 
 
 @pytest.mark.parametrize("which", ["held", "jaws"])

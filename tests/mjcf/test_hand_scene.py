@@ -17,6 +17,7 @@ from nlpgrasp.mjcf import mjcf_with_hand
 from nlpgrasp.mjcf.hand_scene.object_shape import convex_pieces
 from nlpgrasp.mjcf.hand_scene.tip_geoms import tip_geom
 from tests.hands.urdf import three_finger_hand
+from tests.once import solve_once
 
 HAND = "problems/hands/three_finger_hand.urdf"
 
@@ -26,7 +27,7 @@ def held():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     body = ng.Ellipsoid([0.05, 0.03, 0.03])
     problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand(), name="a <hand> & more")
-    return ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))
+    return solve_once(problem, starts=2)
 
 
 def loaded(text, key):

@@ -14,6 +14,7 @@ from nlpgrasp.mjcf import SceneOptions, mjcf
 from nlpgrasp.tasks.mass import mass_of
 from tests.hands.urdf import three_finger_hand
 from tests.images import panels_drawn
+from tests.once import solve_once
 
 HAND = "problems/hands/three_finger_hand.urdf"
 
@@ -26,15 +27,15 @@ def box():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="a <box> & more",
     )
-    return ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False, exchange=False))
+    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False, exchange=False))
 
 
 @pytest.fixture(scope="module")
 def held():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     body = ng.Ellipsoid([0.05, 0.03, 0.03])
-    problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand())
-    return ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))
+    problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand(), name="a <hand> & more")
+    return solve_once(problem, starts=2)
 
 
 def loaded(text):

@@ -8,6 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from tests.once import solve_once
 from tests.samples import random_rotation
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -70,7 +71,7 @@ def test_the_equivalence_constants_are_the_paper_s():
 def doubled():
     task = ng.TaskEllipsoid.from_quadratic(np.eye(3), beta=2.0)
     problem = ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 3, task, name="doubled")
-    return ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False))
+    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False))
 
 
 def test_solutions_and_files_state_both(doubled, tmp_path):

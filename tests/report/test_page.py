@@ -14,6 +14,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.shown.numbers import outwards
 from nlpgrasp.errors import InputError
 from nlpgrasp.report import write_pictures, write_report
+from tests.once import solve_once
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 needs_browser = pytest.mark.skipif(
@@ -25,12 +26,11 @@ needs_browser = pytest.mark.skipif(
 def planar():
     square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     task = ng.TaskEllipsoid([1, 1, 1], center=[0, 0.5, 0])
-    return ng.solve(
+    return solve_once(
         ng.GraspProblem(
             square, [ng.FrictionContact(0.5)] * 2, task, constraints=[ng.Table(-0.999)], name="square </b>"
         ),
         starts=2,
-        options=ng.SolveOptions(workers=1),
     )
 
 
@@ -42,7 +42,7 @@ def spatial():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="box",
     )
-    return ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
+    return solve_once(problem, starts=1)
 
 
 @pytest.fixture(scope="module")

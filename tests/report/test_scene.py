@@ -9,6 +9,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.report.scene.scene import scene
 from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches, pushed
+from tests.once import solve_once
 
 ONE = ng.SolveOptions(workers=1, shadow_prices=False)
 TURN = [np.cos(np.pi / 8), 0.0, 0.0, np.sin(np.pi / 8)]  # 45 degrees about z
@@ -27,7 +28,7 @@ def ring():
             ng.Obstacle(ng.Box([0.02, 0.04, 0.1]), position=[0.12, 0.0, 0.01], quaternion=TURN, name="wall"),
         ],
     )
-    return ng.solve(problem, starts=1, options=ONE)
+    return solve_once(problem, starts=1, options=ONE)
 
 
 @pytest.fixture(scope="module")

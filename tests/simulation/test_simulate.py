@@ -19,6 +19,7 @@ from nlpgrasp.simulation.given import given
 from nlpgrasp.simulation.loads import answered, gripping
 from nlpgrasp.simulation.strip import write_strip
 from tests.images import panels_drawn, size
+from tests.once import solve_once
 from tests.test_problems import VALUES
 
 
@@ -30,7 +31,7 @@ def square():
         ng.TaskEllipsoid([1.0, 1.0, 0.03], center=[0.0, 0.5, 0.0]),
         name="square",
     )
-    return ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1))
+    return solve_once(problem, starts=2)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def box():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="box",
     )
-    return ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False, exchange=False))
+    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False, exchange=False))
 
 
 @pytest.fixture(scope="module")

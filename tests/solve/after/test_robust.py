@@ -13,6 +13,7 @@ from nlpgrasp.solution.placed import SurfaceMatch
 from nlpgrasp.solve.after.robust import robustness
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
+from tests.once import solve_once
 
 ONE = ng.SolveOptions(workers=1, shadow_prices=False)
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
@@ -24,7 +25,7 @@ def problem(body):
 
 @pytest.fixture(scope="module")
 def ellipsoid():
-    return ng.solve(problem(ng.Ellipsoid([0.05, 0.03, 0.02])), 2, options=ONE)
+    return solve_once(problem(ng.Ellipsoid([0.05, 0.03, 0.02])), 2, options=ONE)
 
 
 @pytest.mark.slow
@@ -124,7 +125,7 @@ TINY = ng.GraspProblem(ng.Ellipsoid([0.006, 0.003, 0.002]), [ng.FrictionContact(
 @pytest.fixture(scope="module")
 def fragile():
     """A body of a few millimetres: contacts that are 1 mm off hold nothing."""
-    return ng.solve(TINY, 1, options=ONE)
+    return solve_once(TINY, 1, options=ONE)
 
 
 def test_fragile_is_said(fragile, ellipsoid, tmp_path):

@@ -13,6 +13,7 @@ from nlpgrasp.interop import read_contacts_csv
 from nlpgrasp.interop.base import ReadOptions
 from nlpgrasp.interop.registry import format_named, reader_of
 from nlpgrasp.solution.solution import GraspSolution
+from tests.once import solve_once
 from tests.verify.edits import put
 from tests.verify.stated import edited
 
@@ -27,7 +28,7 @@ def problem():
 
 @pytest.fixture(scope="module")
 def solution(problem):
-    return ng.solve(problem, starts=3, options=ng.SolveOptions(workers=1), keep=KEEP, distinct=DISTINCT)
+    return solve_once(problem, starts=3, keep=KEEP, distinct=DISTINCT)
 
 
 @pytest.fixture(scope="module")

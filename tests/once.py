@@ -1,0 +1,19 @@
+"""Solutions that several tests look at: one process of a run solves, the others read its file."""
+
+import hashlib
+import json
+import os
+from pathlib import Path
+
+import nlpgrasp as ng
+
+ALONE = ng.SolveOptions(workers=1)
+
+
+def solve_once(problem, starts, options=ALONE, **more):
+    """Return what ``ng.solve`` finds, from this run's folder where another test has asked the same."""
+    asked = json.dumps([problem.to_dict(), starts, repr(options), repr(more)], sort_keys=True)
+    path = Path(os.environ["NLPGRASP_CACHE"]) / f"once-{hashlib.sha256(asked.encode()).hexdigest()[:24]}.json"
+    if not path.exists():
+        ng.solve(problem, starts=starts, options=options, **more).save(path)
+    return ng.GraspSolution.load(path)
