@@ -1,5 +1,7 @@
 """Uphill on the mesh itself, after the ascent on the smooth surface."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import trimesh
@@ -13,9 +15,17 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.quick import first
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-BALL = ng.Mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.03))
-BRICK = ng.Mesh(trimesh.creation.box([0.08, 0.05, 0.03]).subdivide().subdivide().subdivide())
 AROUND = np.array([[1.0, 0.0, 0.3], [-0.5, 0.87, 0.3], [-0.5, -0.87, 0.3], [0.0, 0.2, 1.3]])
+
+
+@cache
+def ball():
+    return ng.Mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.03))
+
+
+@cache
+def brick():
+    return ng.Mesh(trimesh.creation.box([0.08, 0.05, 0.03]).subdivide().subdivide().subdivide())
 
 
 def bench_of(body, **posed):
@@ -34,10 +44,10 @@ def drawn(bench, seed):
 @pytest.mark.parametrize("seed", first(1, range(2)))
 def test_from_anywhere_on_a_ball_to_the_best(seed):
     """As good, within 3 %, as from a regular tetrahedron's corners."""
-    bench = bench_of(BALL)
+    bench = bench_of(ball())
     placed, start = drawn(bench, seed)
     found = climbed(bench, placed, start, np.random.default_rng(0), Stop())
-    assert np.max(BALL.closest(found.points)[2]) <= 1e-9
+    assert np.max(ball().closest(found.points)[2]) <= 1e-9
     best = climbed(bench, placed, bench.grasp_at(*ideal()), np.random.default_rng(0), Stop())
     assert ng.mu(found, TASK).upper >= 0.97 * ng.mu(best, TASK).lower
 
@@ -45,14 +55,14 @@ def test_from_anywhere_on_a_ball_to_the_best(seed):
 def ideal():
     """Return the corners of a tetrahedron on the mesh with the mesh's own inward normals."""
     corners = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
-    points, outward, _ = BALL.closest(0.03 * corners / np.sqrt(3.0))
+    points, outward, _ = ball().closest(0.03 * corners / np.sqrt(3.0))
     return points, -outward
 
 
 @pytest.mark.slow
 def test_a_climb_does_not_depend_on_those_before():
     """Starts share the workbench: which of them ran before must not matter."""
-    bench = bench_of(BRICK)
+    bench = bench_of(brick())
     (placed, start), other = drawn(bench, 1), drawn(bench, 2)
     first = climbed(bench, placed, start, np.random.default_rng(0), Stop())
     climbed(bench, *other, np.random.default_rng(0), Stop())
@@ -62,7 +72,7 @@ def test_a_climb_does_not_depend_on_those_before():
 
 @pytest.mark.parametrize("budget", first(1, ["l2", "per_finger", "shared"]))
 def test_it_is_never_worse_and_stays_off_edges(budget):
-    bench = bench_of(BRICK, force_budget=budget)
+    bench = bench_of(brick(), force_budget=budget)
     problem = bench.problem
     gains = []
     for seed in range(3):
@@ -71,8 +81,8 @@ def test_it_is_never_worse_and_stays_off_edges(budget):
         before, after = (ng.mu(g, TASK, 0.01, force_budget=problem.budget) for g in (start, found))
         assert after.upper >= before.lower
         gains.append(after.lower - before.upper)
-        assert np.max(BRICK.closest(found.points)[2]) <= 1e-9
-        smooth = BRICK.evaluate(BRICK.face_names[0], found.points)[2]
+        assert np.max(brick().closest(found.points)[2]) <= 1e-9
+        smooth = brick().evaluate(brick().face_names[0], found.points)[2]
         assert np.min(np.sum(smooth * -found.normals, axis=1)) >= np.cos(MESH_ANGLE) - 1e-9
     assert max(gains) > 0.05
 
@@ -81,9 +91,9 @@ def test_it_is_never_worse_and_stays_off_edges(budget):
     "constraint", [ng.Table(0.0, 0.0), ng.Spread(0.02)], ids=["of single contacts", "that couples contacts"]
 )
 def test_constraints_are_kept(constraint):
-    bench = bench_of(BALL, constraints=[constraint])
-    points, outward, _ = BALL.closest(0.03 * AROUND / np.linalg.norm(AROUND, axis=1, keepdims=True))
-    start, placed = bench.grasp_at(points, -outward), Placed(BALL.face_names * 4, points)
+    bench = bench_of(ball(), constraints=[constraint])
+    points, outward, _ = ball().closest(0.03 * AROUND / np.linalg.norm(AROUND, axis=1, keepdims=True))
+    start, placed = bench.grasp_at(points, -outward), Placed(ball().face_names * 4, points)
     assert bench.violation(placed) <= 1e-5
     found = climbed(bench, placed, start, np.random.default_rng(0), Stop())
     after = bench.rows.violations(found.points[None], found.normals[None], placed.repeated_hand(1))
@@ -92,7 +102,7 @@ def test_constraints_are_kept(constraint):
 
 
 def test_only_on_meshes_and_where_supports_add_up():
-    assert bench_of(BALL).mesh_climb is not None
+    assert bench_of(ball()).mesh_climb is not None
     assert bench_of(ng.Sphere(0.03)).mesh_climb is None
-    line = ng.GraspProblem(BALL, [ng.LineContact(0.01, direction=[0.0, 0.0, 1.0])] * 4, TASK)
+    line = ng.GraspProblem(ball(), [ng.LineContact(0.01, direction=[0.0, 0.0, 1.0])] * 4, TASK)
     assert Workbench(line, ng.SolveOptions(workers=1)).mesh_climb is None

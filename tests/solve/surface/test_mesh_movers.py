@@ -1,5 +1,7 @@
 """From the smooth surface onto the mesh: contacts that slide, and a hand that moves until it touches."""
 
+from functools import cache
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -20,24 +22,28 @@ from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1)
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-MESH = ng.Mesh(trimesh.creation.icosphere(subdivisions=2, radius=0.03))
 AXES = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) / np.sqrt(3.0)
 
 
+@cache
+def the_mesh():
+    return ng.Mesh(trimesh.creation.icosphere(subdivisions=2, radius=0.03))
+
+
 def off_mesh(points):
-    return MESH.closest(points)[2]
+    return the_mesh().closest(points)[2]
 
 
 def own_normals(points):
     """Inward normals of the triangles that points are on: of a convex body those whose plane is farthest out."""
-    outward = MESH.mesh.face_normals
-    planes = np.sum(outward * MESH.mesh.triangles[:, 0], axis=1)
+    outward = the_mesh().mesh.face_normals
+    planes = np.sum(outward * the_mesh().mesh.triangles[:, 0], axis=1)
     return -outward[np.argmax(points @ outward.T - planes, axis=1)]
 
 
 @pytest.fixture(scope="module")
 def sliding():
-    problem = ng.GraspProblem(MESH, [ng.FrictionContact(0.5)] * 4, TASK, constraints=[ng.Table(-0.02, 0.0)])
+    problem = ng.GraspProblem(the_mesh(), [ng.FrictionContact(0.5)] * 4, TASK, constraints=[ng.Table(-0.02, 0.0)])
     return Workbench(problem, OPTIONS)
 
 
@@ -45,8 +51,8 @@ def sliding():
 def test_contacts_slide_to_better_points_of_the_mesh(sliding, seed):
     rng = np.random.default_rng(seed)
     turned = AXES @ np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    start = sliding.snapped(Placed(MESH.face_names * 4, 0.03 * (turned + 0.3 * rng.standard_normal((4, 3)))))
-    begun = MESH.closest(start.points)[0]
+    start = sliding.snapped(Placed(the_mesh().face_names * 4, 0.03 * (turned + 0.3 * rng.standard_normal((4, 3)))))
+    begun = the_mesh().closest(start.points)[0]
     grasp = slide_onto_mesh(sliding, start, rng, Stop())
     assert np.max(off_mesh(grasp.points)) <= 1e-9
     np.testing.assert_allclose(grasp.normals, own_normals(grasp.points), atol=1e-6)
@@ -57,7 +63,7 @@ def test_contacts_slide_to_better_points_of_the_mesh(sliding, seed):
 def test_sliding_keeps_the_constraints_where_it_is_told_to(sliding):
     """A table at z = -0.02 under contacts that would like to be evenly around the ball."""
     points = 0.03 * np.array([[0.9, 0.0, 0.4], [-0.9, 0.0, 0.4], [0.0, 0.9, 0.4], [0.0, -0.9, 0.4]])
-    start = sliding.snapped(Placed(MESH.face_names * 4, points))
+    start = sliding.snapped(Placed(the_mesh().face_names * 4, points))
     kept = slide_onto_mesh(sliding, start, np.random.default_rng(0), Stop())
     assert np.min(kept.points[:, 2]) >= -0.02 - 1e-6
     assert OnBody.of(sliding, Placed(start.faces, kept.points), kept).allowed
@@ -66,7 +72,7 @@ def test_sliding_keeps_the_constraints_where_it_is_told_to(sliding):
 @pytest.fixture(scope="module")
 def posed():
     """A hand around the ball, fingertips and clearances as the smooth surface wants them."""
-    problem = ng.GraspProblem(MESH, ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
+    problem = ng.GraspProblem(the_mesh(), ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
     bench = Workbench(problem, OPTIONS)
     found = (touching(bench, candidate) for candidate in draw_start(bench, np.random.default_rng(0)))
     return bench, next(placed for placed, violation in found if violation <= TOUCHING)
@@ -82,7 +88,7 @@ def test_a_hand_touches_the_mesh(posed):
     distance = np.linalg.norm(towards, axis=1)
     np.testing.assert_allclose(distance, bench.hand_points.hand.tip_radii, atol=1e-6)
     np.testing.assert_allclose(found.grasp.normals, towards / distance[:, None], atol=1e-9)
-    clearances = bench.hand_points.mesh_clearances(MESH, found.placed.hand)
+    clearances = bench.hand_points.mesh_clearances(the_mesh(), found.placed.hand)
     lower = [bench.rows.named[i].lower for i in bench.rows.clearances]
     assert np.all(clearances >= np.array(lower) - 1e-6)
 
@@ -109,7 +115,7 @@ def test_a_hand_goes_to_the_contacts_it_is_told_first(posed):
     bench, placed = posed
     a = np.radians(3.0)
     turn = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
-    aim = MESH.closest(placed.points @ turn.T)[0]
+    aim = the_mesh().closest(placed.points @ turn.T)[0]
     aimed = touch_mesh(bench, Placed(placed.faces, aim, placed.hand), own_normals(aim))
     plain = touch_mesh(bench, placed)
     assert aimed.gap <= TOUCHED
