@@ -1,4 +1,4 @@
-"""Parameters of which the first are tried always, and the others with the slow tests."""
+"""Parameters of which some are tried always, and the others with the slow tests."""
 
 import pytest
 
@@ -7,3 +7,8 @@ def first(count, values):
     """Return the parameters, all but the first ones marked as slow."""
     every = list(values)
     return [*every[:count], *(pytest.param(value, marks=pytest.mark.slow) for value in every[count:])]
+
+
+def every(nth, values):
+    """Return the parameters, every n-th as it is and those between marked as slow."""
+    return [v if i % nth == 0 else pytest.param(v, marks=pytest.mark.slow) for i, v in enumerate(values)]

@@ -67,7 +67,9 @@ def test_halved_triangles_are_the_surface_again():
     ("make", "contacts", "more"),
     [
         (random_hull, [ng.FrictionContact(0.6)] * 3, {}),
-        (random_hull, [ng.SoftContact(0.5, 0.2)] * 2, {"force_budget": "per_finger"}),
+        pytest.param(
+            *(random_hull, [ng.SoftContact(0.5, 0.2)] * 2, {"force_budget": "per_finger"}), marks=pytest.mark.slow
+        ),
         (bent_bar, [ng.FrictionContact(0.5)] * 4, {}),
         pytest.param(
             *(bent_bar, [ng.SoftContact(0.5, 0.2), ng.FrictionContact(0.8), ng.PointContact()], {}),

@@ -8,6 +8,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, usable_mesh
 from tests.bodies.forty_meshes import ACROSS, INNER, A, forty
 from tests.bodies.made_meshes import JOINED, ball, box, inverted, joined, off_the_outer_surface, soup, winding
+from tests.quick import every
 
 FORTY = forty()
 HELD = [name for name, made in FORTY.items() if made.solids]
@@ -24,7 +25,7 @@ def test_there_are_forty():
     assert len(FORTY) + 1 >= 40  # and the one of 200,000 triangles
 
 
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("name", every(3, HELD))
 def test_all_of_the_surface_is_outside(name, rng):
     made = FORTY[name]
     body = rough(soup(made.mesh))
@@ -35,7 +36,7 @@ def test_all_of_the_surface_is_outside(name, rng):
         assert words in note
 
 
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("name", every(3, HELD))
 def test_all_of_the_outer_surface_is_there(name, rng):
     """Points of each solid that are outside all others are on the body, but for slits along seams."""
     made = FORTY[name]
@@ -49,7 +50,7 @@ def test_all_of_the_outer_surface_is_there(name, rng):
         assert np.sum(missing) <= (0.02 * len(points) if name == "ball with a hole, and a bar" else 0)
 
 
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("name", every(3, HELD))
 def test_inside_is_inside(name, rng):
     made = FORTY[name]
     body = rough(soup(made.mesh))

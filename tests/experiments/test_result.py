@@ -24,6 +24,7 @@ from nlpgrasp.quality import Bounds
 from nlpgrasp.report.experiment.plots import wilson
 from nlpgrasp.solution.records import ConstraintReport
 from tests.experiments.small import experiment
+from tests.quick import every
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +121,7 @@ def test_a_plan_that_is_none_is_refused(text, tmp_path):
 WRONG = [None, 3, "x", [], {}, 1e300]
 
 
-@pytest.mark.parametrize("wrong", WRONG, ids=repr)
+@pytest.mark.parametrize("wrong", every(3, WRONG), ids=repr)
 @pytest.mark.parametrize("field", ["seconds", "iterations", "seed"])
 def test_a_wrong_entry_in_one_file_costs_that_solve_alone(result, tmp_path, field, wrong):
     folder = tmp_path / "out"

@@ -10,6 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.sources import Sources
+from tests.quick import every
 from tests.verify.edits import put
 
 FRICTION, SOFT = ng.FrictionContact(0.5), ng.SoftContact(0.5, 0.2)
@@ -93,7 +94,7 @@ def verified(data, tmp_path):
     return ng.verify(path)
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", every(2, PROBLEMS))
 def test_a_bound_is_computed_again_as_it_is_claimed(name, tmp_path):
     data = bound_data(name)
     verification = verified(data, tmp_path)
