@@ -124,10 +124,13 @@ def _solved(name, hand, body, friction):
 
 
 def _asked(solution):
-    """Return what each finger is to press with, newtons: what mu says of a push, and the usual at least."""
-    if solution.squeeze is None:
+    """Return what each finger is to press with, newtons: as mu says of a push, 2 N at least, and within efforts."""
+    squeeze = solution.squeeze
+    if squeeze is None:
         return None
-    return max(MARGIN * PUSH / (solution.mu.lower * np.sqrt(len(solution.grasp))), SQUEEZES[-1])
+    wanted = max(MARGIN * PUSH / (solution.mu.lower * np.sqrt(len(solution.grasp))), SQUEEZES[-1])
+    worst = squeeze.joints.worst
+    return wanted if worst is None else min(wanted, 0.999 * squeeze.normal_force / max(worst[1], 1e-9))
 
 
 def _pressed(solution, path, force):

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -102,6 +103,31 @@ def test_masses_are_those_of_the_urdf(held):
     assert model.body("object").mass[0] == pytest.approx(0.25)
     for link, inertial in stated.items():
         assert model.body(f"hand_{link}").mass[0] == pytest.approx(max(inertial.mass, 1e-3))
+
+
+def test_an_arm_above_the_palm_weighs_nothing_and_the_palm_does_not_swing(held, tmp_path):
+    """What carries the palm is as heavy as the hand, and damped critically: 2 sqrt(k m)."""
+    arm = '<link name="arm"><inertial><mass value="50"/></inertial></link><joint name="wrist" type="fixed">'
+    arm += '<parent link="arm"/><child link="palm"/></joint><link name="palm">'
+    weight = (
+        '<inertial><mass value="0.5"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    text = Path(HAND).read_text().replace('<link name="palm">', arm + weight)
+    (tmp_path / "arm.urdf").write_text(text)
+    model, data = loaded(mjcf_with_hand(held, tmp_path / "arm.urdf"), "pregrasp")
+    moved = model.body("hand").subtreemass[0]
+    links = sum(model.body(i).mass[0] for i in range(model.nbody) if model.body(i).name.startswith("hand_"))
+    assert links == pytest.approx(0.5, rel=0.1)
+    assert moved == pytest.approx(2.0 * links, rel=0.1)
+    slide = model.joint("palm_z")
+    critical = 2.0 * np.sqrt(model.actuator("palm_z").gainprm[0] * moved)
+    assert slide.damping[0] == pytest.approx(critical, rel=0.1)
+    data.ctrl[model.actuator("palm_z").id] = 0.01
+    highest = 0.0
+    for _ in range(400):
+        mujoco.mj_step(model, data)
+        highest = max(highest, float(data.joint("palm_z").qpos[0]))
+    assert 0.0099 < highest < 0.0102
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.robot.robot import Joint, Robot
 from nlpgrasp.hands.spheres.shapes import Shape
 from nlpgrasp.hands.urdf.inertials import Inertial
-from nlpgrasp.mjcf.hand_scene.options import ARM_RATE, ARM_STIFFNESS, HandSceneOptions
+from nlpgrasp.mjcf.hand_scene.options import ARM_STIFFNESS, HandSceneOptions
 from nlpgrasp.mjcf.hand_scene.tip_geoms import quaternion, tip_geom
 from nlpgrasp.mjcf.parts import numbers
 from nlpgrasp.solution.squeezed.joints import LEVER
@@ -72,10 +72,10 @@ def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]],
         raise ValueError("a scene has an asset and a worldbody")
     robot = placed.robot
     carried = SubElement(world, "body", name="hand", pos=numbers(placed.palm["position"]), gravcomp="1")
-    weight = sum(i.mass for i in placed.inertials.values()) or 1.0
+    weight = sum(placed.inertials[link].mass for link in robot.links if link in placed.inertials) or 1.0
+    critical = 2.0 * np.sqrt(ARM_STIFFNESS * 2.0 * weight)  # of an arm as heavy as the hand that it carries
     for name, axis in zip(ARM, np.eye(3), strict=True):
-        damping = f"{ARM_STIFFNESS / ARM_RATE:.9g}"
-        SubElement(carried, "joint", name=name, type="slide", axis=numbers(axis), damping=damping)
+        SubElement(carried, "joint", name=name, type="slide", axis=numbers(axis), damping=f"{critical:.9g}")
     SubElement(carried, "inertial", pos="0 0 0", mass=f"{weight:.9g}", diaginertia=numbers([weight * 1e-3] * 3))
     bodies: dict[str, Element] = {}
     above = {joint.child: joint for joint in robot.joints}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from nlpgrasp.common.validation import number
 
-ARM_STIFFNESS, ARM_RATE = 2e4, 300.0  # N / m, and 1 / s: stiffness over damping of what carries the palm
+ARM_STIFFNESS = 2e4  # N / m, of what carries the palm
 
 
 @dataclass(frozen=True)
