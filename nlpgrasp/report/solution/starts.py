@@ -19,8 +19,8 @@ from nlpgrasp.solution.starts import solver_words, why_no_grasp
 
 STRIP = "Every start's certified quality; the answer has a ring."
 RISING = (
-    "The exchange works on the solver's own surface and comes down to mu from above: a line may begin too high, and "
-    "the dots are what is certified on the body itself. The answer is blue; a dot alone is of a start without exchange."
+    "The exchange works on the solver's own surface and comes down to the quality from above: a line may begin too high, "
+    "and the dots are what is certified on the body itself. The answer is blue; a dot alone is of a start without exchange."
 )
 NOTHING = 1e-8  # values of mu that are zero but for rounding
 NONE = "No start ended with a certified grasp."
@@ -75,7 +75,8 @@ def convergence(solution: GraspSolution) -> tuple[str, str]:
                 curves.append(Curve(np.array([[end - 1.0, s.history[-1]], [end, mu.lower]]), f"{kind} last"))
             marks.append(Mark(end, mu.lower, "answer" if is_answer else "dot"))
     text = RISING if solution.winner is not None else NONE
-    return chart("How the exchange raised mu, start by start", "round of the exchange", "mu", curves, marks, "x"), text
+    title = f"How the exchange raised {solution.label}, start by start"
+    return chart(title, "round of the exchange", solution.label, curves, marks, "x"), text
 
 
 def certified(solution: GraspSolution, start: StartRecord) -> Bounds | None:
