@@ -54,7 +54,7 @@ def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
     lost = [s for s in starts if _kind(s) is not None]
     count, found = len(starts), len(starts) - len(lost)
     if count == found:
-        return [f"all {count} starts found a grasp"] if count > 1 else []
+        return [f"{'both' if count == 2 else f'all {count}'} starts found a grasp"] if count > 1 else []
     one = "the only start found no grasp"
     head = one if count == 1 else f"{found or 'none'} of {count} starts found a grasp"
     ends = [_ended(kind, own) for kind, own in _by_kind(lost).items()]

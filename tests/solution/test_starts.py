@@ -76,7 +76,8 @@ def test_a_start_without_a_grasp_has_a_reason(record, words):
             (UNHELD, ERROR, NOT_BEGUN),
             "none of 3 starts found a grasp: 1 could not hold the task, 1 ended with an error",
         ),
-        ((FOUND, FOUND), "all 2 starts found a grasp"),
+        ((FOUND, FOUND), "both starts found a grasp"),
+        ((FOUND,) * 3, "all 3 starts found a grasp"),
     ],
 )
 def test_how_many_found_a_grasp(starts, line):

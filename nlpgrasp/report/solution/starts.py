@@ -19,8 +19,9 @@ from nlpgrasp.solution.starts import solver_words, why_no_grasp
 
 STRIP = "Every start's certified quality; the answer has a ring."
 RISING = (
-    "The exchange works on the solver's own surface and comes down to the quality from above: a line may begin too high, "
-    "and the dots are what is certified on the body itself. The answer is blue; a dot alone is of a start without exchange."
+    "The exchange works on the solver's own surface and comes down to the quality from above: a line may begin too "
+    "high, and the dots are what is certified on the body itself. The answer is blue; a dot alone is of a start "
+    "without exchange."
 )
 NOTHING = 1e-8  # values of mu that are zero but for rounding
 NONE = "No start ended with a certified grasp."
