@@ -97,16 +97,23 @@ def solve_command(
         raise typer.Exit(1)
 
 
-def verify_command(file: File, rtol: Rtol = 0.01, folder: Folders = None, as_json: AsJson = False) -> None:
+def verify_command(
+    file: File,
+    rtol: Rtol = 0.01,
+    folder: Folders = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when any check could not be made.")] = False,
+    as_json: AsJson = False,
+) -> None:
     """Check a solution file or a bound file by independent code: quality, surface, constraints, hand, certificate."""
     verification = ng.verify(file, rtol, folder or ())
     if as_json:
         checks = [asdict(check) for check in verification.checks]
         mu_pair = None if verification.mu is None else pair(verification.mu)
-        emit({"passed": verification.passed, "mu": mu_pair, "checks": checks})
+        told = {"passed": verification.passed, "complete": verification.complete, "missing": verification.missing}
+        emit({**told, "mu": mu_pair, "checks": checks})
     else:
         typer.echo(str(verification))
-    if not verification:
+    if not verification or (strict and not verification.complete):
         raise typer.Exit(1)
 
 

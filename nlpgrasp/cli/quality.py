@@ -67,6 +67,8 @@ def quality_command(
 
 def _measure(given: ReadGrasp, rtol: float, torque_scale: float | None, as_json: bool) -> None:
     """Compute and print the measures of one grasp."""
+    from nlpgrasp.solution.measures.quality import held_words
+
     grasp, task, budget = given.grasp, given.task, given.budget
     scale = grasp.mean_arm if torque_scale is None else torque_scale
     found = None if task is None else ng.mu(grasp, task, rtol, force_budget=budget)
@@ -81,7 +83,10 @@ def _measure(given: ReadGrasp, rtol: float, torque_scale: float | None, as_json:
         emit({**data, "torque_scale": scale, **more})
         return
     typer.echo(f"{given.name}: {len(grasp)} contacts, force budget {budget.kind}")
-    typer.echo(f"  {kind:8} {'needs a task: --task G.json' if found is None else f'certified in {found}{why}'}")
+    told = "needs a task: --task G.json"
+    if found is not None:
+        told = f"certified in {found}{why}: {held_words(kind, budget)}"
+    typer.echo(f"  {kind:8} {told}")
     closed = "" if stable else "not "
     typer.echo(f"  delta    certified in {ball} (torque scale {scale:.4g} m): {closed}force-closed")
     typer.echo(f"  nu       {volume}")

@@ -18,7 +18,12 @@ THROUGH = "Press through the joints of this hand, the one the problem was solved
 def simulate_command(
     file: File,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="F.png", help="The strip of pictures; by default F-simulation.png.")
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="F.png",
+            help="The pictures; by default F-simulation.png, with --hand F-simulation-hand.png.",
+        ),
     ] = None,
     share: Annotated[float, typer.Option("--share", help="Of certified mu, that wrenches are scaled by.")] = 0.8,
     mass: Annotated[
@@ -42,7 +47,7 @@ def simulate_command(
     from nlpgrasp.simulation.strip import write_strip
 
     solution = ng.GraspSolution.load(file)
-    target = file.with_name(f"{file.stem}-simulation.png") if out is None else out
+    target = picture_of(file, hand) if out is None else out
     writable(target, file)
     import_mujoco("a simulation")
     pyplot("a strip of pictures")  # before the work
@@ -66,6 +71,11 @@ def simulate_command(
         typer.echo(f"pictures written to {picture}")
     if not found.confirmed:
         raise typer.Exit(1)
+
+
+def picture_of(file: Path, hand: Path | None) -> Path:
+    """Return where the pictures of a solution file go: those through a hand's joints have a name of their own."""
+    return file.with_name(f"{file.stem}-simulation{'' if hand is None else '-hand'}.png")
 
 
 def _through_the_hand(

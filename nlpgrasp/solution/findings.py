@@ -47,9 +47,13 @@ class ShadowPrice:
         """Return the price that ``to_dict`` wrote."""
         return cls(**data)
 
-    def __str__(self) -> str:
+    def words(self, label: str) -> str:
+        """Return what the step changes of the measure of this name."""
         what = f"{self.unit} more at" if self.unit.endswith("range") else f"{self.unit} more of"
-        return f"{what} {self.name} changes mu by {self.gain:+.3g}"
+        return f"{what} {self.name} changes {label} by {self.gain:+.3g}"
+
+    def __str__(self) -> str:
+        return self.words("mu")
 
 
 @dataclass(frozen=True)

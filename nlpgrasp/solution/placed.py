@@ -15,6 +15,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.schema.types import ContactData, GraspData
 
 FAR = 1e-3  # metres: a contact that moved farther is worth a word
+MISLED = 0.01  # of the contacts' spread: a smooth surface that is farther off the mesh may lead to worse grasps
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,35 @@ class SurfaceMatch:
     angles: FloatArray
     moved: FloatArray
 
-    def lines(self) -> list[str]:
-        """Return in words how far contacts moved, where that is more than a millimetre."""
-        far, most = int(np.argmax(self.moved)), float(np.max(self.moved, initial=0.0))
-        told = f"contacts moved by up to {1e3 * most:.3g} mm (contact {far})"
-        return [f"  {told} from the solver's smooth surface to their place on the mesh"] if most > FAR else []
+    @property
+    def along(self) -> FloatArray:
+        """About how far each contact slid along the mesh, (k,), metres: its way less the distance, as legs are."""
+        return np.sqrt(np.maximum(self.moved**2 - self.distances**2, 0.0))
+
+    def lines(self, size: float) -> list[str]:
+        """Return in words how far the smooth surface is off the mesh and how far contacts slid, and what that means.
+
+        Parameters
+        ----------
+        size : float
+            Of the grasp, metres: how far apart its contacts are. What is less than a millimetre and a hundredth of it
+            is not worth a word.
+        """
+        off, slid = (float(np.max(part, initial=0.0)) for part in (self.distances, self.along))
+        lines = []
+        if off > min(FAR, MISLED * size):
+            wide = (
+                "what is stated is of the mesh, but a finer or less smoothed surface (Mesh: resolution, smoothing) may "
+            )
+            says = (
+                f"{wide}lead to a better grasp" if off > MISLED * size else "little for this grasp, stated of the mesh"
+            )
+            told = f"the solver's smooth surface is up to {1e3 * off:.3g} mm off the mesh at {_which(self.distances)}"
+            lines.append(f"  {told}: {says}")
+        if slid > FAR:
+            told = f"contacts slid up to {1e3 * slid:.3g} mm along the mesh in the last step ({_which(self.along)})"
+            lines.append(f"  {told}: no error, positions and quality are those after it")
+        return lines
 
     def at(self, i: int) -> dict[str, float]:
         """Return what contact ``i``'s entry says of it."""
@@ -84,7 +109,8 @@ class PlacedGrasp:
         result = []
         for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
             result.append(f"  contact {i} on {face}: position [{vector(p, 4)}] m, inward normal [{vector(n, 4)}]")
-        return result if self.surface is None else [*result, *self.surface.lines()]
+        size = float(np.linalg.norm(np.ptp(self.grasp.points, axis=0)))
+        return result if self.surface is None else [*result, *self.surface.lines(size)]
 
     def to_dict(self) -> GraspData:
         """Return the grasp as JSON data, contact by contact."""
@@ -127,3 +153,8 @@ class PlacedGrasp:
         if grasp.dimension != data["dimension"]:
             raise InputError(f"{name}.dimension", data["dimension"], f"{grasp.dimension}, as the positions say")
         return cls(grasp, tuple(str(c.get("face", "")) for c in contacts), SurfaceMatch.of(contacts))
+
+
+def _which(values: FloatArray) -> str:
+    """Return the contact with the largest of values (k,), in words."""
+    return f"contact {int(np.argmax(values))}"

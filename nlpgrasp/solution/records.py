@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -133,6 +133,11 @@ class ConstraintReport:
     kind: str = ""
     fingers: tuple[int, ...] = ()
 
+    @property
+    def is_equation(self) -> bool:
+        """Whether one value alone is allowed: it is always met, and no limit that somebody could move."""
+        return self.lower == self.upper
+
     def to_dict(self) -> ConstraintData:
         """Return the report as JSON data, None for no limit."""
         data: ConstraintData = {
@@ -179,25 +184,3 @@ def starts_of(solver: SolverData, name: str) -> tuple[tuple[StartRecord, ...], S
 
 def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def winner_of(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
-    """Return the start whose grasp is the answer; the largest certified upper bound where nothing says which."""
-    if best_start is not None:
-        return next((s for s in starts if s.index == best_start), None)
-    solved = [s for s in starts if s.status is Status.SOLVED and s.mu != UNKNOWN]
-    return max(solved, key=lambda s: s.mu.upper, default=None)
-
-
-def passed_over(starts: Sequence[StartRecord], winner: StartRecord | None, before: float = 0.0) -> list[str]:
-    """Return in words which start found a grasp with more mu than the answer, that keeps less of it.
-
-    ``before`` is the answer's mu before its hand's joints got room.
-    """
-    if winner is None:
-        return []
-    more = [s for s in starts if s.status is Status.SOLVED and s.mu.lower > max(winner.mu.upper, before)]
-    best = max(more, key=lambda s: s.mu.lower, default=None)
-    if best is None:
-        return []
-    return [f"  start {best.index} found mu in {best.mu}: passed over, as less of it is left when contacts are off"]

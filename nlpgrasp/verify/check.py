@@ -14,6 +14,9 @@ BROKEN = (
     *(MemoryError, RuntimeError, InputError, OSError, ParseError),
 )
 """What comes of parts of a file that make no sense."""
+MOST = 2  # reasons, beside missing files, that a verdict names
+
+NO_BODY = "the body is not there"  # why checks are not made where that of the surface says the reason
 
 
 @dataclass(frozen=True)
@@ -60,10 +63,13 @@ class Verification:
         What was compared, in order, with the outcome of each.
     mu : Bounds or None
         Computed anew.
+    missing : tuple of str
+        Names of the files (mesh, URDF) that were looked for and not found.
     """
 
     checks: tuple[Check, ...]
     mu: Bounds | None
+    missing: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -75,18 +81,40 @@ class Verification:
         """The checks that could not be made, each saying why."""
         return tuple(check for check in self.checks if not check.made)
 
+    @property
+    def complete(self) -> bool:
+        """Whether every check could be made."""
+        return not self.not_made
+
     def __bool__(self) -> bool:
         return self.passed
 
     @property
     def verdict(self) -> str:
-        """The outcome in a sentence: ``"verified: ..."`` or ``"NOT verified: ..."``, with how many checks say so."""
+        """The outcome in a sentence with how many checks say so, and why some could not be made.
+
+        It begins with ``"verified: "``, with ``"partly verified: "`` where a check could not be made, or with
+        ``"NOT verified: "``.
+        """
         failed = [check.name for check in self.checks if check.failed]
         made = len(self.checks) - len(self.not_made)
-        left = f"; {len(self.not_made)} could not be made" if self.not_made else ""
+        left = f", {len(self.not_made)} could not be made ({self._reasons()})" if self.not_made else ""
         if failed:
             return f"NOT verified: {len(failed)} of {made} checks failed ({', '.join(failed)}){left}"
-        return f"verified: {made} check{'' if made == 1 else 's'} passed{left}"
+        word = "verified" if self.complete else "partly verified"
+        return f"{word}: {made} check{'' if made == 1 else 's'} passed{left}"
+
+    def _reasons(self) -> str:
+        """Return why checks could not be made: the files that are missing, then other reasons, each once."""
+        files = list(dict.fromkeys(self.missing))
+        whose = "its folder" if len(files) == 1 else "their folders"
+        told = (
+            [f"{' and '.join(files)} not found; give {whose} with --folder, in Python with folders="] if files else []
+        )
+        details = dict.fromkeys(check.detail.removeprefix("not made: ") for check in self.not_made)
+        others = [why for why in details if why != NO_BODY and not any(why.startswith(name) for name in files)]
+        more = [f"{len(others) - MOST} other reasons"] if len(others) > MOST else []
+        return "; ".join([*told, *others[:MOST], *more]) or NO_BODY
 
     def __str__(self) -> str:
         return "\n".join([*map(str, self.checks), self.verdict])

@@ -15,7 +15,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bodies.edges import margin_rows
-from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, guarded, no_sense
+from nlpgrasp.verify.check import BROKEN, NO_BODY, Check, NotMadeError, guarded, no_sense
 from nlpgrasp.verify.claims.drawing import drawing_check
 from nlpgrasp.verify.claims.gripper import gripper_checks
 from nlpgrasp.verify.claims.phases import phase_checks
@@ -108,7 +108,7 @@ def link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlace
     """Yield the distance of each sphere of the hand from the held body, then what keeps the hand off itself."""
     balls = hand.balls(placement)
     if balls and surface is None:
-        raise NotMadeError("the body is not there")
+        raise NotMadeError(NO_BODY)
     if balls and surface is not None:
         distances = surface.distance(np.array([ball.centre for ball in balls]))
         for ball, value in zip(balls, distances.tolist(), strict=True):

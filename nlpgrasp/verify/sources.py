@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from nlpgrasp.verify.check import NotMadeError
@@ -17,9 +17,15 @@ class Sources:
     ----------
     folders : tuple of Path
         In this order.
+
+    Attributes
+    ----------
+    missing : list of str
+        Names of the files that were looked for and not found.
     """
 
     folders: tuple[Path, ...] = (Path(),)
+    missing: list[str] = field(default_factory=list, init=False, repr=False, compare=False)
 
     @classmethod
     def beside(cls, file: Path | None, more: Iterable[str | Path] = ()) -> Sources:
@@ -35,4 +41,5 @@ class Sources:
             place = folder / name
             if place.is_file():
                 return place
+        self.missing.append(name)
         raise NotMadeError(f"{name} is not beside the file, in the current folder or in one that was named")

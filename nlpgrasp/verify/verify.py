@@ -55,7 +55,8 @@ def verify(
         not ask for, or, in the file of a solve, for none at all; when contacts are off their faces or
         have other normals; when a row of the constraints or the hand is missing, has another limit than the problem
         says, another value than positions and hand give, or is broken. What cannot be recomputed (a mesh or URDF that
-        is not there or has another fingerprint, an expression that stays in a script) is a check that was not made.
+        is not there or has another fingerprint, an expression that stays in a script) is a check that was not made: the
+        verdict then says "partly verified", ``complete`` is false, and ``missing`` names the files.
         A bound file, or the bound in a solution file, fails when it does not follow from its certificate
         (docs/how_close.md). Grasps kept beside the answer are checked as the answer is, and that they are distinct.
 
@@ -81,7 +82,7 @@ def verify(
             checks += guarded("bound", partial(beside_checks, solution, grasp, found, sources))
         size = half_diagonal(solution, sources)
         checks += guarded("grasps kept", partial(grasps_checks, solution, partial(_of_other, rtol, sources), size))
-    return Verification((*checks, *told), found)
+    return Verification((*checks, *told), found, tuple(dict.fromkeys(sources.missing)))
 
 
 def _of_one(solution: GraspSolution, rtol: float, sources: Sources) -> tuple[Bounds | None, list[Check]]:

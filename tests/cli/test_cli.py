@@ -9,12 +9,15 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
+from pathlib import Path
 from unittest import mock
 
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.cli.main import main
+from nlpgrasp.cli.simulate import picture_of
 from tests.images import panels_drawn, size
 from tests.verify import honest
 
@@ -116,6 +119,32 @@ def test_verify_looks_for_meshes_where_it_is_told(tmp_path):
         "detail": "",
         "made": True,
     }
+
+
+def test_verify_without_the_mesh_is_partly_verified_and_strictly_not(tmp_path):
+    shelf = tmp_path / "shelf"
+    shelf.mkdir()
+    solution = ng.GraspSolution.from_dict(honest.block(shelf))
+    replace(solution, mu=ng.verify(solution, 0.5).mu).save(tmp_path / "block.json")
+    for more, code in (((), 0), (("--strict",), 1)):
+        done = run_here("verify", "block.json", "--rtol", 0.5, *more, cwd=tmp_path)
+        assert done.returncode == code
+        told = (
+            r"partly verified: \d+ checks passed, \d+ could not be made \(block\.stl not found; give its folder with "
+        )
+        assert re.match(rf"{told}--folder", done.stdout.splitlines()[-1])
+    data = json.loads(run_here("verify", "block.json", "--rtol", 0.5, "--json", cwd=tmp_path).stdout)
+    assert (data["passed"], data["complete"], data["missing"]) == (True, False, ["block.stl"])
+
+
+def test_verify_strictly_passes_where_every_check_was_made(solved):
+    folder, _ = solved
+    assert run_here("verify", "square.json", "--strict", cwd=folder).returncode == 0
+
+
+def test_pictures_of_a_hand_have_a_name_of_their_own():
+    names = {picture_of(Path("a/mug.json"), hand).name for hand in (None, Path("tri.urdf"))}
+    assert names == {"mug-simulation.png", "mug-simulation-hand.png"}
 
 
 def test_quality_prints_both_measures(solved):

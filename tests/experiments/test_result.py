@@ -206,6 +206,11 @@ def test_active_constraints_are_named_once():
     )
 
 
+def test_equations_are_not_among_active_constraints():
+    met = ConstraintReport("palm quaternion of unit length", 1.0, 1.0, 1.0, 5.0, True)
+    assert active_constraints([met, ConstraintReport("spread", 0.1, 0.0, 0.1, 0.0, True)]) == ("spread",)
+
+
 def test_active_constraints_of_older_files_keep_their_names():
     reports = [ConstraintReport(f"table, finger {i}", 0.0, 0.0, 1.0, 0.0, True) for i in (1, 2)]
     assert active_constraints(reports) == ("table, finger 1", "table, finger 2")

@@ -132,7 +132,7 @@ def test_from_the_command_line(held, tmp_path):
     done = run("--hand", HAND)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "confirmed: held as solved, lost without the squeeze" in done.stdout
-    assert min(panels_drawn(tmp_path / "held-simulation.png", 5)) > 0.02
+    assert min(panels_drawn(tmp_path / "held-simulation-hand.png", 5)) > 0.02
     done = run("--hand", HAND, "--push", 50, "--json")
     assert done.returncode == 1
     assert json.loads(done.stdout)["verdict"].startswith("NOT confirmed: lost at a push along")

@@ -31,7 +31,9 @@ def test_print_says_it_with_units(found):
     assert "N (L2 norm of all finger forces, certified)" in text
     for i, size in enumerate(found.needed.size):
         assert f"finger {i} {size:.4g} N (" in text
-    assert f"together {found.needed.total:.4g} N" in text
+    size = [sum(x * x for x in force) ** 0.5 for force in found.needed.forces.tolist()]
+    assert f"; sum of the finger forces {sum(size):.4g} N, their L2 norm (root of the sum of squares) " in text
+    assert f" (root of the sum of squares) {sum(s * s for s in size) ** 0.5:.4g} N\n" in text
     assert "within the 100 N stated, as every wrench of the task is (certified)" in text
 
 

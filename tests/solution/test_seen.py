@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.solution.records import Status
-from nlpgrasp.verify.check import Check, Verification
+from nlpgrasp.verify.check import NO_BODY, Check, Verification
+from tests.hands.urdf import three_finger_hand
 
 FILES = Path(__file__).parent / "files"
 TURN = np.linalg.qr(np.arange(36.0).reshape(6, 6) + np.eye(6))[0]
@@ -44,9 +46,37 @@ def test_a_verification_ends_with_its_verdict():
     good, bad = Check("surface", True, "0 m"), Check("hand", False, "off by 1")
     unknown = Check.not_made("drawing", "no mesh")
     assert str(Verification((good,), None)).splitlines()[-1] == "verified: 1 check passed"
-    assert Verification((good, good, unknown), None).verdict == "verified: 2 checks passed; 1 could not be made"
-    told = "NOT verified: 1 of 2 checks failed (hand); 1 could not be made"
+    assert Verification((good, good, unknown), None).verdict == (
+        "partly verified: 2 checks passed, 1 could not be made (no mesh)"
+    )
+    told = "NOT verified: 1 of 2 checks failed (hand), 1 could not be made (no mesh)"
     assert str(Verification((good, bad, unknown), None)).splitlines()[-1] == told
+
+
+def test_a_verdict_says_why_checks_could_not_be_made_each_reason_once():
+    good = Check("grasp map", True, "0")
+    gone = [Check.not_made(name, "mug.stl is not beside the file") for name in ("surface", "normals", "bound")]
+    gone.append(Check.not_made("approach", NO_BODY))
+    found = Verification((good, *gone), None, ("mug.stl",))
+    assert found.passed
+    assert not found.complete
+    assert found.verdict == (
+        "partly verified: 1 check passed, 4 could not be made "
+        "(mug.stl not found; give its folder with --folder, in Python with folders=)"
+    )
+    other = [Check.not_made(f"level {i}", f"reason {i}") for i in range(4)]
+    both = Verification((good, *gone, *other), None, ("mug.stl", "tri.urdf")).verdict
+    assert "(mug.stl and tri.urdf not found; give their folders with --folder" in both
+    assert both.endswith("; reason 0; reason 1; 2 other reasons)")
+
+
+def test_a_mesh_and_a_hand_are_lines(tmp_path):
+    trimesh.creation.box([0.02, 0.03, 0.04]).export(tmp_path / "block.stl")
+    assert repr(ng.Mesh.load(tmp_path / "block.stl")) == "Mesh('block.stl', 12 triangles, 20 x 30 x 40 mm)"
+    assert repr(ng.Mesh(trimesh.creation.box([0.02, 0.03, 0.04]))) == "Mesh(12 triangles, 20 x 30 x 40 mm)"
+    hand = three_finger_hand()
+    tips = ", ".join(link for link, _ in hand.tips)
+    assert repr(hand) == f"URDFHand('three_finger_hand', {len(hand.robot.free_joints)} joints, fingertips on {tips})"
 
 
 def test_the_package_lists_its_public_names_alone():

@@ -1,6 +1,7 @@
 """Meshes and URDFs are read again from their own files, where these are there and are the recorded ones."""
 
 import shutil
+from dataclasses import replace
 
 import igl
 import numpy as np
@@ -35,6 +36,21 @@ def test_a_mesh_that_is_not_there_is_not_made(block):
     check = recomputed_file(block)["surface"]
     assert not check.made
     assert check.detail == "not made: block.stl is not beside the file, in the current folder or in one that was named"
+
+
+def test_the_verdict_names_the_file_that_is_missing(block, tmp_path):
+    solution = ng.GraspSolution.from_dict(block)
+    solution = replace(solution, mu=ng.verify(solution, rtol=0.5).mu)
+    found = ng.verify(solution, rtol=0.5)
+    assert found.passed
+    assert not found.complete
+    assert found.missing == ("block.stl",)
+    assert found.verdict.startswith("partly verified: ")
+    told = "(block.stl not found; give its folder with --folder, in Python with folders=; "
+    assert found.verdict.endswith(f"{told}the file states no finger forces)")
+    there = ng.verify(solution, rtol=0.5, folders=[tmp_path])
+    assert there.missing == ()
+    assert "not found" not in there.verdict
 
 
 def test_a_source_that_is_no_mesh_is_not_made(block, tmp_path):

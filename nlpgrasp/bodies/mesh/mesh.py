@@ -105,6 +105,11 @@ class Mesh(Body):
         body.unit = unit
         return body
 
+    def __repr__(self) -> str:
+        sides = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(self.bounds, axis=0))
+        name = "" if self.source is None else f"{self.source!r}, "
+        return f"{type(self).__name__}({name}{len(self.mesh.faces)} triangles, {sides} mm)"
+
     @property
     def bounds(self) -> FloatArray:
         """Bounding box of the mesh, (2, 3): lower corner, upper corner, metres."""

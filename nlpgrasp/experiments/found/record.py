@@ -165,10 +165,10 @@ def percent(gap: float) -> str:
 
 
 def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
-    """Return the constraints at their limits, each once, with the fingers: ``"table, fingers 1, 2"``."""
+    """Return the constraints at their limits, each once, with the fingers: ``"table, fingers 1, 2"``; no equations."""
     active: dict[str, list[tuple[int, ...]]] = {}
     for report in reports:
-        if report.active:
+        if report.active and not report.is_equation:
             own = active.setdefault(report.kind if report.fingers else report.name, [])
             if report.fingers and report.fingers not in own:
                 own.append(report.fingers)

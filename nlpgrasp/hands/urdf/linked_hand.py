@@ -15,6 +15,8 @@ from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.reaching import reach
 
+NAMED = 6  # fingertips that a line names
+
 
 class LinkedHand(PosedHand):
     """A hand whose variables are the palm's pose and the joints.
@@ -30,6 +32,12 @@ class LinkedHand(PosedHand):
     def shown_name(self) -> str:
         """What this hand is called on its page: the robot's name."""
         return self.tree.robot.name
+
+    def __repr__(self) -> str:
+        robot, tips = self.tree.robot, [link for link, _ in self.tree.tips]
+        more = [f"{len(tips) - NAMED} more"] if len(tips) > NAMED else []
+        known = ", ".join([*tips[:NAMED], *more])
+        return f"{type(self).__name__}({robot.name!r}, {len(robot.free_joints)} joints, fingertips on {known})"
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
         """Return the palm's pose in the body's frame."""

@@ -89,11 +89,10 @@ class Controls:
     def words(self, i: int, share: float) -> str:
         """Return a share of a wrench of the task as given, and what each finger does for it, as Markdown."""
         grasp, chosen = self.solution.require_grasp(), self.chosen[i]
-        scale = share / self.solution.mu.lower  # the wrenches chosen are those of one unit of finger force
         name = chosen.label.partition(":")[0]
-        lines = [f"**{name}:** {pushed(scale * chosen.wrench, grasp.mean_arm)}", "", "| finger | presses | rubs |"]
+        lines = [f"**{name}:** {pushed(share * chosen.wrench, grasp.mean_arm)}", "", "| finger | presses | rubs |"]
         lines.append("| --- | --- | --- |")
-        for k, (force, normal) in enumerate(zip(scale * chosen.forces, grasp.normals, strict=True)):
+        for k, (force, normal) in enumerate(zip(share * chosen.forces, grasp.normals, strict=True)):
             lines.append(f"| {k} | {_newtons(force @ normal)} | {_newtons(_across(force, normal))} |")
         return "\n".join(lines)
 

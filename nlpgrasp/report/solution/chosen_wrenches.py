@@ -19,15 +19,16 @@ MOST = 25  # wrenches
 
 @dataclass(frozen=True)
 class ChosenWrench:
-    """A wrench of the task, scaled by the certified lower bound, and the finger forces that produce it.
+    """A wrench of the task as it was given, and the least finger forces that produce it.
 
     Parameters
     ----------
     label : str
         In words.
     wrench : (d,) array
+        Newtons and newton-metres.
     forces : (k, space) array
-        Body frame.
+        Body frame, newtons.
     """
 
     label: str
@@ -48,11 +49,11 @@ def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     for i, wrench in enumerate(task.ends()[: MOST - len(wrenches)]):
         wrenches.append(wrench)
         names.append(f"End {i + 1}")
-    scaled = solution.mu.lower * np.array(wrenches)
-    found = finger_forces(grasp, scaled, force_budget=solution.budget)
+    share = solution.mu.lower  # what is certified to be within one unit of the budget; more takes more, in proportion
+    found = finger_forces(grasp, share * np.array(wrenches), force_budget=solution.budget)
     return [
-        ChosenWrench(f"{name}: {pushed(w, grasp.mean_arm)}", w, grasp.contact_wrenches(x)[:, : grasp.space])
-        for name, w, x, feasible in zip(names, scaled, found.forces, found.feasible, strict=True)
+        ChosenWrench(f"{name}: {pushed(w, grasp.mean_arm)}", w, grasp.contact_wrenches(x)[:, : grasp.space] / share)
+        for name, w, x, feasible in zip(names, wrenches, found.forces, found.feasible, strict=True)
         if feasible
     ]
 

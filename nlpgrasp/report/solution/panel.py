@@ -8,6 +8,7 @@ from html import escape
 
 from nlpgrasp.common.shown.numbers import outwards, percent, rounded, typeset
 from nlpgrasp.report.solution.gauge import gauge, legend, share_left
+from nlpgrasp.solution.measures.quality import held_words
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -88,7 +89,7 @@ def _verdict(solution: GraspSolution) -> Fact:
 def _quality(solution: GraspSolution) -> Fact:
     lower, upper = outwards(solution.mu.lower, solution.mu.upper)
     value = lower if lower == upper else f"{lower} to {upper}"
-    lines = (f"{solution.label}, certified: so many times the task is held by one unit of finger force",)
+    lines = (f"{solution.label}, certified: {held_words(solution.kind, solution.budget)}",)
     return Fact("Quality", value, lines, more=gauge(solution) + legend(solution), broad=True)
 
 
@@ -126,5 +127,4 @@ def _best(solution: GraspSolution) -> list[Fact]:
         if math.isfinite(gap)
         else "no placement is above this"
     )
-    without = f", leaving out {', '.join(bound.dropped)}" if bound.dropped else ""
-    return [Fact("Best possible", upper, (f"proved: {told}{without}",))]
+    return [Fact("Best possible", upper, (f"proved: {told}{bound.ignored(gap)}",))]

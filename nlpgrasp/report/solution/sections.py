@@ -59,9 +59,8 @@ def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
         f'<span style="width:{100 * f.share:.1f}%"></span></span><span class="words">{escape(f.words)}</span></li>'
         for i, f in enumerate(fingers)
     )
-    shown = (
-        f'<div class="fact broad fingers"><h3>Fingers, for the wrench shown</h3><ul>{bars}</ul></div>' if bars else ""
-    )
+    head = "<h3>Fingers, for the task wrench shown, as given</h3>"
+    shown = f'<div class="fact broad fingers">{head}<ul>{bars}</ul></div>' if bars else ""
     return f'<aside class="panel">{"".join(fact.html() for fact in facts(solution))}{shown}</aside>'
 
 
@@ -81,7 +80,7 @@ def stage(
         parts.append(_switches(solution, worth))
     if labels:
         parts.append(
-            f'<div class="control"><label for="wrench{number}">Task wrench</label><input id="wrench{number}" '
+            f'<div class="control"><label for="wrench{number}">Task wrench, as given</label><input id="wrench{number}" '
             f'type="range" min="0" max="{len(labels) - 1}" step="1" value="0" '
             f'aria-valuetext="{escape(labels[0])}">'
             f'<output for="wrench{number}" aria-live="polite">{escape(labels[0])}</output></div>'
@@ -158,8 +157,8 @@ def wrench_space(solution: GraspSolution) -> str:
 
 def constraints(solution: GraspSolution) -> str:
     """Return the constraints at their limits as sentences, and what limits cost."""
-    active = [_limit(c) for c in solution.constraints if c.active]
-    prices = [_price(p, solution.mu.lower) for p in solution.prices]
+    active = [_limit(c, solution) for c in solution.constraints if c.active and not c.is_equation]
+    prices = [_price(p, solution) for p in solution.prices]
     parts = [
         f'<h3>{title}</h3><ul class="sentences">{"".join(f"<li>{escape(typeset(s))}</li>" for s in sentences)}</ul>'
         for title, sentences in (("At their limits", active), ("What a little more would change", prices))
@@ -168,26 +167,23 @@ def constraints(solution: GraspSolution) -> str:
     return f'<div class="two">{"".join(f"<div>{part}</div>" for part in parts)}</div>' if parts else ""
 
 
-def _limit(report: ConstraintReport) -> str:
-    """Return a constraint at its limit as a sentence."""
-    is_least = report.value - report.lower <= report.upper - report.value
-    end = (
-        "the one value allowed"
-        if report.lower == report.upper
-        else "the least allowed"
-        if is_least
-        else "the most allowed"
-    )
-    price = f"; mu changes by {rounded(report.multiplier)} a unit" if report.multiplier else ""
+def _limit(report: ConstraintReport, solution: GraspSolution) -> str:
+    """Return a constraint at its limit as a sentence; with its price, but of a solve that did not settle."""
+    below, above = report.value - report.lower, report.upper - report.value
+    end = "the least allowed" if below <= above else "the most allowed"
+    gained = abs(report.multiplier) * min(abs(below), abs(above))  # by what is left to the limit, to first order
+    price = f"; {solution.label} changes by {rounded(report.multiplier)} a unit"
+    price = price if report.multiplier and gained <= solution.mu.upper else ""
     return f"{report.name}: {rounded(report.value, 4)}, {end}{price}."
 
 
-def _price(price: ShadowPrice, mu: float) -> str:
+def _price(price: ShadowPrice, solution: GraspSolution) -> str:
     """Return what a step of a limit changes, as a sentence with its share of mu."""
+    mu, label = solution.mu.lower, solution.label
     what = f"{price.unit} more at" if price.unit.endswith("range") else f"{price.unit} more of"
     sign = "+" if price.gain > 0.0 else ""
     share = f" ({sign}{rounded(100.0 * price.gain / mu, 2)} %)" if mu > 0.0 else ""
-    return f"{what} {price.name} (now {rounded(price.value, 4)}): mu {sign}{rounded(price.gain)}{share}."
+    return f"{what} {price.name} (now {rounded(price.value, 4)}): {label} {sign}{rounded(price.gain)}{share}."
 
 
 def inputs(name: str, solution: GraspSolution) -> str:

@@ -15,11 +15,13 @@ from nlpgrasp.report.svg import Curve, Mark, chart
 from nlpgrasp.report.table import table
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.starts import solver_words, why_no_grasp
 
 STRIP = "Every start's certified quality; the answer has a ring."
 RISING = (
-    "The exchange works on the solver's own surface and comes down to mu from above: a line may begin too high, and "
-    "the dots are what is certified on the body itself. The answer is blue; a dot alone is of a start without exchange."
+    "The exchange works on the solver's own surface and comes down to the quality from above: a line may begin too "
+    "high, and the dots are what is certified on the body itself. The answer is blue; a dot alone is of a start "
+    "without exchange."
 )
 NOTHING = 1e-8  # values of mu that are zero but for rounding
 NONE = "No start ended with a certified grasp."
@@ -31,7 +33,9 @@ def starts(solution: GraspSolution) -> str:
         return ""
     drawn = [strip(solution), convergence(solution)]
     charts = "".join(f"<figure>{svg}<figcaption>{escape(text)}</figcaption></figure>" for svg, text in drawn if svg)
-    return f'<h3>Starts</h3><div class="charts two">{charts}</div>{_table(solution)}'
+    sentences = (f"{line[:1].upper()}{line[1:]}." for line in solution.starts_lines())
+    told = "".join(f"<p>{escape(typeset(sentence))}</p>" for sentence in sentences)
+    return f'<h3>Starts</h3>{told}<div class="charts two">{charts}</div>{_table(solution)}'
 
 
 def strip(solution: GraspSolution) -> tuple[str, str]:
@@ -72,7 +76,8 @@ def convergence(solution: GraspSolution) -> tuple[str, str]:
                 curves.append(Curve(np.array([[end - 1.0, s.history[-1]], [end, mu.lower]]), f"{kind} last"))
             marks.append(Mark(end, mu.lower, "answer" if is_answer else "dot"))
     text = RISING if solution.winner is not None else NONE
-    return chart("How the exchange raised mu, start by start", "round of the exchange", "mu", curves, marks, "x"), text
+    title = f"How the exchange raised {solution.label}, start by start"
+    return chart(title, "round of the exchange", solution.label, curves, marks, "x"), text
 
 
 def certified(solution: GraspSolution, start: StartRecord) -> Bounds | None:
@@ -87,11 +92,27 @@ def _table(solution: GraspSolution) -> str:
     for s in solution.starts:
         seconds = rounded(sum(s.seconds.values()))
         mu = certified(solution, s)
-        found = s.status.name.lower().replace("_", " ") if mu is None else " to ".join(outwards(mu.lower, mu.upper))
+        found = _without(solution, s) if mu is None else " to ".join(outwards(mu.lower, mu.upper))
         mark = "answer" if s is solution.winner else ""
-        rows.append([f"{s.index}", mark, typeset(found), ", ".join(s.faces), f"{s.iterations}", seconds, s.message])
-    heads = ["Start", "", "Quality, certified", "Faces", "Iterations", "Seconds", "Message"]
+        rows.append(
+            [
+                f"{s.index}",
+                mark,
+                typeset(found),
+                ", ".join(s.faces),
+                f"{s.iterations}",
+                seconds,
+                solver_words(s.message),
+            ]
+        )
+    heads = ["Start", "", "Quality, certified", "Faces", "Iterations", "Seconds", "First solve"]
     return f"<details><summary>All {len(rows)} starts</summary>{table('', heads, rows)}</details>"
+
+
+def _without(solution: GraspSolution, start: StartRecord) -> str:
+    """Return why a start ended without a grasp, with the mu that it has nevertheless."""
+    has = f" ({solution.label} {' to '.join(outwards(start.mu.lower, start.mu.upper))})" if start.mu.lower > 0.0 else ""
+    return f"no grasp: {why_no_grasp(start)}{has}"
 
 
 def _numbered(values: Sequence[float]) -> FloatArray:

@@ -17,6 +17,7 @@ from nlpgrasp.solution.schema.types import GlobalBoundData
 
 SCHEMA = "nlpgrasp-bound/1"
 SMALL = 200_000  # bytes of a certificate that other files may hold
+LOOSE = 0.5  # gap above which a bound that leaves out parts of the problem says little of a grasp
 
 
 def is_small(certificate: Json) -> bool:
@@ -128,9 +129,27 @@ class GlobalBound:
         dropped, certificate = tuple(data.get("dropped", ())), data.get("certificate", {})
         return cls(upper, int(data.get("nodes", 0)), dropped, certificate, math.inf if gap is None else gap)
 
-    def line(self, mu: float) -> str:
-        """Return in words how far a grasp of this certified quality is from the best that any placement allows."""
-        without = f" (without {', '.join(self.dropped)})" if self.dropped else ""
+    def line(self, mu: float, label: str = "mu") -> str:
+        """Return in words how far a grasp of this certified quality is from the best that any placement allows.
+
+        Parameters
+        ----------
+        mu : float
+            Of the grasp, certified.
+        label : str
+            The measure's name.
+        """
         if mu <= 0.0:
-            return f"no placement is above {self.upper:.4g}{without}"
-        return f"no placement is more than {self.gap(mu):.2%} better: mu is at most {self.upper:.4g} anywhere{without}"
+            return f"no placement is above {self.upper:.4g}{self.ignored(math.inf)}"
+        gap = self.gap(mu)
+        told = f"no placement is more than {gap:.2%} better{self.ignored(gap)}"
+        return f"{told}: {label} is at most {self.upper:.4g} anywhere"
+
+    def ignored(self, gap: float) -> str:
+        """Return in words what the bound does not ask of a placement, and of a wide gap what that says of a grasp."""
+        if not self.dropped:
+            return ""
+        *first, last = self.dropped
+        parts = " and ".join(filter(None, (", ".join(first), last)))
+        loose = " (a loose bound, no verdict on this grasp)" if LOOSE < gap < math.inf else ""
+        return f" even if {parts} did not count{loose}"

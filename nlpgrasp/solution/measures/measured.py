@@ -16,11 +16,13 @@ from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
 from nlpgrasp.solution.joint_room import room_lines
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.measures.needed import ForcesNeeded
-from nlpgrasp.solution.measures.quality import Quality
+from nlpgrasp.solution.measures.quality import Quality, held_words
 from nlpgrasp.solution.phases.phase import Phase, phases_from
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
-from nlpgrasp.solution.records import StartRecord, Status, passed_over, winner_of
+from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solution.schema.types import SolverData
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
+from nlpgrasp.solution.starts import passed_over, starts_lines, winner_of
 
 
 class Measured(Asked):
@@ -44,6 +46,7 @@ class Measured(Asked):
     starts: tuple[StartRecord, ...]
     best_start: int | None
     hand: Json | None
+    solver: SolverData
 
     @property
     def success(self) -> bool:
@@ -95,9 +98,10 @@ class Measured(Asked):
         """Return the certified quality in words, and how far it is from the best possible."""
         paper = "" if self.task.paper_beta in (None, 1.0) else f", beta of the paper in {self.beta}"
         why = f": {self.mu.limit}" if self.mu.limit else ""
-        lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}"]
+        held = held_words(self.kind, self.budget)
+        lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}: {held}"]
         if self.bound is not None:
-            lines.append(f"  {self.bound.line(self.mu.lower)}")
+            lines.append(f"  {self.bound.line(self.mu.lower, self.label)}")
         squeezed = [] if self.squeeze is None else [self.squeeze.line()]
         reason = ((self.hand or {}).get("approach") or {}).get("reason")
         came = [f"no free straight way of the palm to the grasp: {reason}"] if reason else []
@@ -128,16 +132,23 @@ class Measured(Asked):
         """
         return winner_of(self.starts, self.best_start)
 
+    def starts_lines(self) -> list[str]:
+        """Return in words how the starts ended, and why one with more mu is not the answer where there is one."""
+        before = 0.0 if self._room is None else float(self._room["mu_without"]["upper"])
+        by_what_is_left = bool(self.solver.get("options", {}).get("maximise_robust"))
+        over = passed_over(self.starts, self.winner, before, self.label, by_what_is_left)
+        return [*starts_lines(self.starts), *over]
+
     def __str__(self) -> str:
         lines = [self.title]
         if self.grasp is not None:
             lines += [*self.quality_lines(), *PlacedGrasp(self.grasp, self.faces, self.surface).lines()]
         elif self.bound is not None:
-            lines.append(f"  {self.bound.line(0.0)}")
+            lines.append(f"  {self.bound.line(0.0, self.label)}")
         if self.robust is not None:
-            before = 0.0 if self._room is None else float(self._room["mu_without"]["upper"])
-            lines += [f"  {self.robust}", *passed_over(self.starts, self.winner, before)]
-        lines += [f"  {price}" for price in self.prices[:3]]
+            lines.append(f"  {self.robust}")
+        lines += [f"  {line}" for line in self.starts_lines()]
+        lines += [f"  {price.words(self.label)}" for price in self.prices[:3]]
         if self.why_not is not None:
             lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]
         return "\n".join(lines)

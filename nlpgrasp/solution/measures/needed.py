@@ -131,11 +131,12 @@ class ForcesNeeded:
         """
         low, high = (f"{bound:.4g}" for bound in (self.budget.lower, self.budget.upper))
         both = high if low == high else f"{low} to {high}"
+        root = f", their L2 norm (root of the sum of squares) {np.linalg.norm(self.size):.4g} {FORCE_UNIT}"
+        added = f"sum of the finger forces {self.total:.4g} {FORCE_UNIT}{root if budget.kind == 'l2' else ''}"
         told = "" if max_force is None else f", {self.limit_words(max_force, budget)}"
         return [
             f"the task as given needs {both} {budget.unit} ({budget.amount}, certified)",
-            f"its hardest wrench found ({wrench_words(self.wrench)}): {', '.join(self.finger_words())}, "
-            f"together {self.total:.4g} {FORCE_UNIT}",
+            f"its hardest wrench found ({wrench_words(self.wrench)}): {', '.join(self.finger_words())}; {added}",
             f"it needs {np.max(self.largest):.4g} {FORCE_UNIT} at finger {self.finger}, the most of any finger{told}",
         ]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.validation import array
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
@@ -97,6 +98,13 @@ class Quality:
             None if bound is None else GlobalBound.from_dict(bound, f"{name}.best_possible"),
             None if needed is None else ForcesNeeded.from_dict(needed, f"{name}.forces_needed"),
         )
+
+
+def held_words(kind: str, budget: ForceBudget) -> str:
+    """Return what a measure of this kind, ``"mu"`` or ``"mu_tilde"``, counts under a budget, in words."""
+    task = "the task, its centre included," if kind == "mu_tilde" else "the task"
+    within = "within the joints' torque limits" if budget.absolute else f"by 1 {budget.unit} ({budget.amount})"
+    return f"so many times {task} is held {within}"
 
 
 def check_beta(data: QualityData, beta: Bounds | None, name: str) -> None:

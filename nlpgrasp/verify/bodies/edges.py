@@ -11,7 +11,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.verify.bodies.triangles import TriangleSurface
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.check import NO_BODY, NotMadeError
 from nlpgrasp.verify.placement import Surface
 from nlpgrasp.verify.rows import RowValue
 
@@ -62,7 +62,7 @@ def margin_rows(problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: Su
     """Yield the distance of each contact from its face's sharp edges, where the problem states a margin."""
     margin = number("edge_margin", problem["edge_margin"], at_least=0.0)
     if surface is None:
-        raise NotMadeError("the body is not there")
+        raise NotMadeError(NO_BODY)
     size = float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
     for i, (face, point) in enumerate(zip(faces, grasp.points, strict=True)):
         value = surface.edge_distance(face, point)

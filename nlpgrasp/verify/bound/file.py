@@ -74,7 +74,7 @@ def verify_bound(data: Json, rtol: float, sources: Sources) -> Verification:
             except BROKEN as error:
                 checks.append(Check("grasp", False, no_sense(error)))
         checks += guarded("gap", lambda: [_gap_check(data, lower)])
-    return Verification(tuple(checks), found)
+    return Verification(tuple(checks), found, tuple(dict.fromkeys(sources.missing)))
 
 
 def _grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds, list[Check]]:

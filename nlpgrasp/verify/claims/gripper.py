@@ -10,7 +10,7 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError
 from nlpgrasp.verify.hands.free import FreeHand
 from nlpgrasp.verify.placement import Ball, StatedPlacement, Surface
 from nlpgrasp.verify.registry import CONSTRAINTS
@@ -96,7 +96,7 @@ def _depth(
 ) -> float:
     """Return how deep the way in leads into body, tables and obstacles, metres; at least zero."""
     if surface is None:
-        raise NotMadeError("the body is not there")
+        raise NotMadeError(NO_BODY)
     thickness = number("finger_thickness", asked.get("finger_thickness", 0.0), at_least=0.0)
     points = _way(asked, hand, placement, surface, thickness)
     values = [*surface.distance(points)]

@@ -15,7 +15,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.solution.phases.phase import APPROACH, GRASP, LIFT, PREGRASP, SQUEEZE, Phase
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError
 from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.hands.unknown import UnknownHand
 from nlpgrasp.verify.hands.urdf import URDFNumbers
@@ -108,7 +108,7 @@ def _way(
     if not isinstance(hand, URDFNumbers):
         raise NotMadeError("nothing recomputes the links of a hand of this type")
     if surface is None:
-        raise NotMadeError("the body is not there")
+        raise NotMadeError(NO_BODY)
     afar, before = phases[APPROACH], phases[PREGRASP]
     there = replace(hand, posture={**hand.posture, **before.to_dict()})
     balls = [(ball.centre, ball.radius) for ball in there.link_balls]

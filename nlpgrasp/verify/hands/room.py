@@ -9,7 +9,7 @@ import numpy as np
 from nlpgrasp.common.rows import ROOM
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import array
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.check import NO_BODY, NotMadeError
 from nlpgrasp.verify.placement import StatedPlacement, Surface
 from nlpgrasp.verify.rows import RowValue
 
@@ -26,7 +26,7 @@ def room_rows(body: Json, surface: Surface | None, placement: StatedPlacement) -
     if not round_tips:
         return
     if surface is None:
-        raise NotMadeError("the body is not there")
+        raise NotMadeError(NO_BODY)
     for i in round_tips:
         value = float(surface.distance(placement.tips[i][None])[0])
         yield RowValue(f"{ROOM}, finger {i}", value, FITS * placement.radii[i], scale=placement.size)

@@ -9,7 +9,8 @@ import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solution.records import StartRecord, Status, passed_over
+from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solution.starts import passed_over
 from nlpgrasp.solve.after import choice
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.start.result import StartGrasp
@@ -89,7 +90,7 @@ def test_bad_ranks(rank):
 def test_the_start_with_more_mu_is_named():
     starts = [StartRecord(i, Status.SOLVED, mu=Bounds(0.99 * mu, mu)) for i, mu in enumerate((0.5, 0.9, 0.51))]
     (line,) = passed_over(starts, starts[0])
-    assert line.startswith("  start 1 found mu in [0.891, 0.9]: passed over")
+    assert line.startswith("start 1 found mu in [0.891, 0.9]: passed over")
     assert passed_over(starts, starts[1]) == []
     assert passed_over(starts, None) == []
 

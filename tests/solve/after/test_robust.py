@@ -9,7 +9,6 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.report import write_report
 from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solution.placed import SurfaceMatch
 from nlpgrasp.solve.after.robust import robustness
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -170,13 +169,6 @@ def test_earlier_files_do_not_say_it(fragile):
     old = ng.GraspSolution.from_dict(data)
     assert old.is_fragile
     assert ng.verify(old).passed
-
-
-@pytest.mark.parametrize(("moved", "lines"), [([0.0, 0.0009], 0), ([0.0, 0.0023], 1)])
-def test_contacts_that_moved_far_are_told(moved, lines):
-    found = SurfaceMatch(np.zeros(2), np.zeros(2), np.array(moved)).lines()
-    words = "  contacts moved by up to 2.3 mm (contact 1) from the solver's smooth surface to their place on the mesh"
-    assert found == [words] * lines
 
 
 def test_a_contact_that_may_slip_over_an_edge_is_lost():

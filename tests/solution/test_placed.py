@@ -1,0 +1,46 @@
+"""What is said of a grasp on a mesh: how far the smooth surface is off it, and how far contacts slid along it."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.solution import SurfaceMatch
+from nlpgrasp.solution.placed import PlacedGrasp
+
+SIZE = 0.1  # metres between the contacts
+
+
+def match(distances, slid):
+    """A match of contacts that slid square to the way to the nearest point of the mesh."""
+    return SurfaceMatch(np.array(distances), np.zeros(len(distances)), np.hypot(distances, slid))
+
+
+def test_surface_error_and_sliding_are_told_apart():
+    found = match([0.0005, 0.002], [0.006, 0.0015])
+    np.testing.assert_allclose(found.along, [0.006, 0.0015], rtol=1e-12)
+    error, slid = found.lines(SIZE)
+    assert error.startswith("  the solver's smooth surface is up to 2 mm off the mesh at contact 1: ")
+    assert "(Mesh: resolution, smoothing) may lead to a better grasp" in error
+    assert slid == (
+        "  contacts slid up to 6 mm along the mesh in the last step (contact 0): "
+        "no error, positions and quality are those after it"
+    )
+
+
+def test_an_error_that_is_small_for_the_grasp_is_called_little():
+    (line,) = match([0.0012, 0.0], [0.0, 0.0]).lines(0.5)
+    assert line.endswith("1.2 mm off the mesh at contact 0: little for this grasp, stated of the mesh")
+
+
+@pytest.mark.parametrize(("distance", "slid"), [(0.0, 0.0), (0.0009, 0.0009)])
+def test_little_is_not_worth_a_word(distance, slid):
+    assert match([distance, 0.0], [slid, 0.0]).lines(SIZE) == []
+
+
+def test_the_size_is_that_of_the_grasp():
+    grasp = ng.Grasp([[0.0, 0.0], [0.03, 0.04]], [[1.0, 0.0], [-1.0, 0.0]], [ng.FrictionContact(0.5)] * 2)
+    told = {
+        scale: PlacedGrasp(grasp, ("a", "b"), match([scale * 0.05, 0.0], [0.0, 0.0])).lines()
+        for scale in (0.009, 0.011)
+    }
+    assert [len(lines) for lines in told.values()] == [2, 3]
