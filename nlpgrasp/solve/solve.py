@@ -15,6 +15,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError, NoGraspError
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.problem.smooth_surface import warn_of_smoothing
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -90,6 +91,11 @@ def solve(
         Before any start: for arguments out of range, and for a model of the exchange that does not suit the problem.
     NoGraspError
         With ``throw``, when no grasp was found.
+
+    Warns
+    -----
+    UserWarning
+        Once, of a mesh whose smooth surface is far from it beside its walls or the hand's fingertips.
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, NO_PROBLEM)
@@ -102,6 +108,7 @@ def solve(
         problem = replace(problem, edge_margin=options.edge_margin)
     check_name(options.exchange)
     check_json(problem.to_dict())
+    warn_of_smoothing(problem.body, problem.hand)
     keeping = Keeping(keep, distinct)
     solution = _run(Runner(problem, options.narrow(starts), starts), seed, keeping, progress)
     if throw and not solution.success:

@@ -65,6 +65,7 @@ def test_the_page_of_a_mesh_says_what_was_mended(tmp_path, monkeypatch):
     text = body.show(tmp_path / "part.html").read_text(encoding="utf-8")
     assert '<h1 id="name">part.stl</h1>' in text
     assert "12 triangles" in text
+    assert "walls: 30\N{NO-BREAK SPACE}mm; smoothing=1.5, resolution=16" in text
 
 
 def test_a_path_that_cannot_be_written_is_refused(tmp_path):

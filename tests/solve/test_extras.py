@@ -41,7 +41,7 @@ def test_from_the_file_alone_all_is_added_as_a_whole_solve_finds_it(tmp_path):
 @pytest.mark.slow
 def test_a_mesh_and_a_hand_need_the_problem(tmp_path):
     trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
-    body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=8)
+    body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=16)
     problem = replace(box(), body=body, constraints=[])
     quick = ng.solve(problem, 1, options=ng.SolveOptions(workers=1, extras=False))
     alone, helped = ng.with_extras(quick), ng.with_extras(quick, problem)

@@ -100,7 +100,7 @@ def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkey
 def test_a_mesh_is_surveyed(tmp_path):
     """For grasps away from its edges; the certificate holds no cell but the whole mesh, and is small."""
     trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
-    body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=8)
+    body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=16)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 3, task)
     solution = ng.solve(problem, starts=1, options=ng.SolveOptions(**QUICK))
@@ -124,7 +124,7 @@ def test_a_mesh_is_surveyed(tmp_path):
 def test_a_mesh_is_only_bounded_where_time_is_short(tmp_path):
     """A survey of it cannot be interrupted in the middle: a second's solve would end before its first start."""
     trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
-    body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=8)
+    body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=16)
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03]))
     solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=1, time_limit=3.0, extras=False))
     assert len(solution.starts) >= 1

@@ -12,7 +12,10 @@ import numpy as np
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.mesh.edges import SharpEdges
-from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, automatic_resolution, distance_spline
+from nlpgrasp.bodies.mesh.fineness import FINEST, automatic_fineness
+from nlpgrasp.bodies.mesh.offset import SmoothOffset, smooth_offset
+from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, distance_spline
+from nlpgrasp.bodies.mesh.walls import wall_thickness
 from nlpgrasp.common.given.lengths import metres_per
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, scaled_mesh, usable_mesh
 from nlpgrasp.common.meshes.search_tree import SearchTree
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     import trimesh
 
 ROOM_SAMPLES = 4000  # points among which the farthest from sharp edges is looked for
+OFFSET_SAMPLES = 300  # points of which it is measured how far the smooth surface is
 CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of links; margin over the size
 
 
@@ -37,11 +41,12 @@ class Mesh(Body):
     ----------
     mesh : trimesh.Trimesh
         Vertices in metres, or in ``unit``.
-    smoothing : float
-        Standard deviation of the Gaussian over the distance grid, in grid cells; 0 for none.
+    smoothing : float, optional
+        Standard deviation of the Gaussian over the distance grid, in grid cells; 0 for none. When left out: 1.5, or
+        less for thin walls, so that 2.4 of it fit into a wall (see ``automatic_fineness``).
     resolution : int, optional
-        Grid cells along the longest side, at least 8. When left out: 48, or more for slender bodies, so that
-        the shortest side has 16 (see ``automatic_resolution``).
+        Grid cells along the longest side, from 8 to 400. When left out: 48, or more for slender bodies, so that the
+        shortest side has 16, and for walls that ask for a smoothing below 0.75; up to 600,000 grid points.
     source : str, optional
         Where the mesh comes from, for the record.
     unit : {"m", "dm", "cm", "mm", "in", "ft"}
@@ -55,6 +60,10 @@ class Mesh(Body):
         What was mended, one sentence each.
     unit : str or None
         Of the file's coordinates, where ``load`` read one.
+    smoothing : float
+        As given, or chosen.
+    resolution : int
+        As given, or chosen.
 
     Raises
     ------
@@ -68,19 +77,23 @@ class Mesh(Body):
     def __init__(
         self,
         mesh: trimesh.Trimesh,
-        smoothing: float = 1.5,
+        smoothing: float | None = None,
         resolution: int | None = None,
         source: str | None = None,
         *,
         unit: str = "m",
     ) -> None:
-        self.smoothing = number("Mesh.smoothing", smoothing, at_least=0.0)
+        if smoothing is not None:
+            smoothing = number("Mesh.smoothing", smoothing, at_least=0.0)
+        if resolution is not None:
+            resolution = integer("Mesh.resolution", resolution, at_least=8, at_most=FINEST)
         self.source = None if source is None else str(source)
         self.unit: str | None = None
         self.mesh, self.repairs = usable_mesh(scaled_mesh(mesh, metres_per("Mesh.unit", unit)))
-        if resolution is None:
-            resolution = automatic_resolution(np.ptp(self.mesh.bounds, axis=0))
-        self.resolution = integer("Mesh.resolution", resolution, at_least=8, at_most=400)
+        if smoothing is None or resolution is None:
+            chosen = automatic_fineness(np.ptp(self.mesh.bounds, axis=0), self.wall, smoothing, resolution)
+            smoothing, resolution = chosen.smoothing, chosen.resolution
+        self.smoothing, self.resolution = smoothing, resolution
         self._spline = distance_spline(
             np.asarray(self.mesh.vertices, dtype=float),
             np.asarray(self.mesh.faces),
@@ -89,7 +102,9 @@ class Mesh(Body):
         )
 
     @classmethod
-    def load(cls, path: str | Path, unit: str = "m", smoothing: float = 1.5, resolution: int | None = None) -> Mesh:
+    def load(
+        cls, path: str | Path, unit: str = "m", smoothing: float | None = None, resolution: int | None = None
+    ) -> Mesh:
         """Return the body of any mesh file that trimesh reads.
 
         Parameters
@@ -119,6 +134,17 @@ class Mesh(Body):
     def centroid(self) -> FloatArray:
         """Centre of the mesh's volume, (3,), metres."""
         return np.asarray(self.mesh.center_mass, dtype=float)
+
+    @cached_property
+    def wall(self) -> float:
+        """Thickness of the mesh's walls, metres: a fifth of the surface is on thinner ones."""
+        return wall_thickness(self.mesh)
+
+    @cached_property
+    def offset(self) -> SmoothOffset:
+        """How far the mesh is from the smooth surface: ``most`` for four fifths of it, and ``largest``, metres."""
+        points, _ = self.surface_samples(OFFSET_SAMPLES, np.random.default_rng(0))
+        return smooth_offset(self, points, float(np.max(np.ptp(self.bounds, axis=0))) / self.resolution, self.wall)
 
     @property
     def symbol(self) -> type[ca.MX]:

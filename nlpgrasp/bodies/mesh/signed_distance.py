@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.bodies.mesh.fineness import AROUND
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 
-LONGEST_SIDE, SHORTEST_SIDE = 48, 16  # grid cells at least
-MOST_POINTS = 600_000
 EXACT_CELLS, EXACT_UNSMOOTHED = 3, 5  # from the surface, within which distances are exact
-MARGIN_CELLS = 5  # a CasADi B-spline is zero outside its grid, hence NaN normals there
 
 
 @dataclass(frozen=True)
@@ -50,26 +48,6 @@ class DistanceSpline:
         q = ca.fmin(ca.fmax(p, ca.DM(self.box[0])), ca.DM(self.box[1]))
         near, beyond = self.expression(q), ca.sumsqr(p - q)
         return near + beyond / (ca.sqrt(beyond + near**2) + ca.fabs(near))
-
-
-def automatic_resolution(extents: FloatArray) -> int:
-    """Return grid cells along the longest side: fine enough for the shortest, within 600,000 grid points.
-
-    A grid that is coarse for a slender part lets the smoothing dissolve it: at 48 cells a hammer's handle moved
-    by 13 mm.
-
-    Parameters
-    ----------
-    extents : (3,) array
-        Sides of the bounding box, metres.
-    """
-    longest, shortest = float(np.max(extents)), float(max(np.min(extents), 1e-6))
-    resolution = max(LONGEST_SIDE, int(np.ceil(SHORTEST_SIDE * longest / shortest)))
-    while resolution > LONGEST_SIDE:
-        if np.prod(extents / longest * resolution + 1 + 2 * MARGIN_CELLS) <= MOST_POINTS:
-            break
-        resolution -= max(1, resolution // 20)
-    return max(resolution, LONGEST_SIDE)
 
 
 def distance_spline(
@@ -135,7 +113,7 @@ def _fitted(
 
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     cell = float(np.max(upper - lower)) / resolution
-    around = max(MARGIN_CELLS, int(np.ceil(margin / cell)))
+    around = max(AROUND, int(np.ceil(margin / cell)))
     axes = []
     for low, high in zip(lower, upper, strict=True):
         count = int(np.ceil((high - low) / cell)) + 1 + 2 * around

@@ -11,7 +11,7 @@ import numpy as np
 from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.shown.numbers import typeset, vector
+from nlpgrasp.common.shown.numbers import rounded, typeset, vector
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.report.body.scene import scene
 from nlpgrasp.report.frame import ICON, page, style, viewer
@@ -60,6 +60,9 @@ def facts(body: Body) -> list[Fact]:
     ]
     if isinstance(body, Mesh):
         found.append(Fact("Mesh", f"{len(body.mesh.faces)} triangles", body.repairs or ("used as it is",), broad=True))
+        off = f"up to {rounded(1e3 * body.offset.most, 2)} mm off four fifths of the mesh"
+        walls = f"walls: {rounded(1e3 * body.wall, 2)} mm; smoothing={body.smoothing:g}, resolution={body.resolution}"
+        found.append(Fact("Smooth surface", off, ("the solver works on it", walls), broad=True))
     return found
 
 

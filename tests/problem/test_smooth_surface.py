@@ -1,0 +1,53 @@
+"""A mesh that is far from its smooth surface is told, with the values that cure it."""
+
+import re
+import warnings
+
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.common.shown import once
+from nlpgrasp.problem.smooth_surface import warn_of_smoothing
+
+
+@pytest.fixture(autouse=True)
+def nothing_said(monkeypatch):
+    monkeypatch.setattr(once, "_said", set())
+
+
+def told(body, hand=None):
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        warn_of_smoothing(body, hand)
+        warn_of_smoothing(body, hand)
+    return [str(warning.message) for warning in found]
+
+
+def plate(**options):
+    return ng.Mesh(trimesh.creation.box([0.06, 0.05, 0.01]), **options)
+
+
+def test_a_spoiled_wall_is_told_once_with_the_cure():
+    (text,) = told(plate(smoothing=1.5, resolution=12))
+    assert re.match(r"the mesh: the smooth surface that the solver works on is \S+ mm or more off a fifth of the", text)
+    smoothing, resolution = re.search(r"walls 10 mm thick: .* smoothing=(\S+), resolution=(\d+)$", text).groups()
+    assert told(plate(smoothing=float(smoothing), resolution=int(resolution))) == []
+
+
+def test_a_small_fingertip_is_told():
+    body = plate(smoothing=1.5, resolution=36)
+    assert told(body, ng.Fingertips(3, radius=0.01, reach=0.1)) == []
+    (text,) = told(body, ng.Fingertips(3, radius=0.0001, reach=0.1))
+    assert "a fingertip of 0.1 mm radius: ng.Mesh takes smoothing=" in text
+
+
+def test_where_the_choice_is_the_best_known_a_finer_grid_is_named(monkeypatch):
+    body = plate(smoothing=0.25, resolution=24)
+    monkeypatch.setattr("nlpgrasp.problem.smooth_surface.WALL", 1e-4)
+    (text,) = told(body)
+    assert text.endswith("smoothing=0.25, resolution=36")
+
+
+def test_other_bodies_have_no_smooth_surface():
+    assert told(ng.Sphere(0.03)) == []
