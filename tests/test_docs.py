@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -28,6 +29,7 @@ SLOW = (
     "my_solve_failed",
     "getting_started",
     "see_it",
+    "my_mesh_my_hand",
     "architecture",
     "cli",
     "certified_bounds",
@@ -71,6 +73,12 @@ def test_code_blocks_run(page, tmp_path):
 
 EXPECTED = {
     "index": ("mu certified in [0.0", "no placement is more than "),
+    "my_mesh_my_hand": (
+        "9 joints, 3 fingertips",
+        "part: Solved",
+        "within the 15 N stated",
+        "confirmed: held as solved",
+    ),
     "grasp_metrics": ("32 of 40 are force-closed", "that is proved"),
     "gripper_and_part": ("part: Solved", "within the 40 N stated"),
     "data_sets": ("2 problems",),
@@ -177,6 +185,24 @@ def test_a_browser_searches_from_disk(site, page):
         browser.find_element("css selector", ".md-search__input").send_keys("Ferrari")
         links = WebDriverWait(browser, 30).until(lambda b: b.find_elements("css selector", ".md-search-result__link"))
         assert any("ferrari_canny" in link.get_attribute("href") for link in links)
+
+
+def test_extras_are_spelled_in_one_way():
+    """As the errors that name them do; it works in any folder once the package is installed."""
+    defined = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    places = [
+        *PAGES,
+        ROOT / "README.md",
+        *(ROOT / "docs" / "notebooks").glob("*.ipynb"),
+        *(ROOT / "nlpgrasp").rglob("*.py"),
+    ]
+    named = []
+    for path in places:
+        text = path.read_text(encoding="utf-8").replace('\\"', '"')
+        assert not re.search(r'install[^\n`]* "?\.\[', text), path.name
+        named += re.findall(r'pip install "nlpgrasp\[([a-z,]+)\]"', text)
+    assert {"hands", "view", "descriptions", "hands,sim,viz,view"} <= set(named)
+    assert {extra for each in named for extra in each.split(",")} <= set(defined)
 
 
 def test_every_public_name_is_in_the_reference(site):

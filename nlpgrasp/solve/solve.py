@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from nlpgrasp.errors import InputError, NoGraspError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.smooth_surface import warn_of_smoothing
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
@@ -25,14 +24,13 @@ from nlpgrasp.solve.ascent.steps.registry import check_name
 from nlpgrasp.solve.many.collection import ONE, Keeping, others_beside
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.close_gap import close_gap
+from nlpgrasp.solve.progress import Progress, told
 from nlpgrasp.solve.squeeze import with_squeezes
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
-
-Progress = Callable[[StartRecord, Bounds], None]
 
 NO_PROBLEM = "a GraspProblem, such as ng.GraspProblem(body, contacts, task); nlpgrasp solve runs scripts"
 
@@ -45,7 +43,7 @@ def solve(
     *,
     keep: int = 1,
     distinct: float = 0.1,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     throw: bool = False,
 ) -> GraspSolution:
     """Find the best grasp over several seeded starts and certify it.
@@ -75,8 +73,9 @@ def solve(
         How far apart grasps are that count as two: more than this share (above 0, at most 1) of the body's size, half
         the diagonal of its bounding box, from contact to contact however they are matched, turned and mirrored as the
         problem can be; or another pose of the hand.
-    progress : callable, optional
-        Called with each finished start's record and the best certified bounds so far.
+    progress : callable or bool, optional
+        True writes a line to standard error when a start is done: how it ended, the best certified bounds so far, the
+        time. A function is called instead with each finished start's record and these bounds. Silent by default.
     throw : bool
         Raise ``NoGraspError`` (which carries the result) when no grasp was found.
 
@@ -110,7 +109,8 @@ def solve(
     check_json(problem.to_dict())
     warn_of_smoothing(problem.body, problem.hand)
     keeping = Keeping(keep, distinct)
-    solution = _run(Runner(problem, options.narrow(starts), starts), seed, keeping, progress)
+    listener = told(progress, starts)
+    solution = _run(Runner(problem, options.narrow(starts), starts), seed, keeping, listener)
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution

@@ -47,7 +47,7 @@ def by_body(rows: Sequence[Row]) -> str:
             mu, epsilon = f"{row.mu:.3f}", f"{row.epsilon:.3f}"
             mu = f"**{mu}**" if row.mu == best_mu[body] > 0.0 else mu
             epsilon = f"**{epsilon}**" if row.epsilon == best_epsilon[body] > 0.0 else epsilon
-            cells.append(f"{mu} / {epsilon}, {row.seconds:.1f} s")
+            cells.append(f"{mu}&nbsp;/&nbsp;{epsilon}<br>{row.seconds:.1f}&nbsp;s")
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -28,6 +29,9 @@ def test_a_page_is_written_under_the_urdfs_name(tmp_path):
     assert done.returncode == 0, done.stderr
     page = tmp_path / "three_finger_hand.html"
     assert done.stdout.splitlines() == [
+        "three_finger_hand: 13 links, 9 joints, 0 fingertips",
+        "  - No fingertips are stated: fingertips={link: radius} or --fingertip LINK=RADIUS states them. "
+        "Links at the ends: finger_1_tip, finger_2_tip, finger_3_tip.",
         "written to three_finger_hand.html",
         f"No browser was opened; the page is {page}",
     ]
@@ -37,8 +41,33 @@ def test_a_page_is_written_under_the_urdfs_name(tmp_path):
 def test_fingertips_with_and_without_a_radius(tmp_path):
     given = ["--fingertip", "thumb_tip", "--fingertip", "index_tip=0.009", "--approach", "1,0,0", "--no-open"]
     done = run_here("hand", FOUR, *given, "--out", "own.html", cwd=tmp_path)
-    assert done.stdout == "written to own.html\n"
+    assert done.stdout.splitlines() == [
+        "four_finger_hand: 21 links, 16 joints, 2 fingertips",
+        "1 thing to know:",
+        "  - Link index_tip is thicker than its fingertip: it may be 2 mm deep in the body beside a contact.",
+        "written to own.html",
+    ]
     assert tips(tmp_path / "own.html") == [("thumb_tip", 0.011), ("index_tip", 0.009)]
+
+
+def test_what_the_page_says_is_printed(tmp_path):
+    """Fingertips that never come together, and a link that is to be seen without a collision shape, which is graver."""
+    text = Path(THREE).read_text(encoding="utf-8")
+    bare = '<link name="cover"><visual><geometry><box size="0.02 0.02 0.02"/></geometry></visual></link>'
+    fixed = '<joint name="on" type="fixed"><parent link="palm"/><child link="cover"/></joint>'
+    (tmp_path / "own.urdf").write_text(text.replace("</robot>", f"{bare}{fixed}</robot>"), encoding="utf-8")
+    tips = ["--fingertip", "finger_1_tip", "--fingertip", "finger_1_base"]
+    done = run_here("hand", "own.urdf", *tips, "--no-open", cwd=tmp_path)
+    name, verdict, shapes, *pairs, written = done.stdout.splitlines()
+    assert name == "three_finger_hand: 14 links, 9 joints, 2 fingertips"
+    assert verdict == "2 things to know:"
+    assert shapes == "  ! Link cover has a visual and no collision shape: nothing keeps it off the body."
+    assert re.fullmatch(
+        r"  - Fingertips 0 \(finger_1_tip\) and 1 \(finger_1_base\) cannot meet: .* apart, .*", pairs[0]
+    )
+    page = (tmp_path / "own.html").read_text(encoding="utf-8")
+    assert '<span class="pill bad">2 things to know</span>' in page
+    assert (written, done.stderr) == ("written to own.html", "")
 
 
 def test_the_way_the_palm_faces_and_a_presets_tips_exclude_each_other(tmp_path):

@@ -1,4 +1,5 @@
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,7 +11,9 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import nlpgrasp as ng
+from nlpgrasp.solution.records import UNKNOWN, StartRecord, Status
 from nlpgrasp.solve.ascent.steps.registry import LINEAR
+from nlpgrasp.solve.progress import told
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
@@ -171,6 +174,24 @@ def test_progress_sees_every_start():
     ng.solve(ellipsoid(), starts=2, options=options, progress=note)
     assert [index for index, _ in seen] == [0, 1]
     assert seen[1][1] >= seen[0][1] > 0.0
+
+
+def test_progress_writes_a_line_a_start_where_it_is_asked_for(capsys):
+    options = ng.SolveOptions(shadow_prices=False, workers=1, exchange=False, rtol=0.5, final_rtol=0.5, extras=False)
+    ng.solve(ellipsoid(), starts=1, options=options)
+    assert capsys.readouterr() == ("", "")
+    ng.solve(ellipsoid(), starts=2, options=options, progress=True)
+    out, err = capsys.readouterr()
+    assert out == ""
+    line = r"start {} of 2: mu in \[0\.\d+, 0\.\d+\]; best \[0\.\d+, 0\.\d+\]; \d+\.\d s\n"
+    assert re.fullmatch(line.format(1) + line.format(2), err)
+    with pytest.raises(ng.InputError, match=r"^progress: got yes, expected True for a line a start, or"):
+        ng.solve(ellipsoid(), progress="yes")
+
+
+def test_a_start_without_a_grasp_is_told_in_words(capsys):
+    told(True, 3)(StartRecord(0, Status.LOCALLY_INFEASIBLE), UNKNOWN)
+    assert re.fullmatch(r"start 1 of 3: constraints not kept; no grasp yet; 0\.\d s\n", capsys.readouterr().err)
 
 
 SCRIPT = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -48,13 +49,21 @@ def hand_command(
         bool, typer.Option("--open/--no-open", help="Open the page in a browser, where there is one.")
     ] = True,
 ) -> None:
-    """Show a hand on one page: links, fingertips, joints to move, which fingertips meet, what its file lacks."""
+    """Show a hand on one page: links, fingertips, joints to move, which fingertips meet, what its file lacks.
+
+    The same findings are printed; those after an exclamation mark may make grasps come out wrong.
+    """
     target = Path(f"{source.stem}.html") if out is None else out
     writable(target, source)
-    hand = _hand(source, preset, palm, fingertip or [], approach)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # the findings say what they say
+        hand = _hand(source, preset, palm, fingertip or [], approach)
+    from nlpgrasp.hands.inspection.inspection import inspect
     from nlpgrasp.report import write_hand
 
-    page = write_hand(hand, target)
+    found = inspect(hand)
+    page = write_hand(found, target)
+    typer.echo("\n".join(found.lines))
     typer.echo(f"written to {page}")
     if show:
         opened(page)

@@ -12,6 +12,7 @@ from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.hands.inspection.opposition import TOUCH, Meeting, Opposition
 from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.spheres.hand_fits import WORTH_A_WARNING
+from nlpgrasp.hands.urdf.urdf_arguments import joint_remarks
 
 FULL = 2.0 * np.pi - 0.02  # radians, about a full turn
 PLACEHOLDER = 100.0  # newton-metres that no motor of a finger has; newtons of a sliding joint are not judged
@@ -67,7 +68,7 @@ def _joints(hand: Inspected) -> list[Finding]:
     robot = hand.tree.robot
     if not robot.free_joints:
         return [Finding(f"No joint below {robot.root} moves: a grasp needs joints that do.", grave=True)]
-    found = [Finding(f"Taken with the other sign: {text}.") for text in robot.turned]
+    found = [Finding(f"{text[0].upper()}{text[1:]}.") for text in joint_remarks(robot)]
     weak = [j.name for j in robot.free_joints if j.name not in hand.torque_limits]
     if weak:
         whose = f"no effort limit at {_some(weak, len(robot.free_joints), 'joint')}"

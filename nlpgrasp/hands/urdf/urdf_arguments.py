@@ -81,6 +81,12 @@ def remarks(robot: Robot) -> list[str]:
         found.append(f"left out {'; '.join(robot.missing)}")
     if robot.bare:
         found.append(f"nothing keeps links without a collision shape off the body: {', '.join(robot.bare)}")
+    return found + joint_remarks(robot)
+
+
+def joint_remarks(robot: Robot) -> list[str]:
+    """Return what a user has to know about joints that are taken otherwise than the file says, a sentence each."""
+    found = []
     if robot.turned:
         found.append(f"taken with the other sign: {'; '.join(robot.turned)}")
     if robot.unmodelled:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import warnings
 from html import escape
 from pathlib import Path
 
 from nlpgrasp.common.files import write_text
 from nlpgrasp.hands.base import Hand
-from nlpgrasp.hands.inspection.findings import Finding, findings
-from nlpgrasp.hands.inspection.inspected import Inspected, inspected
-from nlpgrasp.hands.inspection.opposition import opposition
+from nlpgrasp.hands.inspection.inspected import Inspected
+from nlpgrasp.hands.inspection.inspection import Inspection, inspect
 from nlpgrasp.report.frame import ICON, page, style, viewer
 from nlpgrasp.report.hand import controls, tables
 from nlpgrasp.report.hand.scene import scene
@@ -21,13 +19,13 @@ VIEWER = ("shapes.js", "renderer.js", "view.js", "kinematics.js", "hand.js")
 KEY = (("link", "collision shapes"), ("finger", "fingertips"), ("task", "where the palm faces"))
 
 
-def write_hand(hand: Hand | Inspected, path: str | Path) -> Path:
+def write_hand(hand: Hand | Inspected | Inspection, path: str | Path) -> Path:
     """Write a page that shows a hand; it opens from disk and needs no network.
 
     Parameters
     ----------
-    hand : Hand or Inspected
-        With links; an ``Inspected`` may lack fingertips.
+    hand : Hand, Inspected or Inspection
+        With links; an ``Inspected`` may lack fingertips; an ``Inspection`` is not looked through again.
     path : str or Path
         Where the page goes; a file that is there is replaced.
 
@@ -36,23 +34,21 @@ def write_hand(hand: Hand | Inspected, path: str | Path) -> Path:
     InputError
         On a hand without links, or a path that cannot be written.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # the page says what they say
-        shown = hand if isinstance(hand, Inspected) else inspected(hand)
+    found = hand if isinstance(hand, Inspection) else inspect(hand)
+    shown, met = found.hand, found.met
     robot = shown.tree.robot
-    met = opposition(shown.tree, shown.at_rest) if shown.tree.tips else None
-    found = findings(shown, met)
     data = {"tree": joint_tree(shown), "drawn": scene(shown), "postures": controls.postures(shown, met)}
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     count = len(shown.tree.tips)
     aria = f"The hand with {len(robot.links)} links and {count} fingertips; turn it with the mouse or the arrow keys."
     colours = "".join(f'<span><b style="background:var(--{name})"></b>{words}</span>' for name, words in KEY)
+    pill = f'<span class="pill {found.kind}">{escape(found.verdict)}</span>'
     body = [
-        f'<section aria-labelledby="name"><header><h1 id="name">{escape(robot.name)}</h1>{_verdict(found, count)}'
+        f'<section aria-labelledby="name"><header><h1 id="name">{escape(robot.name)}</h1>{pill}'
         f'<span class="file">{escape(robot.source)}, from link {escape(robot.root)} on</span></header>',
         f'<div class="hand"><div class="stage"><div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}">'
         f'</div>{controls.switches()}<p class="key">{colours}</p></div>{controls.sliders(shown)}</div>',
-        tables.told(found, shown),
+        tables.told(found),
         f'<div class="two"><div>{tables.fingertips(shown)}</div><div>{tables.meetings(met)}</div></div>',
         tables.joints(shown),
         tables.links(shown),
@@ -60,14 +56,3 @@ def write_hand(hand: Hand | Inspected, path: str | Path) -> Path:
     ]
     title = f"{robot.name}: the hand"
     return write_text(path, page(title, style("report.css", "hand.css"), body, ICON, viewer(VIEWER)))
-
-
-def _verdict(found: tuple[Finding, ...], tips: int) -> str:
-    """Return in a word or two whether there is something to know."""
-    grave = sum(finding.grave for finding in found)
-    if not tips:
-        return '<span class="pill some">no fingertips stated</span>'
-    if not found:
-        return '<span class="pill good">nothing to remark on</span>'
-    words = f"{len(found)} thing{'s' if len(found) > 1 else ''} to know"
-    return f'<span class="pill {"bad" if grave else "some"}">{words}</span>'

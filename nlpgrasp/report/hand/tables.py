@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from html import escape
 
 import numpy as np
 
 from nlpgrasp.common.shown.numbers import rounded, typeset
-from nlpgrasp.hands.inspection.findings import Finding, millimetres
+from nlpgrasp.hands.inspection.findings import millimetres
 from nlpgrasp.hands.inspection.fingers import fingers
 from nlpgrasp.hands.inspection.inspected import Inspected
+from nlpgrasp.hands.inspection.inspection import GOOD, Inspection
 from nlpgrasp.hands.inspection.opposition import SAMPLES, Meeting, Opposition
 from nlpgrasp.hands.robot.robot import Joint
 from nlpgrasp.hands.tips import Tip
 from nlpgrasp.report.hand.controls import position_words, posture_button, posture_name
 from nlpgrasp.report.table import Html, table
 
-GOOD = "All links that are to be seen have collision shapes, all joints have limits, every two fingertips can touch."
-LISTED = 12  # leaf links that are named
 
-
-def told(found: Sequence[Finding], hand: Inspected) -> str:
+def told(found: Inspection) -> str:
     """Return what is to be known, as a list."""
-    items = [(finding.text, "grave" if finding.grave else "some") for finding in found]
-    if not hand.tree.tips:
-        some, more = hand.leaves[:LISTED], len(hand.leaves) - LISTED
-        leaves = ", ".join(some) + (f" and {more} more" if more > 0 else "")
-        text = "No fingertips are stated: fingertips={link: radius} or --fingertip LINK=RADIUS states them."
-        items.insert(0, (f"{text} Links at the ends: {leaves}.", "some"))
-    if not items:
-        items = [(GOOD, "good")]
+    items = [(finding.text, "grave" if finding.grave else "some") for finding in found.sentences] or [(GOOD, "good")]
     entries = "".join(f'<li class="{kind}">{escape(typeset(text))}</li>' for text, kind in items)
     return f'<h3>What to know</h3><ul class="findings">{entries}</ul>'
 
