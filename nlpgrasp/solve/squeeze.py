@@ -21,6 +21,7 @@ from nlpgrasp.solve.phases.keyframes import with_commands
 from nlpgrasp.tasks.tools import WEIGHT
 
 NORMAL_FORCE = 2.0  # newtons
+MOST_EFFORT = 0.98  # of the weakest joint's limit, that the squeeze of a solution takes
 
 
 def squeeze(
@@ -90,7 +91,7 @@ def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or solution.grasp is None or solution.squeeze:
         return solution
     try:
-        found = squeeze(solution, gain=usual_gain(hand.sliding_joints), hand=hand)
+        found = _within_efforts(solution, hand, usual_gain(hand.sliding_joints))
     except InputError:  # contacts that cannot press: ``squeeze`` says so to whoever asks
         return solution
     posture = with_commands(hand, {**(solution.hand or {}), "squeeze": found.to_dict()}, found.positions())
@@ -101,6 +102,15 @@ def with_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     """Return a solution whose other grasps, those kept beside the answer, state a squeeze where the hand can."""
     others = [replace(found, hand=with_squeeze(solution.with_answer(found), hand).hand) for found in solution.others]
     return replace(solution, others=tuple(others))
+
+
+def _within_efforts(solution: GraspSolution, hand: PosedHand, gain: Gain) -> Squeeze:
+    """Return the squeeze with the usual force, of weak joints with what they can exert: balanced forces scale."""
+    found = squeeze(solution, gain=gain, hand=hand)
+    share = 0.0 if found.joints is None or found.joints.worst is None else found.joints.worst[1]
+    if share <= MOST_EFFORT:
+        return found
+    return squeeze(solution, NORMAL_FORCE * MOST_EFFORT / share, gain=gain, hand=hand)
 
 
 def _carried(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> FloatArray:

@@ -15,18 +15,25 @@ from studies.peers.tables import by_method, write_block
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 
-words = [word for word in sys.argv[1:] if word != "--tables"]
-unknown = [word for word in words if word not in CASES]
-if unknown:
-    sys.exit(f"{unknown[0]} is no body of the study: {', '.join(CASES)}")
-if "--tables" not in sys.argv:
-    # some of the bodies alone are a trial, and leave the study's file as it is
-    run(RESULTS if not words else ROOT / "build" / "peers.csv", words or tuple(CASES))
-if not words:
-    rows = read(RESULTS)
-    write_block(DOCS / "comparison.md", rows)
-    print(by_method(rows))
-    if find_spec("matplotlib") is None:
-        print("no picture: no matplotlib here")
-    else:
-        draw(rows, DOCS / "pictures" / "peers.svg")
+
+def main(arguments: list[str]) -> None:
+    """Run the study, or what the arguments leave of it."""
+    words = [word for word in arguments if word != "--tables"]
+    unknown = [word for word in words if word not in CASES]
+    if unknown:
+        sys.exit(f"{unknown[0]} is no body of the study: {', '.join(CASES)}")
+    if "--tables" not in arguments:
+        # some of the bodies alone are a trial, and leave the study's file as it is
+        run(RESULTS if not words else ROOT / "build" / "peers.csv", words or tuple(CASES))
+    if not words:
+        rows = read(RESULTS)
+        write_block(DOCS / "comparison.md", rows)
+        print(by_method(rows))
+        if find_spec("matplotlib") is None:
+            print("no picture: no matplotlib here")
+        else:
+            draw(rows, DOCS / "pictures" / "peers.svg")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -92,6 +92,18 @@ def test_efforts_that_are_too_small_are_named():
     assert f"too much for joint {name} by" in found.line()
 
 
+def test_a_solution_states_no_more_than_weak_joints_can_exert():
+    usual = squeezed().squeeze
+    name = max(usual.torques, key=lambda joint: abs(usual.torques[joint]))
+    effort = abs(usual.torques[name]) / 2.0
+    data = edited(honest.fingers(), put(("problem", "hand", "torque_limits"), dict.fromkeys(usual.torques, effort)))
+    found = with_squeeze(ng.GraspSolution.from_dict(data, "f.json"), three_finger_hand()).squeeze
+    assert found.joints.worst == (name, pytest.approx(0.98, rel=1e-6))
+    assert found.normal_force == pytest.approx(0.98, rel=1e-6)  # half of 2 N, and a little less
+    assert found.joints.exceeded == {}
+    assert usual.normal_force == 2.0
+
+
 def test_a_file_holds_the_squeeze_and_makes_others(tmp_path):
     squeezed().save(tmp_path / "held.json")
     again = ng.GraspSolution.load(tmp_path / "held.json")

@@ -94,12 +94,8 @@ class Mesh(Body):
             chosen = automatic_fineness(np.ptp(self.mesh.bounds, axis=0), self.wall, smoothing, resolution)
             smoothing, resolution = chosen.smoothing, chosen.resolution
         self.smoothing, self.resolution = smoothing, resolution
-        self._spline = distance_spline(
-            np.asarray(self.mesh.vertices, dtype=float),
-            np.asarray(self.mesh.faces),
-            self.resolution,
-            self.smoothing,
-        )
+        vertices, faces = np.asarray(self.mesh.vertices, dtype=float), np.asarray(self.mesh.faces)
+        self._spline = distance_spline(vertices, faces, resolution, smoothing)
 
     @classmethod
     def load(
