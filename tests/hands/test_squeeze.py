@@ -97,7 +97,8 @@ def test_a_solution_states_no_more_than_weak_joints_can_exert():
     name = max(usual.torques, key=lambda joint: abs(usual.torques[joint]))
     effort = abs(usual.torques[name]) / 2.0
     data = edited(honest.fingers(), put(("problem", "hand", "torque_limits"), dict.fromkeys(usual.torques, effort)))
-    found = with_squeeze(ng.GraspSolution.from_dict(data, "f.json"), three_finger_hand()).squeeze
+    weak = three_finger_hand(torque_limits=effort)
+    found = with_squeeze(ng.GraspSolution.from_dict(data, "f.json"), weak).squeeze
     assert found.joints.worst == (name, pytest.approx(0.98, rel=1e-6))
     assert found.normal_force == pytest.approx(0.98, rel=1e-6)  # half of 2 N, and a little less
     assert found.joints.exceeded == {}
