@@ -1,14 +1,16 @@
-"""What a solve shows while it runs: a bar for people, JSON lines for programs."""
+"""What a command shows while it runs: a bar or a line for people, JSON lines for programs."""
 
 from __future__ import annotations
 
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -72,6 +74,17 @@ class Reporter:
                 "best": pair(best),
             }
         )
+
+
+@contextmanager
+def telling(doing: str) -> Iterator[Callable[[str], None]]:
+    """Tell on stderr what is done: in a terminal one line that goes away at the end, elsewhere a line each."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda words: typer.echo(words, err=True)
+        return
+    with console.status(escape(doing)) as status:
+        yield lambda words: status.update(escape(f"{doing}: {words}"))
 
 
 def emit(data: Mapping[str, object]) -> None:

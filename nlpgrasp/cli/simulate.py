@@ -9,7 +9,7 @@ import typer
 
 import nlpgrasp as ng
 from nlpgrasp.cli.options import AsJson, Damping, File, FrictionLoss, Gain, NormalForce, writable
-from nlpgrasp.cli.progress import emit
+from nlpgrasp.cli.progress import emit, telling
 from nlpgrasp.errors import InputError
 
 THROUGH = "Press through the joints of this hand, the one the problem was solved with."
@@ -60,7 +60,8 @@ def simulate_command(
     if given:
         name = next(iter(given))
         raise InputError(f"--{name.replace('_', '-')}", given[name], "only with --hand, a hand's own joints")
-    found = ng.simulate(solution, share, mass, wrenches, lambda words: typer.echo(words, err=True))
+    with telling("simulating") as tell:
+        found = ng.simulate(solution, share, mass, wrenches, tell)
     if as_json:
         emit(_data(found))
     else:
@@ -86,7 +87,8 @@ def _through_the_hand(
 
     push = given.pop("push", 1.0)
     options = ng.HandSceneOptions(mass=mass, **given)
-    found = ng.simulate_hand(solution, hand, options, push, lambda words: typer.echo(words, err=True))
+    with telling("simulating") as tell:
+        found = ng.simulate_hand(solution, hand, options, push, tell)
     if as_json:
         emit(found.to_dict())
     else:
