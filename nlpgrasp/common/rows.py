@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # certificates reach this file, and no CasADi
 CLEARANCE = "clearance from the body"
 ON_FINGERTIP = "on fingertip"  # alone written in one with its link
 SELF_COLLISION = "self-collision"
+TIPS_APART = "fingertip distance"
 ROOM = "room for the fingertip"
 EDGE_MARGIN = "edge margin"
 UNIT_QUATERNION = "palm quaternion of unit length"

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.given.lengths import of_a_hand
-from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.rows import TIPS_APART, Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
@@ -96,7 +96,7 @@ class Fingertips(Hand):
         low = max(low, 2.0 * self.radius)
         if low > 0.0 or np.isfinite(high):
             rows += [
-                Row("fingertip distance", ca.sumsqr(p - q), low**2, high**2, size2, "m2", fingers=(i, j))
+                Row(TIPS_APART, ca.sumsqr(p - q), low**2, high**2, size2, "m2", fingers=(i, j))
                 for (i, p), (j, q) in combinations(enumerate(tips), 2)
             ]
         return rows

@@ -21,6 +21,7 @@ from nlpgrasp.hands import Hand
 from nlpgrasp.problem.check import body_words, check_placements, check_size, warn_of_friction
 from nlpgrasp.problem.faces import allowed_faces
 from nlpgrasp.problem.margin import margin_of
+from nlpgrasp.problem.task_point import warn_of_point
 from nlpgrasp.tasks import Task
 
 MOST_CONTACTS = 32
@@ -73,7 +74,7 @@ class GraspProblem:
     Warns
     -----
     UserWarning
-        Once, of friction above 2.
+        Once, of friction above 2, and of a disturbance far from the body's centroid that states no point.
     """
 
     body: Body
@@ -108,6 +109,7 @@ class GraspProblem:
             object.__setattr__(self, "torque_origin", tuple(origin.tolist()))
         if self.max_force is not None:
             object.__setattr__(self, "max_force", number("GraspProblem.max_force", self.max_force, above=0.0))
+        warn_of_point(self.task, self.body)
         if self.task.about is not None:
             object.__setattr__(self, "task", self.task.at(self.origin))
         if (

@@ -30,10 +30,13 @@ class Task(ABC):
     about : (space,) array or None
         Point of the body frame, metres, about which moments are taken; ``None`` stands for the torque origin of
         whatever problem or grasp the task is used with.
+    point_left_out : bool
+        Whether a force acts at the origin of the body's frame because nobody said where.
     """
 
     kind: ClassVar[str]
     about: FloatArray | None = None
+    point_left_out: bool = False
     __array_ufunc__ = None  # an array times a task is no array of tasks
 
     @property
@@ -135,10 +138,11 @@ class Task(ABC):
             return NotImplemented
         check_alike(self, other)
         there = other if self.about is None else other.at(self.about)
-        simplest = self._plus(there)
+        simplest = self._plus(there) or there._plus(self)
         if simplest is None:
-            simplest = there._plus(self)
-        return TaskSum([*self._parts, *there._parts]) if simplest is None else simplest._about(self.about)
+            return TaskSum([*parts_of(self), *parts_of(there)])
+        simplest.point_left_out = self.point_left_out or other.point_left_out
+        return simplest._about(self.about)
 
     def _plus(self, other: Task) -> Task | None:
         """Return the Minkowski sum with a task about the same point as one task of a known kind, or ``None``."""
@@ -149,11 +153,6 @@ class Task(ABC):
         """Return the set moved by a wrench (d,) as a task of its own kind, or ``None`` where the kind cannot say so."""
         del wrench
         return None
-
-    @property
-    def _parts(self) -> tuple[Task, ...]:
-        """The tasks of which this is the sum."""
-        return (self,)
 
     def __mul__(self, factor: float) -> Task:
         """Return the task scaled by a positive number."""
@@ -221,12 +220,13 @@ class TaskSum(Task):
         """Return the task that ``to_dict`` wrote."""
         return cls([task_from_dict(part) for part in data["tasks"]])
 
-    @property
-    def _parts(self) -> tuple[Task, ...]:
-        return self.tasks
-
     def __repr__(self) -> str:
         return " + ".join(map(repr, self.tasks))
+
+
+def parts_of(task: Task) -> tuple[Task, ...]:
+    """Return the tasks of which one is the sum."""
+    return task.tasks if isinstance(task, TaskSum) else (task,)
 
 
 TASKS: Registry[Task] = Registry("task.type")

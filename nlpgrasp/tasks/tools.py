@@ -205,26 +205,27 @@ def pour(
 
 
 @within("disturbance: ")
-def disturbance(force: float, torque: float, point: ArrayLike = (0.0, 0.0, 0.0)) -> TaskEllipsoid:
+def disturbance(force: float, torque: float, point: ArrayLike | None = None) -> TaskEllipsoid:
     """Return: any force at a point, and any torque, up to these sizes.
 
     Parameters
     ----------
     force, torque : float
         Newtons and newton-metres; at least zero, not both zero.
-    point : (3,) array
-        Body frame, metres.
+    point : (3,) array, optional
+        Body frame, metres: often ``body.centroid``. When left out the frame's origin, if far from it with a warning.
     """
     force, torque = number("force", force, at_least=0.0), number("torque", torque, at_least=0.0)
-    if force == 0.0 and torque == 0.0:
+    if force == torque == 0.0:
         raise InputError("force", 0.0, "a force or a torque greater than zero")
-    return _at_point(point, force * np.eye(3), np.zeros(3), torque * np.eye(3))
+    found = _at_point(ORIGIN if point is None else point, force * np.eye(3), np.zeros(3), torque * np.eye(3))
+    found.point_left_out = point is None and force > 0.0
+    return found
 
 
 def _direction(name: str, value: ArrayLike) -> FloatArray:
     given = array(name, value, (3,))
-    size = float(np.linalg.norm(given))
-    if size == 0.0:
+    if not (size := float(np.linalg.norm(given))):
         raise InputError(name, value, "a direction that is not zero")
     return given / size
 
@@ -239,10 +240,9 @@ def _at_point(
 ) -> TaskEllipsoid:
     """Return the ellipsoid of forces at a point, and moments, as semi-axes, about the body frame's origin."""
     where = array(name, point, (3,))
-    rows = [np.concatenate([forces, np.cross(where, forces)], axis=1)]
-    if moments is not None:
-        rows.append(np.concatenate([np.zeros_like(moments), moments], axis=1))
-    return _made(np.concatenate(rows), np.concatenate([center, np.cross(where, center)]))
+    moments = np.zeros((0, 3)) if moments is None else moments
+    axes = np.block([[forces, np.cross(where, forces)], [np.zeros_like(moments), moments]])
+    return _made(axes, np.concatenate([center, np.cross(where, center)]))
 
 
 def _made(axes: FloatArray, center: FloatArray) -> TaskEllipsoid:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from nlpgrasp.common.rows import CLEARANCE, EDGE_MARGIN, ON_FINGERTIP, ROOM, SELF_COLLISION, UNIT_QUATERNION
+from nlpgrasp.common.rows import CLEARANCE, EDGE_MARGIN, ON_FINGERTIP, ROOM, SELF_COLLISION, TIPS_APART, UNIT_QUATERNION
 from nlpgrasp.common.types import Json
 
 Owner = Callable[[str], bool]
@@ -21,8 +21,8 @@ CONSTRAINTS = {
 }
 """How the rows of the package's constraints begin."""
 HANDS = {
-    "urdf": (f"{ON_FINGERTIP} ", UNIT_QUATERNION),
-    "fingertips": ("reach, ", "fingertip distance, "),
+    "urdf": (f"{ON_FINGERTIP} ", UNIT_QUATERNION, f"{TIPS_APART}, "),
+    "fingertips": ("reach, ", f"{TIPS_APART}, "),
     "parallel_jaw": ("opening of the jaws", "opposed jaws", "facing, "),
 }
 LINKS = (f"{CLEARANCE}, ", f"{SELF_COLLISION}, ")

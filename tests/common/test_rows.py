@@ -5,7 +5,17 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.rows import CLEARANCE, ON_FINGERTIP, Clearance, Label, LinkSphere, PalmPose, Placement, Row
+from nlpgrasp.common.rows import (
+    CLEARANCE,
+    ON_FINGERTIP,
+    TIPS_APART,
+    Clearance,
+    Label,
+    LinkSphere,
+    PalmPose,
+    Placement,
+    Row,
+)
 from nlpgrasp.hands.tips import Touch
 from nlpgrasp.nlp import support_program, vertex_program
 from nlpgrasp.problem.rows import placement_rows
@@ -104,7 +114,7 @@ def test_a_hand_with_links():
     p, n = ([ca.SX.sym(name, 3) for _ in range(k)] for name in "pn")
     rows = placement_rows(box, [], hand, p, n, hand.symbols(box.bounds)).named
     found = {row.kind for row in rows}
-    assert found == {"palm quaternion of unit length", ON_FINGERTIP, "self-collision", CLEARANCE}
+    assert found == {"palm quaternion of unit length", ON_FINGERTIP, "self-collision", CLEARANCE, TIPS_APART}
     tips = [r.name for r in rows if r.kind == CLEARANCE and r.fingers]
     assert tips == [f"clearance from the body, {link}, finger {i}" for i, (link, _) in enumerate(hand.tips)]
     both = next(both for both in hand.watched if both.pairs)

@@ -20,7 +20,7 @@ def plan(height=0.0):
 def test_a_plan_of_an_earlier_version_goes_on():
     new = plan()
     old = copy.deepcopy(new)
-    for name in ("approach", "link_spheres", "watched_pairs", "overlaps"):
+    for name in ("approach", "link_spheres", "watched_pairs", "overlaps", "tips_apart"):
         del old["variations"]["a"]["problem"]["hand"][name]
     check_same(old, new, "folder")
     del old["variations"]["a"]["problem"]["hand"]["clearance"]

@@ -82,9 +82,10 @@ def test_links_stay_off_the_body_and_off_each_other():
         where[link] = centres, fit.radii
         distance = np.asarray(body.distance_function.map(len(centres))(centres.T).full()).ravel()
         assert np.min(distance - fit.radii) > 0.001 - 1e-6
-    for a, b in hand._pairs:
-        (p, r), (q, s) = ([part[int(n.split("/")[1])] for part in where[n.split("/")[0]]] for n in (a, b))
-        assert np.linalg.norm(p - q) > r + s - 1e-6
+    for both in hand.watched:
+        (a, r), (b, s) = (where[link] for link in both.links)
+        for i, j in both.pairs:
+            assert np.linalg.norm(a[i] - b[j]) > r[i] + s[j] - both.overlap - 1e-6
 
 
 @pytest.mark.slow
@@ -179,13 +180,15 @@ def test_parallel_jaw_is_no_wider_than_it_opens():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "quality"), [("ycb_012_strawberry", 0.4851), ("angle_block", 0.5215)])
+@pytest.mark.parametrize(("name", "quality"), [("ycb_012_strawberry", 0.4824), ("angle_block", 0.5215)])
 def test_hand_on_a_mesh_touches_the_mesh_itself(name, quality, shared_meshes):
     """Recomputed from the JSON data: contacts on tip and mesh within 0.1 mm, links in the mesh by at most 0.5 mm."""
     body = ng.Mesh.load(shared_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")
     hand = four_finger_hand()
     solution = solved(body, hand, starts=2)
-    assert solution.mu.upper >= (1.0 - SAME) * quality
+    without, price = solution.hand["room"]["mu_without"]["upper"], ng.SolveOptions().room_price
+    assert without >= (1.0 - SAME) * quality
+    assert solution.mu.upper >= (1.0 - price) * without
     gaps, _ = tip_gaps(solution, FOUR, FOUR_TIPS)
     assert np.max(np.abs(gaps)) < 1e-5
     assert np.max(body.closest(solution.grasp.points)[2]) < 1e-6

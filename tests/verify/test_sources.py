@@ -87,7 +87,7 @@ def not_made(found):
 
 def test_older_files_do_not_hold_the_links_spheres():
     def forget(data):
-        for key in ("link_spheres", "approach", "watched_pairs", "overlaps"):
+        for key in ("link_spheres", "approach", "watched_pairs", "overlaps", "tips_apart"):
             del data["problem"]["hand"][key]
 
     found = recomputed_file(edited(honest.fingers(), forget), FOLDER)

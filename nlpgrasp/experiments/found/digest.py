@@ -18,6 +18,7 @@ ALSO_RECORDED = {
     "link_spheres",
     "watched_pairs",
     "overlaps",
+    "tips_apart",
 }  # not in older files
 
 

@@ -23,6 +23,7 @@ from nlpgrasp.hands.robot.robot_file import read_robot
 from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.spheres.self_collision import WatchedLinks, apart, watched_links
+from nlpgrasp.hands.spheres.tips_apart import tips_apart, tips_that_meet
 from nlpgrasp.hands.tips import Touch
 from nlpgrasp.hands.urdf.kinematics import require_kinematics
 from nlpgrasp.hands.urdf.link_tree import LinkTree
@@ -189,6 +190,8 @@ class URDFHand(LinkedHand):
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
             p, n = placement.positions[i], placement.normals[i]
             rows += tip.rows(Touch(link, i, poses[link], p, n, slide, placement.size))
+        if self.self_collision:
+            rows += tips_apart(self.tree, variables)
         return rows + apart(self.watched, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
@@ -237,6 +240,7 @@ class URDFHand(LinkedHand):
             "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
             "watched_pairs": sum(len(both.pairs) for both in self.watched),
             "overlaps": [[*both.links, both.overlap] for both in self.watched if both.overlap > 0.0],
+            "tips_apart": [list(pair) for pair in tips_that_meet(self.tree) if self.self_collision],
         }
 
     @classmethod

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from nlpgrasp.common.rows import TIPS_APART
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.verify.placement import Ball, Palm, StatedPlacement
@@ -72,7 +73,7 @@ class FingertipNumbers(FreeHand):
         if low > 0.0 or np.isfinite(high):
             for i, j in combinations(range(len(tips)), 2):
                 squared = float(np.sum((tips[i] - tips[j]) ** 2))
-                yield RowValue(f"fingertip distance, fingers {i} and {j}", squared, low**2, high**2, scale)
+                yield RowValue(f"{TIPS_APART}, fingers {i} and {j}", squared, low**2, high**2, scale)
 
     def _palm_point(self, tips: FloatArray) -> FloatArray:
         return array("hand.palm", self.posture["palm"], (tips.shape[1],))

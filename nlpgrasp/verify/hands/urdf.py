@@ -17,6 +17,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.rows import TIPS_APART
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
@@ -129,13 +130,17 @@ class URDFNumbers:
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
         """Return the links' spheres, then the balls that round fingertips touch with."""
-        found = list(self.link_balls)
+        return [*self.link_balls, *self._tip_balls(placement).values()]
+
+    def _tip_balls(self, placement: StatedPlacement) -> dict[int, Ball]:
+        """Return the balls that round fingertips touch with, by finger."""
+        found = {}
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             radius = radius_of(tip)
             if radius > 0.0:
                 centre = centre_of(tip, self._touching("", tip, p, n, placement.size))
                 name = f"{tip['link']}, finger {i}"
-                found.append(Ball(name, centre, radius, (1.0 - TIP_DEPTH) * radius, is_tip=True))
+                found[i] = Ball(name, centre, radius, (1.0 - TIP_DEPTH) * radius, is_tip=True)
         return found
 
     @cached_property
@@ -154,11 +159,17 @@ class URDFNumbers:
         return found
 
     def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
-        """Yield the quaternion's length, then each contact on its fingertip."""
+        """Yield the quaternion's length, each contact on its fingertip, and fingertips that are kept apart."""
         yield RowValue(QUATERNION, self._stated_length, 1.0, 1.0)  # the program's own; the file's is of unit length
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             name = f"on fingertip {tip['link']}, finger {i}"
             yield from touching_rows(tip, self._touching(name, tip, p, n, placement.size))
+        balls = self._tip_balls(placement)
+        for i, j in self.data.get("tips_apart", ()):
+            a, b = balls[i], balls[j]
+            squared, least = float(np.sum((a.centre - b.centre) ** 2)), (a.radius + b.radius) ** 2
+            error = 4.0 * np.sqrt(squared) * self.error
+            yield RowValue(f"{TIPS_APART}, fingers {i} and {j}", squared, least, scale=self.span**2, error=error)
 
     def _touching(self, name: str, tip: Json, p: FloatArray, n: FloatArray, size: float) -> Touching:
         return Touching(name, self.poses[str(tip["link"])], p, n, size, self.error, self.turn)

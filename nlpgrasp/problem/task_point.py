@@ -1,0 +1,32 @@
+"""Whether a disturbance acts where its user thinks it does."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.shown.once import say_once
+from nlpgrasp.tasks import Task
+from nlpgrasp.tasks.base import parts_of
+
+FAR = 0.1  # of the body's size: from its centroid
+
+
+def warn_of_point(task: Task, body: Body) -> None:
+    """Warn, once, of a disturbance without a point on a body whose frame begins elsewhere than at its centroid.
+
+    Scans and CAD parts often have their origin at a foot or a flange: a force that acts there has an arm about the
+    centroid, and asks for far more torque than the disturbance states.
+
+    Parameters
+    ----------
+    task : Task
+        As given, before its moments are taken about the problem's torque origin.
+    body : Body
+    """
+    away = float(np.linalg.norm(body.centroid))
+    if away > FAR * body.size and any(part.point_left_out for part in parts_of(task)):
+        say_once(
+            f"disturbance: without a point its force acts at the origin of the body's frame, {1e3 * away:.3g} mm from "
+            "the body's centroid: state point=body.centroid, or point=[0, 0, 0] where that is meant"
+        )

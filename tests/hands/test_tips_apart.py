@@ -1,0 +1,64 @@
+"""Round fingertips do not overlap: rows against MuJoCo's kinematics, a small body held, and what verify says."""
+
+from itertools import combinations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.common.rows import TIPS_APART
+from nlpgrasp.hands.spheres.tips_apart import tips_apart, tips_that_meet
+from tests.hands.urdf import FOLDER, FOUR, FOUR_TIPS, Mujoco, four_finger_hand, gripper
+from tests.verify import honest
+from tests.verify.stated import edited, recomputed_file
+
+
+def test_rows_are_squared_distances_of_the_tips_balls(rng):
+    tree = four_finger_hand().tree
+    lower, upper = tree.joint_limits
+    joints = rng.uniform(lower, upper)
+    values = {"palm_position": np.zeros(3), "palm_quaternion": np.array([1.0, 0.0, 0.0, 0.0]), "joints": joints}
+    rows = tips_apart(tree, {name: ca.DM(value) for name, value in values.items()})
+    names = [joint.name for joint in tree.robot.free_joints]
+    links = Mujoco(FOUR).link_poses(dict(zip(names, joints, strict=True)))
+    centres = [links[tip][:3, 3] for tip in FOUR_TIPS]
+    pairs = list(combinations(range(4), 2))
+    assert [row.fingers for row in rows] == pairs
+    for row, (i, j) in zip(rows, pairs, strict=True):
+        assert float(row.expression) == pytest.approx(np.sum((centres[i] - centres[j]) ** 2), rel=1e-6)
+        assert row.lower == pytest.approx(0.022**2)
+
+
+def test_flat_pads_and_neighbours_in_a_chain_are_left_out():
+    assert tips_that_meet(gripper().tree) == ()
+    tips = {"index_middle": 0.009, **FOUR_TIPS}
+    tree = ng.URDFHand.load(FOUR, tips, approach=[1.0, 0.0, 0.0]).tree
+    assert (0, 1) not in tips_that_meet(tree)
+    assert (0, 2) in tips_that_meet(tree)
+
+
+@pytest.mark.slow
+def test_a_small_ball_is_held_by_tips_beside_each_other():
+    """Without these rows tips of 22 mm were 17 to 19 mm apart."""
+    task = ng.lift([0.0, 0.0, 0.0], 0.2) + ng.disturbance(0.3, 0.004)
+    options = ng.SolveOptions(workers=1, extras=False, shadow_prices=False, global_bound=False)
+    problem = ng.GraspProblem(ng.Sphere(0.012), ng.FrictionContact(0.6), task, hand=four_finger_hand())
+    solution = ng.solve(problem, starts=2, keep=3, options=options)
+    for found in solution.grasps:
+        centres = found.grasp.points - 0.011 * found.grasp.normals
+        assert min(np.linalg.norm(a - b) for a, b in combinations(centres, 2)) > 0.022 - 1e-5
+    assert sum(c.kind == TIPS_APART for c in solution.constraints) == 6
+    assert ng.verify(solution)
+
+
+def test_verify_looks_at_the_pairs_that_a_file_states():
+    def stated(pairs):
+        def state(data):
+            data["problem"]["hand"]["tips_apart"] = pairs
+
+        return recomputed_file(edited(honest.fingers(), state), FOLDER)["hand"]
+
+    assert stated([]).detail.startswith("10 rows recomputed")
+    assert stated([[0, 1], [0, 2], [1, 2]]).detail.startswith("13 rows recomputed")
+    assert not stated([[0, 7]]).passed
