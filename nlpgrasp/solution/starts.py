@@ -78,6 +78,7 @@ def passed_over(
     before: float = 0.0,
     label: str = "mu",
     by_what_is_left: bool = False,
+    squeezed: bool = False,
 ) -> list[str]:
     """Return in words which start found a grasp with more mu than the answer, and why it is not the answer.
 
@@ -92,6 +93,8 @@ def passed_over(
         The measure's name.
     by_what_is_left : bool
         Whether all starts were ranked by what is left at the worst placement.
+    squeezed : bool
+        Whether the answer was to be one that a hand can squeeze.
     """
     solved = [s for s in starts if s.status is Status.SOLVED and math.isfinite(s.mu.upper)]
     best = max(solved, key=lambda s: s.mu.upper, default=None)
@@ -101,6 +104,7 @@ def passed_over(
         why = "starts were ranked by what is left at the worst placement, which is more of the answer"
     elif best.mu.lower >= winner.mu.lower:
         why = "less of it is left at the worst placement, when contacts are off and friction is less"
+        why += ", or its contacts cannot press against each other" if squeezed else ""
     else:
         why = "less of it is certified than of the answer"
     return [f"start {best.index} found {label} in {best.mu}: passed over, as {why}"]

@@ -13,6 +13,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.quality.forces.least_friction import balanced_forces
+from nlpgrasp.quality.forces.no_balance import NoBalanceError
 from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.joints import Gain, JointSqueeze, usual_gain
@@ -87,12 +88,18 @@ def squeeze(
 
 
 def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
-    """Return a solution whose ``hand`` states a squeeze, where a hand with joints can; one that does as it is."""
+    """Return a solution whose ``hand`` states a squeeze, or why there is none; one that does as it is.
+
+    Of hands without joints, and of weak joints that nothing balances, it states neither.
+    """
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or solution.grasp is None or solution.squeeze:
         return solution
     try:
         found = _within_efforts(solution, hand, usual_gain(hand.sliding_joints))
-    except InputError:  # contacts that cannot press: ``squeeze`` says so to whoever asks
+    except NoBalanceError as none:
+        why = {"reason": none.reason, **({} if none.friction is None else {"friction": none.friction})}
+        return replace(solution, hand={**(solution.hand or {}), "no_squeeze": why})
+    except InputError:  # ``squeeze`` says so to whoever asks
         return solution
     posture = with_commands(hand, {**(solution.hand or {}), "squeeze": found.to_dict()}, found.positions())
     return replace(solution, hand=posture)

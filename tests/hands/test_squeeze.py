@@ -119,6 +119,26 @@ def test_a_file_holds_the_squeeze_and_makes_others(tmp_path):
     assert checks["squeeze torques"].passed
 
 
+def test_contacts_that_cannot_press_are_told_everywhere(tmp_path):
+    """The three contacts' normals are turned into a cone about one direction: whatever is pushed goes one way."""
+    above = grasped().grasp.normals.mean(axis=0) + np.array([0.0, 0.0, 3.0])
+    normals = above / np.linalg.norm(above) + 0.3 * grasped().grasp.normals
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    slippery = [ng.FrictionContact(0.2)] * 3
+    open_grasp = ng.Grasp(grasped().grasp.points, normals, slippery, grasped().grasp.torque_origin)
+    found = with_squeeze(replace(grasped(), grasp=open_grasp), three_finger_hand())
+    stated = found.hand["no_squeeze"]
+    assert stated["reason"].startswith("contacts 0, 1, 2 cannot press with friction 0.2")
+    assert found.squeeze is None
+    assert f"the hand cannot squeeze the body: {stated['reason']}" in str(found)
+    assert "disturbance(force, torque, point)" in found.squeeze_line()
+    with pytest.raises(ng.InputError, match="contacts 0, 1, 2 cannot press"):
+        found.require_squeeze()
+    rough = [ng.FrictionContact(1.01 * stated["friction"])] * 3
+    grown = ng.Grasp(grasped().grasp.points, normals, rough, grasped().grasp.torque_origin)
+    assert ng.squeeze(grown).share == pytest.approx(1.0 / 1.01, rel=1e-4)
+
+
 def test_a_quick_solve_has_none_and_another_keeps_what_is_there():
     assert grasped().squeeze is None
     assert with_squeeze(squeezed(), three_finger_hand()) is squeezed()

@@ -170,8 +170,11 @@ def test_what_cannot_be_exported(held, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"a grasp found with an ng\.URDFHand"):
         mjcf_with_hand(replace(held, hand=None), HAND)
     bare = replace(held, hand={k: v for k, v in held.hand.items() if k != "squeeze"})
-    with pytest.raises(InputError, match="a hand without a squeeze"):
+    with pytest.raises(InputError, match=r"a grasp without a squeeze, expected .*ng\.squeeze says why"):
         mjcf_with_hand(bare, HAND)
+    none = replace(bare, hand={**bare.hand, "no_squeeze": {"reason": "contacts 0, 1 cannot press"}})
+    with pytest.raises(InputError, match=r"without a squeeze: contacts 0, 1 cannot press, expected .*disturbance"):
+        mjcf_with_hand(none, HAND)
     with pytest.raises(InputError, match="the hand's URDF file"):
         mjcf_with_hand(held, tmp_path / "none.urdf")
     with pytest.raises(InputError, match=r"a link of the URDF|the solution's hand"):

@@ -1,12 +1,14 @@
 """A squeeze that a file states is checked by other kinematics, and edits of it fail."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.solve.squeeze import with_squeeze
+from nlpgrasp.verify.claims.squeeze import squeeze_checks
 from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.verify import honest
 from tests.verify.edits import a_little, failures, put, together
@@ -91,6 +93,26 @@ def test_without_the_urdf_torques_are_not_made():
     assert found["squeeze"].passed
     assert not found["squeeze torques"].made
     assert "three_finger_hand.urdf is not beside the file" in found["squeeze torques"].detail
+
+
+def wedge(half_angle):
+    """Two contacts of friction 0.5 on a wedge: a hand squeezes it up to 26.57 degrees."""
+    c, s = np.cos(np.radians(half_angle)), np.sin(np.radians(half_angle))
+    points, normals = [[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]], [[-c, s, 0.0], [c, s, 0.0]]
+    return ng.Grasp(points, normals, ng.SoftContact(0.5, 0.01))
+
+
+@pytest.mark.parametrize(("half_angle", "holds"), [(0.0, False), (25.0, False), (27.0, True), (60.0, True)])
+def test_that_there_is_no_squeeze_is_refuted_by_forces(half_angle, holds):
+    stated = SimpleNamespace(hand={"no_squeeze": {"reason": "contacts 0, 1 cannot press"}})
+    (check,) = squeeze_checks(stated, wedge(half_angle), None)
+    assert check.passed is holds
+    assert check.detail.startswith("none: no forces" if holds else "states that there is none, but forces")
+
+
+def test_a_squeeze_and_none_contradict_each_other():
+    both = edited(data(), put(("hand", "no_squeeze"), {"reason": "contacts 0, 1, 2 cannot press"}))
+    assert failures(both, FOLDER)[0] == "squeeze"
 
 
 def test_a_squeeze_without_torques_is_checked_for_its_forces():

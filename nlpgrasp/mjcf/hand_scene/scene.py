@@ -69,8 +69,7 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
     hand = solution.hand or {}
     if "palm_pose" not in hand or "joint_positions" not in hand:
         raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
-    if solution.squeeze is None:
-        raise InputError("solution", "a hand without a squeeze", "one whose contacts can press: ng.squeeze says why")
+    squeeze = solution.require_squeeze()
     grasp, robot = solution.require_grasp(), _robot(urdf, solution.palm, hand["joint_positions"])
     drawing = solution.require_drawing()
     require_pressing(grasp)
@@ -88,14 +87,14 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
     slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
     others = {"friction": slipperiest["friction"], "condim": "3"}
     add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, others)
-    gains = gains_of(robot, solution.squeeze, given.gain)
+    gains = gains_of(robot, squeeze, given.gain)
     limits = _limits(solution)
     tips = tuple(solution.problem["hand"]["fingertips"])
     placed = PlacedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits)
     add_hand(root, placed, surfaces, given)
-    scale = _scale(solution.squeeze, given.normal_force)
-    _require_effort(solution.squeeze, scale)
-    frames = keyframes(hand, robot, solution.squeeze, gains, scale)
+    scale = _scale(squeeze, given.normal_force)
+    _require_effort(squeeze, scale)
+    frames = keyframes(hand, robot, squeeze, gains, scale)
     root.insert(0, Comment(SAID.format(names=", ".join(frame.name for frame in frames))))
     add_keyframes(root, frames)
     told = text(root)

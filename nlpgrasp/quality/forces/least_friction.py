@@ -30,9 +30,9 @@ from scipy import sparse
 from nlpgrasp.common.conic import LONG, SHORT, cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.product import lifted, ranges
-from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.certificate.rank import numerical_rank
+from nlpgrasp.quality.forces.no_balance import NoBalanceError
 
 ROOM = 2.0  # times the least total normal force: what forces may take so that less friction is needed
 TOLERANCES = (1e-10, 1e-8)
@@ -61,6 +61,11 @@ class Balanced:
     share: float
 
 
+def can_press(grasp: Grasp) -> bool:
+    """Return whether all contacts can press at once, in balance, without a wrench on the body."""
+    return _Program(grasp, np.zeros(grasp.dimension)).least_normal(1.0) is not None
+
+
 def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Balanced:
     """Return the forces that produce a wrench, press enough and need the least friction (see the module).
 
@@ -74,7 +79,7 @@ def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Ba
 
     Raises
     ------
-    InputError
+    NoBalanceError
         Where there are none, with the contacts that cannot press, or the friction that would do.
     """
     program = _Program(grasp, wrench / normal_force)
@@ -213,17 +218,8 @@ class _Program:
         return None
 
 
-def _impossible(program: _Program) -> InputError:
-    """Return why there are no balanced forces: contacts that cannot press, or friction that is not enough."""
-    idle = program.idle()
-    named = f"contact{'s' if len(idle) > 1 else ''} {', '.join(map(str, idle))}"
-    given = f"{named} cannot press" if idle else "forces that press at every contact, but none that carry the wrench"
-    allowed = "a grasp whose contacts balance each other" if idle else "a wrench that these contacts exert"
+def _impossible(program: _Program) -> NoBalanceError:
+    """Return why there are no balanced forces."""
     rough = program.least_normal(MOST)
-    if rough is not None:
-        factor = program.least_share(rough)[1]
-        larger = f"friction at least {factor:.3g} times as large"
-        if len(program.frictions) == 1:
-            larger += f" ({factor * max(program.frictions):.3g} in place of {max(program.frictions):.3g})"
-        allowed = f"{larger}, or {allowed}"
-    return InputError("squeeze", given, allowed)
+    factor = None if rough is None else program.least_share(rough)[1]
+    return NoBalanceError.of(program.idle(), factor, program.frictions)

@@ -11,6 +11,7 @@ from nlpgrasp.report.solution.gauge import gauge, legend, share_left
 from nlpgrasp.solution.measures.quality import held_words
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.squeezed.squeeze import NONE
 
 WEAK = 0.5  # share of the quality left: below, a word of caution
 SPENT = {  # what a budget counts, of the least finger forces that hold the hardest wrench of the task as given
@@ -58,7 +59,9 @@ class Fact:
 
 def facts(solution: GraspSolution) -> list[Fact]:
     """Return the facts of a solution, the most telling first."""
-    found = [] if solution.grasp is None else [_quality(solution), *_left(solution), _effort(solution)]
+    found = (
+        [] if solution.grasp is None else [_quality(solution), *_left(solution), _effort(solution), *_squeeze(solution)]
+    )
     found += _best(solution)
     found = [_verdict(solution), *found] if verdict(solution)[1] == "bad" else [*found, _verdict(solution)]
     if sum(not fact.broad for fact in found) % 2:  # two a row
@@ -104,6 +107,17 @@ def _effort(solution: GraspSolution) -> Fact:
             title, percent(takes), ("of what the hand's joints can do, at most",), "" if takes <= 1.0 else "bad"
         )
     return Fact(title, f"{outwards(0.0, takes)[1]} N", (f"at most: {SPENT.get(budget.kind, IN_GENERAL)}",))
+
+
+def _squeeze(solution: GraspSolution) -> list[Fact]:
+    """Return the friction that the hand's squeeze needs, or why there is none."""
+    line = solution.squeeze_line()
+    if not line:
+        return []
+    told = f"{line[:1].upper()}{line[1:]}"
+    if solution.squeeze is None:
+        return [Fact("Squeeze", "none", (told,), "bad")]
+    return [Fact("Squeeze", f"friction {rounded(solution.squeeze.friction_needed, least=NONE)}", (told,))]
 
 
 def _left(solution: GraspSolution) -> list[Fact]:

@@ -24,6 +24,8 @@ from nlpgrasp.solution.schema.types import SolverData
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 from nlpgrasp.solution.starts import passed_over, starts_lines, winner_of
 
+MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
+
 
 class Measured(Asked):
     """The measures of a grasp, for what is asked."""
@@ -102,7 +104,7 @@ class Measured(Asked):
         lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}: {held}"]
         if self.bound is not None:
             lines.append(f"  {self.bound.line(self.mu.lower, self.label)}")
-        squeezed = [] if self.squeeze is None else [self.squeeze.line()]
+        squeezed = [line for line in (self.squeeze_line(),) if line]
         reason = ((self.hand or {}).get("approach") or {}).get("reason")
         came = [f"no free straight way of the palm to the grasp: {reason}"] if reason else []
         room = [] if self._room is None else room_lines(self._room)
@@ -118,6 +120,31 @@ class Measured(Asked):
         if self.grasp is None or self.hand is None or "squeeze" not in self.hand:
             return None
         return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
+
+    def squeeze_line(self) -> str:
+        """Return in words what the squeeze needs, or why there is none; empty where neither is known."""
+        if self.squeeze is not None:
+            return self.squeeze.line()
+        why = ((self.hand or {}).get("no_squeeze") or {}).get("reason")
+        return f"the hand cannot squeeze the body: {why}; {MORE}" if why else ""
+
+    def require_squeeze(self) -> Squeeze:
+        """Return the squeeze that ``hand`` states.
+
+        Raises
+        ------
+        InputError
+            Where it states none, with the reason where that is known.
+        """
+        if self.squeeze is not None:
+            return self.squeeze
+        why = ((self.hand or {}).get("no_squeeze") or {}).get("reason")
+        given = f"a grasp without a squeeze: {why}" if why else "a grasp without a squeeze"
+        raise InputError(
+            "solution",
+            given,
+            "one whose contacts press against each other: " + (MORE if why else "ng.squeeze says why"),
+        )
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
@@ -136,7 +163,7 @@ class Measured(Asked):
         """Return in words how the starts ended, and why one with more mu is not the answer where there is one."""
         before = 0.0 if self._room is None else float(self._room["mu_without"]["upper"])
         by_what_is_left = bool(self.solver.get("options", {}).get("maximise_robust"))
-        over = passed_over(self.starts, self.winner, before, self.label, by_what_is_left)
+        over = passed_over(self.starts, self.winner, before, self.label, by_what_is_left, self.squeeze is not None)
         return [*starts_lines(self.starts), *over]
 
     def __str__(self) -> str:

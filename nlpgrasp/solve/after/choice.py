@@ -1,4 +1,4 @@
-"""Which start is the answer, where the best of them is fragile."""
+"""Which start is the answer, where the hand cannot squeeze the best of them, or it is fragile."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.hands.posed_hand import PosedHand
+from nlpgrasp.quality.forces.least_friction import can_press
 from nlpgrasp.solve.after.robust import robustness
+from nlpgrasp.solve.answer import best_of
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -22,7 +25,9 @@ def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], s
     """Return the start that is the answer, with its robustness where that was looked at.
 
     That is the best one, unless it is fragile: then the first in the order of mu that is not, that has at least half
-    its mu and leaves more at its worst placement. Two others are looked at.
+    its mu and leaves more at its worst placement. Two others are looked at. Of a hand with joints only starts count
+    whose contacts can press against each other, as long as one of them has at least half the best one's mu: others hold
+    the task only while it pushes into the fingers.
 
     Parameters
     ----------
@@ -34,6 +39,7 @@ def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], s
     stop : Stop
     """
     with one_thread():
+        best, results = _pressing(bench, best, results)
         first = _looked_at(bench, best)
         if first.robust is None or not first.robust.is_fragile(first.record.mu):
             return first
@@ -46,6 +52,20 @@ def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], s
             if found.robust.mu.lower > first.robust.mu.upper:
                 return found
     return first
+
+
+def _pressing(
+    bench: Workbench, best: StartGrasp, results: Sequence[StartResult]
+) -> tuple[StartGrasp, Sequence[StartResult]]:
+    """Return the best start whose contacts can press against each other, and all such; what is given where none do."""
+    hand = bench.problem.hand
+    if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.found.grasp):
+        return best, results
+    least = HALF * best.record.mu.upper
+    good = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
+    able = [r for r in good if can_press(r.found.grasp)]
+    first = best_of(able)
+    return (best, results) if first is None else (first, able)
 
 
 def _looked_at(bench: Workbench, start: StartGrasp) -> StartGrasp:

@@ -9,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.optimize import linprog
 
 from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.quality.other_tools.pyramids import pyramid_wrenches
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotMadeError
 from nlpgrasp.verify.claims.evidence import FORCE_TOLERANCE, put_back
@@ -21,6 +24,9 @@ from nlpgrasp.verify.hands.unknown import UnknownHand
 from nlpgrasp.verify.hands.urdf import URDFNumbers
 from nlpgrasp.verify.placement import HandNumbers
 
+EDGES = 24  # of a friction pyramid
+INSIDE = 0.98  # of the friction: a squeeze that needs all of it is no refutation
+INFEASIBLE = 2  # of HiGHS
 SAME = 1e-6  # relative: recomputed Jacobians differ by rounding
 LESS = 1e-3  # a share of friction this much smaller, relative, is not enough
 LEAST = 1e-5  # of friction: shares below are as good as none
@@ -28,7 +34,14 @@ LEAST = 1e-5  # of friction: shares below are as good as none
 
 def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
     """Check balance, cones, normal forces and friction of ``hand.squeeze``, then torques and positions."""
-    stated = (solution.hand or {}).get("squeeze")
+    posture = solution.hand or {}
+    stated = posture.get("squeeze")
+    if "no_squeeze" in posture:
+        try:
+            wrong = _none(grasp) if stated is None else "states a squeeze, and that there is none"
+        except NotMadeError as reason:
+            return [Check.not_made("squeeze", str(reason))]
+        return [Check("squeeze", not wrong, wrong or "none: no forces that balance press at every contact")]
     if stated is None:
         return []
     wrong = "; ".join(_forces(stated, grasp))
@@ -44,6 +57,31 @@ def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | No
         *checks,
         Check("squeeze torques", not wrong, wrong or f"of {len(stated['torques'])} joints, by virtual work"),
     ]
+
+
+def _none(grasp: Grasp) -> str:
+    """Return what is wrong with the claim that the contacts cannot press against each other; empty where nothing is.
+
+    Forces on the edges of friction pyramids inside the cones that balance with a normal force everywhere would refute
+    it: a linear program, by HiGHS.
+    """
+    smoother = [model.with_friction(INSIDE) for model in grasp.contacts]
+    try:
+        edges = pyramid_wrenches(
+            Grasp(grasp.points, grasp.normals, smoother, grasp.torque_origin, grasp.tangents), EDGES, grasp.mean_arm
+        )
+    except InputError as error:
+        raise NotMadeError(str(error)) from None
+    presses = np.zeros((len(grasp), sum(map(len, edges))))
+    for i, end in enumerate(np.cumsum([len(each) for each in edges])):
+        presses[i, end - len(edges[i]) : end] = -1.0
+    balance, everywhere = np.concatenate(edges).T, -np.ones(len(grasp))
+    found = linprog(np.ones(presses.shape[1]), presses, everywhere, balance, np.zeros(len(balance)), method="highs")
+    return (
+        ""
+        if found.status == INFEASIBLE
+        else "states that there is none, but forces that balance press at every contact"
+    )
 
 
 def _forces(stated: Json, grasp: Grasp) -> Iterator[str]:

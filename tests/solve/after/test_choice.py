@@ -38,7 +38,7 @@ def looked(monkeypatch):
     return seen
 
 
-BENCH = SimpleNamespace(scaling=SimpleNamespace(length=1.0))
+BENCH = SimpleNamespace(scaling=SimpleNamespace(length=1.0), problem=SimpleNamespace(hand=None))
 CASES = {
     "the best is not fragile": ([start(0, 1.0, 0.3), start(1, 0.9, 0.8)], 0, 1),
     "the next is not": ([start(0, 1.0, 0.01), start(1, 0.9, 0.3), start(2, 0.8, 0.7)], 1, 2),
@@ -67,6 +67,20 @@ def test_the_answer(name, looked):
     assert (found.robust is None) == (found.found.placed is None)
 
 
+@pytest.mark.parametrize(("pressing", "expected"), [((0, 1), 0), ((1, 2), 1), ((2,), 2), ((3,), 0), ((), 0)], ids=str)
+def test_a_hand_with_joints_takes_what_it_can_squeeze(pressing, expected, looked, monkeypatch):
+    """As long as it has half the best one's mu: the fourth has less."""
+    results = [start(0, 1.0, 0.8), start(1, 0.9, 0.8), start(2, 0.6, 0.4), start(3, 0.4, 0.4)]
+    monkeypatch.setattr(choice, "can_press", lambda grasp: any(grasp is results[i].found.grasp for i in pressing))
+    monkeypatch.setattr(choice, "PosedHand", SimpleNamespace)
+    bench = SimpleNamespace(
+        scaling=BENCH.scaling, problem=SimpleNamespace(hand=SimpleNamespace(loaded_joints=("joint",)))
+    )
+    assert choice.chosen(bench, results[0], results, Stop()).record.index == expected
+    bench.problem.hand.loaded_joints = ()
+    assert choice.chosen(bench, results[0], results, Stop()).record.index == 0
+
+
 @pytest.mark.parametrize(
     ("options", "weighs"),
     [
@@ -91,6 +105,8 @@ def test_the_start_with_more_mu_is_named():
     starts = [StartRecord(i, Status.SOLVED, mu=Bounds(0.99 * mu, mu)) for i, mu in enumerate((0.5, 0.9, 0.51))]
     (line,) = passed_over(starts, starts[0])
     assert line.startswith("start 1 found mu in [0.891, 0.9]: passed over")
+    (line,) = passed_over(starts, starts[0], squeezed=True)
+    assert line.endswith("friction is less, or its contacts cannot press against each other")
     assert passed_over(starts, starts[1]) == []
     assert passed_over(starts, None) == []
 
