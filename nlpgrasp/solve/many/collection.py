@@ -157,19 +157,18 @@ def _finished(bench: Workbench, start: StartGrasp) -> FoundGrasp:
     with one_thread():
         if robust is None and bench.options.extras:
             robust = attempted(lambda: robustness(bench, placed, grasp, quickly=True))
-        before = before_grasp(bench, start.found, Clock())
-    return _told(bench, start, robust, before)
+        return _told(bench, start, robust, before_grasp(bench, start.found, Clock()))
 
 
 def _plain(bench: Workbench, start: StartGrasp) -> FoundGrasp:
     """Return a grasp with its forces alone, where there is no time left."""
-    return _told(bench, start, start.robust, Aftermath())
+    with one_thread():
+        return _told(bench, start, start.robust, Aftermath())
 
 
 def _told(bench: Workbench, start: StartGrasp, robust: Robustness | None, before: Aftermath) -> FoundGrasp:
     found, bounds = start.found, start.record.mu
-    with one_thread():
-        exerted = least_forces(bench.problem, found.grasp, bench.budget(found.placed), bounds)
+    exerted = least_forces(bench.problem, found.grasp, bench.budget(found.placed), bounds)
     return FoundGrasp(
         found.grasp,
         found.placed.faces,
