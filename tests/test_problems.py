@@ -21,7 +21,7 @@ VALUES = {
     "ellipsoid": (2, 0.7319),
     "screwdriver": (2, 0.03563),
     "odd_object_on_table": (2, 0.3012),
-    "power_grasp": (1, 0.6983),
+    "power_grasp": (2, 0.6963),
     "fingers_and_bodies": (2, 0.2693),
     "filling_cup": (8, 0.1651),
     "hammer": (2, 0.02199),
@@ -116,7 +116,7 @@ def test_rectangle_finds_pair_one(problems_folder):
     assert sorted(solution.faces) == ["edge0", "edge2"]
 
 
-MESHES = {  # unit, and the quality that two starts of seed 0 lead to at least
+MESHES = {  # unit, and the quality that eight starts of seed 0 lead to at least
     "ycb_010_potted_meat_can.stl": ("m", 0.6049),
     "ycb_012_strawberry.stl": ("m", 0.4513),
     "ycb_043_phillips_screwdriver.stl": ("m", 0.1395),
@@ -143,7 +143,7 @@ def test_shared_meshes_are_grasped_on_the_mesh_itself(shared_meshes, name):
     task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, name=name)
     solution = ng.solve(
-        problem, starts=2, options=ng.SolveOptions(rank="mu", shadow_prices=False, rtol=0.05, final_rtol=0.02)
+        problem, starts=8, options=ng.SolveOptions(rank="mu", shadow_prices=False, rtol=0.05, final_rtol=0.02)
     )
     assert all(start.mu.lower > 0.0 for start in solution.starts)
     assert solution.mu.upper >= (1.0 - SAME) * value

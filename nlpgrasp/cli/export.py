@@ -68,6 +68,8 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         writable(target, file)
         write_bytes(target, chosen.export(solution, options))
         typer.echo(f"written to {target}")
+        if hand is not None:
+            _of_the_scene(solution, mass, normal_force)
 
     chosen_by = typer.Option("--to", help=content[0].upper() + content[1:])
     export.__annotations__["to"] = Annotated[names, chosen_by]
@@ -85,3 +87,17 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         kind = list[str] | None if field == "joint" else str | None
         export.__annotations__[field] = Annotated[kind, typer.Option(flag, metavar=metavar, help=told)]
     return export
+
+
+def _of_the_scene(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:
+    """Say what a scene takes for granted: the object's mass, and how hard the fingers press."""
+    from nlpgrasp.mjcf.scene import DENSITY
+    from nlpgrasp.solution.squeezed.enough import too_weak
+    from nlpgrasp.tasks.mass import mass_of
+
+    if mass is None:
+        whole = mass_of(solution.require_drawing().body, DENSITY).mass
+        typer.echo(f"the object weighs {whole:.3g} kg there, as if of water: --mass states another")
+    weak = too_weak(solution.squeeze, solution.needed, normal_force)
+    if weak:
+        typer.echo(weak)

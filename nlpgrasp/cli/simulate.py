@@ -27,7 +27,7 @@ def simulate_command(
     ] = None,
     share: Annotated[float, typer.Option("--share", help="Of certified mu, that wrenches are scaled by.")] = 0.8,
     mass: Annotated[
-        float | None, typer.Option("--mass", help="Of the object, kilograms; a light one by default.")
+        float | None, typer.Option("--mass", help="Of the object, kilograms; 0.1 with --hand, else next to none.")
     ] = None,
     wrenches: Annotated[int, typer.Option("--wrenches", help="How many, beside the hardest one.")] = 12,
     hand: Annotated[Path | None, typer.Option("--hand", metavar="URDF", help=THROUGH)] = None,
@@ -84,6 +84,7 @@ def _through_the_hand(
 ) -> None:
     """Press the grasp through its hand's joints, and tell what became of it."""
     from nlpgrasp.simulation.hand.hand_strip import write_hand_strip
+    from nlpgrasp.solution.squeezed.enough import too_weak
 
     push = given.pop("push", 1.0)
     options = ng.HandSceneOptions(mass=mass, **given)
@@ -93,6 +94,9 @@ def _through_the_hand(
         emit(found.to_dict())
     else:
         typer.echo(str(found))
+        weak = too_weak(solution.squeeze, solution.needed, given.get("normal_force"))
+        if weak:
+            typer.echo(f"  {weak}")
         typer.echo(found.verdict)
     picture = write_hand_strip(found, solution, target)
     if not as_json:

@@ -221,5 +221,9 @@ def test_from_the_command_line(held, tmp_path):
     done = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--mass", 0.3, "--out", scene)
     assert done.returncode == 0, done.stderr
     assert mujoco.MjModel.from_xml_path(str(scene)).body("object").mass[0] == pytest.approx(0.3)
+    assert "--mass" not in done.stdout
+    done = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--out", scene)
+    weighs = mujoco.MjModel.from_xml_path(str(scene)).body("object").mass[0]
+    assert f"the object weighs {weighs:.3g} kg there, as if of water: --mass states another" in done.stdout
     done = run("export", tmp_path / "held.json", "--to", "mjcf", "--gain", 3)
     assert (done.returncode, done.stderr) == (2, "nlpgrasp: --gain: got 3.0, expected only with --hand, of mjcf\n")

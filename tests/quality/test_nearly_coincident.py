@@ -91,6 +91,7 @@ def test_a_hundred_of_them():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Grasp.normals")
 def test_five_thousand_of_them():
     """None takes more than a few seconds of CPU, whatever else the machine does."""
     seconds = [check(seed)[0] for seed in range(5000)]

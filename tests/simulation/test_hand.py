@@ -56,15 +56,42 @@ def test_held_as_solved_and_lost_without_the_squeeze(simulated):
 
 def test_what_the_verdict_says(simulated):
     found, _ = simulated
-    lost = replace(found.trials[0], motion=Motion(0.02, 0.0))
+    lost = replace(found.trials[0], squeezed=Motion(), motion=Motion(0.02, 0.0))
     assert not lost.strict
     assert lost.loose
     assert replace(found, trials=(lost, *found.trials[1:])).verdict == (
         "NOT confirmed: lost at a push along +x (20 mm, 0 deg)"
     )
-    caged = tuple(replace(t, motion=Motion()) for t in found.trials)
+    caged = tuple(replace(t, squeezed=Motion(), motion=Motion()) for t in found.trials)
     assert "held without a squeeze as well" in replace(found, trials=caged).verdict
     assert not replace(found, trials=caged).confirmed
+
+
+def test_what_the_squeeze_moves_counts_but_not_where_the_object_stood_elsewhere(simulated):
+    found, _ = simulated
+    moved = replace(found.trials[0], squeezed=Motion(0.006, np.radians(8.0)), motion=Motion(0.005, np.radians(1.0)))
+    assert moved.whole.slip == pytest.approx(0.011)
+    assert (moved.strict, moved.loose) == (False, True)
+    assert replace(moved, placed_off=True).strict
+    assert [t.placed_off for t in found.trials] == [t.condition == "object 5 mm, 5 deg off" for t in found.trials]
+    for condition in ("half the friction", "object 5 mm, 5 deg off"):
+        (line,) = (line for line in str(found).splitlines() if line.startswith(f"  {condition}"))
+        assert "; the squeeze moves it by " in line
+        assert ", then at most " in line
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        (Motion(4.6, 1.0), "lost"),
+        (Motion(float("nan"), 0.0), "lost"),
+        (Motion(0.123, np.radians(143.0)), "123 mm, 143 deg"),
+        (Motion(0.00123, np.radians(0.04)), "1.2 mm, 0.04 deg"),
+        (Motion(1e-9, 0.0), "0 mm, 0 deg"),
+    ],
+)
+def test_motions_in_words(motion, words):
+    assert str(motion) == words
 
 
 def test_motion_is_measured_in_the_hand():

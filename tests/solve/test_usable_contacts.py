@@ -91,6 +91,7 @@ def test_contacts_are_where_a_finger_can_be(number):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:the mesh. the smooth surface")
 def test_contacts_are_where_a_finger_can_be_in_two_hundred_solves():
     found = [faults(number) for number in range(200)]
     assert [fault for wrong, _ in found for fault in wrong] == []

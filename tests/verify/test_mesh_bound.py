@@ -85,10 +85,10 @@ def test_a_mesh_bound_is_computed_again_as_it_is_claimed(name, folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_so_is_one_of_as_many_pieces_as_a_search_has(name, tmp_path):
-    data = json.loads(bound_data(tmp_path, name, 1000))
+def test_so_is_one_of_as_many_pieces_as_a_search_has(name, folder):
+    data = json.loads(bound_data(folder, name, 1000))
     assert len(data["certificate"]["groups"][0]["roots"][0][1]["order"]) > 4000
-    assert check_again(tmp_path, data) > 30
+    assert check_again(folder, data) > 30
 
 
 def share(factor):

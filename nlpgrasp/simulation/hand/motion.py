@@ -11,6 +11,8 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 
 STRICT, LOOSE = (0.01, float(np.radians(10.0))), (0.05, float(np.radians(15.0)))  # metres and radians
+GONE = 1.0  # metres: an object this far away is lost, and no number says more
+NONE = 0.005  # millimetres and degrees that are none in words
 
 
 @dataclass(frozen=True)
@@ -32,13 +34,24 @@ class Motion:
         """Return whether both are at most what is given, metres and radians; false for no numbers."""
         return self.slip <= limits[0] and self.turn <= limits[1]
 
+    def __add__(self, after: Motion) -> Motion:
+        """Return the most that a motion and another after it come to."""
+        return Motion(self.slip + after.slip, self.turn + after.turn)
+
     @classmethod
     def largest(cls, all_of: Iterable[Motion]) -> Motion:
         """Return the largest slip and the largest turn; none where there is nothing."""
         return reduce(lambda a, b: cls(max(a.slip, b.slip), max(a.turn, b.turn)), all_of, cls())
 
     def __str__(self) -> str:
-        return f"{1e3 * self.slip:.2g} mm, {np.degrees(self.turn):.2g} deg"
+        if not self.slip < GONE:
+            return "lost"
+        return f"{_told(1e3 * self.slip)} mm, {_told(np.degrees(self.turn))} deg"
+
+
+def _told(number: float) -> str:
+    """Return a number of two figures, or all before the point."""
+    return "0" if number < NONE else f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,8 @@ class HandTrial:
         The farthest that the object got from where the squeeze had left it, palm frame.
     seen : tuple of Seen
         The run, 25 times a second.
+    placed_off : bool
+        Whether the object stood elsewhere than in the grasp as solved: the squeeze then has to move it.
     """
 
     condition: str
@@ -34,16 +36,22 @@ class HandTrial:
     squeezed: Motion
     motion: Motion
     seen: tuple[Seen, ...] = ()
+    placed_off: bool = False
+
+    @property
+    def whole(self) -> Motion:
+        """How far the object moved, at most: by the squeeze and after it; of one that was placed off, after it."""
+        return self.motion if self.placed_off else self.squeezed + self.motion
 
     @property
     def strict(self) -> bool:
         """Whether the object moved at most 1 cm and 10 degrees."""
-        return self.motion.within(STRICT)
+        return self.whole.within(STRICT)
 
     @property
     def loose(self) -> bool:
         """Whether the object moved at most 5 cm and 15 degrees."""
-        return self.motion.within(LOOSE)
+        return self.whole.within(LOOSE)
 
 
 @dataclass(frozen=True)
@@ -112,7 +120,7 @@ class HandSimulation:
         """The verdict in a sentence."""
         if not self.held:
             lost = next(t for t in self.of(AS_SOLVED) if not t.strict)
-            return f"NOT confirmed: lost at {lost.label} ({lost.motion})"
+            return f"NOT confirmed: lost at {lost.label} ({lost.whole})"
         if not self.control_lost:
             return "NOT confirmed: held without a squeeze as well, so that nothing is said about the squeeze"
         return "confirmed: held as solved, lost without the squeeze"
@@ -144,11 +152,13 @@ class HandSimulation:
     def __str__(self) -> str:
         pressed = f"fingers press with {self.normal_force:g} N"
         lines = [f"{self.name}: pushes of {self.push:g} N, {self.mass:.3g} kg, {pressed}"]
-        lines.append(f"  the squeeze moves the object by {self.squeezed}")
         for condition in self.conditions:
             tried = self.of(condition)
             strict, loose = sum(t.strict for t in tried), sum(t.loose for t in tried)
-            worst = Motion.largest(t.motion for t in tried)
+            closed, worst = (
+                Motion.largest(found) for found in zip(*((t.squeezed, t.motion) for t in tried), strict=True)
+            )
             held = f"strict {strict} of {len(tried)} ({percent(strict / len(tried))}), loose {loose}"
-            lines.append(f"  {condition:28} {held}; at most {worst}")
+            by = "" if condition == CONTROL else f"the squeeze moves it by {closed}, then "
+            lines.append(f"  {condition:28} {held}; {by}at most {worst}")
         return "\n".join(lines)

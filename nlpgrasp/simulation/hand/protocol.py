@@ -111,7 +111,7 @@ def _pushed(
     for name, axis in AXES.items():
         world.go_back(closed)
         motion, seen = world.push(size * np.array(axis, float), SECONDS)
-        result.append(HandTrial(condition, f"a push along {name}", squeezed, motion, seen))
+        result.append(HandTrial(condition, f"a push along {name}", squeezed, motion, seen, off is not None))
     return result
 
 

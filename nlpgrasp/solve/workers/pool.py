@@ -13,6 +13,7 @@ from typing import TypeVar
 from loky.process_executor import BrokenProcessPool
 
 from nlpgrasp.best.exchange import Places
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
@@ -100,7 +101,8 @@ class Runner:
         """Yield each start's result as it is done, in any order.
 
         The first three quarters of them begin from the best grasps that the outlook met, as many as there are; the
-        first half where it left something out, which those grasps may break.
+        first half where it left something out, which those grasps may break, and on a mesh, where a look is short and
+        what it met climbs from there alone.
         """
         begin = self._known(stop)
         if self.workers == 1:
@@ -113,7 +115,8 @@ class Runner:
         seen = self.outlook(stop) if follows_contacts(self.problem) else None
         known: list[Placed | None] = []
         if seen is not None:
-            known += seen.placements((3 * self.count + 3) // 4 if seen.complete else (self.count + 1) // 2)
+            most = seen.complete and not isinstance(self.problem.body, Mesh)
+            known += seen.placements((3 * self.count + 3) // 4 if most else (self.count + 1) // 2)
         return known + [None] * (self.count - len(known))
 
     def look_back(self, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:

@@ -1,0 +1,35 @@
+"""Whether a squeeze presses as hard as the task needs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.solution.measures.needed import ForcesNeeded
+from nlpgrasp.solution.squeezed.squeeze import Squeeze
+
+RESERVE = 1.5  # times the largest normal force that the task needs: balanced forces come beside those of the task
+
+
+def too_weak(squeeze: Squeeze | None, needed: ForcesNeeded | None, normal_force: float | None = None) -> str:
+    """Return in words by what a squeeze is too weak for the task as given; empty where it is not, or nothing is known.
+
+    Parameters
+    ----------
+    squeeze : Squeeze or None
+        Of the solution.
+    needed : ForcesNeeded or None
+        What the task needs.
+    normal_force : float, optional
+        What each finger is to press with, newtons; the squeeze's own when left out.
+    """
+    if squeeze is None or needed is None:
+        return ""
+    pressed, most = normal_force or squeeze.normal_force, float(np.max(needed.normal))
+    if most <= pressed:
+        return ""
+    wanted = float(f"{RESERVE * most:.2g}")
+    told = f"the task as given presses with up to {most:.3g} N of a finger, this squeeze with {pressed:.3g} N at least"
+    worst = None if squeeze.joints is None else squeeze.joints.worst
+    if worst is not None and wanted * worst[1] > squeeze.normal_force:
+        return f"{told}; joint {worst[0]} is strong enough for {squeeze.normal_force / worst[1]:.3g} N"
+    return f"{told}: --normal-force {wanted:g} presses for all of it"

@@ -1,0 +1,38 @@
+"""A squeeze that presses less than the task asks for says so, with what would do."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from nlpgrasp.solution.squeezed.enough import too_weak
+
+NEEDED = SimpleNamespace(normal=np.array([4.0, 12.2, 7.0]))
+
+
+def squeeze(worst=None, normal_force=2.0):
+    joints = SimpleNamespace(worst=worst)
+    return SimpleNamespace(normal_force=normal_force, joints=joints)
+
+
+@pytest.mark.parametrize(
+    ("worst", "pressed", "words"),
+    [
+        (
+            None,
+            None,
+            "presses with up to 12.2 N of a finger, this squeeze with 2 N at least: --normal-force 18 presses",
+        ),
+        (("index_joint", 0.1), 5.0, "this squeeze with 5 N at least: --normal-force 18 presses for all of it"),
+        (("index_joint", 0.25), None, "with 2 N at least; joint index_joint is strong enough for 8 N"),
+    ],
+)
+def test_what_would_do(worst, pressed, words):
+    assert words in too_weak(squeeze(worst), NEEDED, pressed)
+
+
+def test_nothing_is_said_of_one_that_is_strong_enough():
+    assert too_weak(squeeze(), NEEDED, 12.3) == ""
+    assert too_weak(squeeze(normal_force=20.0), NEEDED) == ""
+    assert too_weak(None, NEEDED) == ""
+    assert too_weak(squeeze(), None) == ""
