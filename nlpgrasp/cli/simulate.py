@@ -95,8 +95,9 @@ def _through_the_hand(
     else:
         typer.echo(str(found))
         weak = too_weak(solution.squeeze, solution.needed, given.get("normal_force"))
-        if weak:
-            typer.echo(f"  {weak}")
+        for line in (weak, solution.approach_line()):
+            if line:
+                typer.echo(f"  {line}")
         typer.echo(found.verdict)
     picture = write_hand_strip(found, solution, target)
     if not as_json:

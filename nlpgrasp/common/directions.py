@@ -57,13 +57,34 @@ def directions_around(first: FloatArray, count: int) -> FloatArray:
     (count, 3) array
     """
     i = np.arange(count)
-    cosine = 1.0 - 2.0 * i / max(count - 1, 1)
-    angle, sine = i * np.pi * (3.0 - np.sqrt(5.0)), np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    return _about(first, np.arccos(1.0 - 2.0 * i / max(count - 1, 1)), i * np.pi * (3.0 - np.sqrt(5.0)))
+
+
+def directions_beside(first: FloatArray, angle: float, count: int) -> FloatArray:
+    """Return directions evenly around one, all at the same angle from it.
+
+    Parameters
+    ----------
+    first : (3,) array
+        Unit.
+    angle : float
+        Radians.
+    count : int
+
+    Returns
+    -------
+    (count, 3) array
+    """
+    return _about(first, np.full(count, angle), 2.0 * np.pi * np.arange(count) / count)
+
+
+def _about(first: FloatArray, away: FloatArray, turn: FloatArray) -> FloatArray:
+    """Return directions at angles (m,) away from one, turned about it by others (m,), (m, 3)."""
     least = np.eye(3)[int(np.argmin(np.abs(first)))]
     u = np.cross(first, least) / np.linalg.norm(np.cross(first, least))
     v = np.cross(first, u)
-    around = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
-    return np.asarray(cosine[:, None] * first + sine[:, None] * around)
+    around = np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v
+    return np.asarray(np.cos(away)[:, None] * first + np.sin(away)[:, None] * around)
 
 
 @lru_cache

@@ -59,10 +59,8 @@ class Fact:
 
 def facts(solution: GraspSolution) -> list[Fact]:
     """Return the facts of a solution, the most telling first."""
-    found = (
-        [] if solution.grasp is None else [_quality(solution), *_left(solution), _effort(solution), *_squeeze(solution)]
-    )
-    found += _best(solution)
+    found = [] if solution.grasp is None else [_quality(solution), *_left(solution), _effort(solution)]
+    found += [*_squeeze(solution), *_approach(solution), *_best(solution)]
     found = [_verdict(solution), *found] if verdict(solution)[1] == "bad" else [*found, _verdict(solution)]
     if sum(not fact.broad for fact in found) % 2:  # two a row
         found[-1] = replace(found[-1], broad=True)
@@ -118,6 +116,12 @@ def _squeeze(solution: GraspSolution) -> list[Fact]:
     if solution.squeeze is None:
         return [Fact("Squeeze", "none", (told,), "bad")]
     return [Fact("Squeeze", f"friction {rounded(solution.squeeze.friction_needed, least=NONE)}", (told,))]
+
+
+def _approach(solution: GraspSolution) -> list[Fact]:
+    """Return why the palm does not come straight to the grasp, where it does not."""
+    line = solution.approach_line()
+    return [Fact("Straight way to the grasp", "none", (f"{line[:1].upper()}{line[1:]}",), "weak")] if line else []
 
 
 def _left(solution: GraspSolution) -> list[Fact]:

@@ -105,8 +105,7 @@ class Measured(Asked):
         if self.bound is not None:
             lines.append(f"  {self.bound.line(self.mu.lower, self.label)}")
         squeezed = [line for line in (self.squeeze_line(),) if line]
-        reason = ((self.hand or {}).get("approach") or {}).get("reason")
-        came = [f"no free straight way of the palm to the grasp: {reason}"] if reason else []
+        came = [line for line in (self.approach_line(),) if line]
         room = [] if self._room is None else room_lines(self._room)
         return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *squeezed, *came, *room])]
 
@@ -120,6 +119,11 @@ class Measured(Asked):
         if self.grasp is None or self.hand is None or "squeeze" not in self.hand:
             return None
         return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
+
+    def approach_line(self) -> str:
+        """Return in words why the palm does not come straight to the grasp; empty where it does, or none is known."""
+        reason = ((self.hand or {}).get("approach") or {}).get("reason")
+        return f"no free straight way of the palm to the grasp: {reason}" if reason else ""
 
     def squeeze_line(self) -> str:
         """Return in words what the squeeze needs, or why there is none; empty where neither is known."""

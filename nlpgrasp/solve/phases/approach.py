@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.common.directions import directions_around, directions_beside
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
@@ -16,6 +17,8 @@ from nlpgrasp.solve.space.straight import Place, StraightWay, straight_way
 from nlpgrasp.solve.space.surroundings import Surroundings
 
 WIDER = (1.0, 2.0, 4.0)  # times the pregrasp's opening
+CLOSER, BESIDE = np.radians([13.0, 6.5, 3.2, 1.6]), 6  # about the direction free longest: so far from it, so many
+SAME = 1e-9  # of a cosine: directions as near as that are one
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,9 @@ def free_approach(
 ) -> Approach:
     """Return the first direction in which the palm comes straight, its fingers open; wider where none is free.
 
+    Where none of several is, others are looked at about the one that is free longest, nearer and nearer to it: the way
+    out of a narrow place lies between the directions of any list.
+
     Parameters
     ----------
     around : Surroundings
@@ -105,13 +111,27 @@ def free_approach(
         if opened.blocked_by:
             return Approach(f"the fingers cannot open: {opened.blocked_by}", (), fingers)
         fingers = fingers or opened
-        for way in ways:
+        for way in _closer(ways, blocked):
             longest = distance(opened.values, way)
             found = _away(around, opened.values, way, longest, locate)
             if not found.blocked_by:
                 return Approach("", tuple(blocked), opened, way, longest, found.places)
             blocked.append(BlockedDirection(way, found.free * longest, times, found.blocked_by))
-    return Approach(_why_none(blocked, len(ways), longest), tuple(blocked), fingers)
+    count = sum(b.times == WIDER[0] for b in blocked)
+    return Approach(_why_none(blocked, count, longest), tuple(blocked), fingers)
+
+
+def _closer(ways: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
+    """Yield directions, then those about the one that is free longest; ``blocked`` grows by all but the last."""
+    before = len(blocked)
+    yield from ways
+    if len(ways) == 1:
+        return
+    for angle in CLOSER:
+        best = max(blocked[before:], key=lambda b: b.free)
+        if best.free <= 0.0:
+            return
+        yield from directions_beside(best.direction, angle, BESIDE)
 
 
 def _away(around: Surroundings, start: Values, way: FloatArray, distance: float, locate: bool) -> StraightWay:
@@ -136,6 +156,35 @@ def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> s
     said = f"the longest, along {which}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
     one = "the direction is not" if count == 1 else f"none of {count} directions is"
     return f"{one} free for {1e3 * distance:.0f} mm; {said}"
+
+
+def ways_of_palm(hand: URDFHand, values: Values, count: int) -> list[FloatArray]:
+    """Return directions for the palm to come in, the one in which it faces first, the nearest to it next.
+
+    Parameters
+    ----------
+    hand : URDFHand
+    values : dict
+        Of its variables in the grasp.
+    count : int
+        How many are spread over the sphere; beside them are the axes of palm and body, both ways. One is that in which
+        the palm faces alone.
+
+    Returns
+    -------
+    list of (3,) arrays
+        Unit, body frame.
+    """
+    first = facing(hand, values)
+    ways = directions_around(first, count)
+    if count > 1:
+        axes = np.concatenate([hand.tree.palm_frame(values)[:3, :3].T, np.eye(3)])
+        ways = np.concatenate([ways, axes, -axes])
+    kept: list[FloatArray] = []
+    for way in ways[np.argsort(-(ways @ first), kind="stable")]:
+        if all(way @ other < 1.0 - SAME for other in kept):
+            kept.append(way)
+    return kept
 
 
 def facing(hand: URDFHand, values: Values) -> FloatArray:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from nlpgrasp.common.directions import directions_around
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
@@ -14,7 +13,7 @@ from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.phases.phase import APPROACH, GRASP, LIFT, PREGRASP, SQUEEZE, Phase
-from nlpgrasp.solve.phases.approach import facing, free_approach
+from nlpgrasp.solve.phases.approach import free_approach, ways_of_palm
 from nlpgrasp.solve.phases.lifted import lifted
 from nlpgrasp.solve.phases.opened import opened_straight
 from nlpgrasp.solve.space.room import least_room
@@ -53,7 +52,7 @@ def keyframes(problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Va
     found = free_approach(
         rigid,
         lambda times: opened_straight(around, grasp, before, times),
-        list(directions_around(facing(hand, grasp), DIRECTIONS)),
+        ways_of_palm(hand, grasp, DIRECTIONS),
         lambda values, way: _until_apart(around, problem.body.bounds, values, way),
         locate=False,
     )

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.directions import directions_around
 from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.phases.approach import Approach, BlockedDirection, facing, free_approach
+from nlpgrasp.solve.phases.approach import Approach, BlockedDirection, free_approach, ways_of_palm
 from nlpgrasp.solve.phases.opened import Opened, opened, openings
 from nlpgrasp.solve.space import Surroundings
 from nlpgrasp.studies.palm.records import APPROACHING, CLOSING, PalmPath
@@ -49,7 +48,8 @@ def palm_path(
     distance : float
         How far it moves straight, metres.
     directions : int
-        How many directions are looked at where none is given.
+        How many directions, spread over the sphere, are looked at where none is given: beside them the axes of palm and
+        body, and where none is free others ever closer about the one that is free longest.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def palm_path(
     reason = _beyond_limits(hand, grasp, pregrasp)
     if reason:
         return _none(around, distance, reason, ())
-    ways = [_given(direction)] if direction is not None else list(directions_around(facing(hand, grasp), directions))
+    ways = [_given(direction)] if direction is not None else ways_of_palm(hand, grasp, directions)
     found = free_approach(around, lambda times: opened(around, grasp, pregrasp, times), ways, lambda *_: distance)
     if found.fingers is None or found.direction is None:
         return _none(around, distance, found.reason, found.blocked)

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
+from nlpgrasp.solve.phases.approach import BESIDE, CLOSER
 from tests.studies.held_box import BODY, HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
 
@@ -93,10 +94,51 @@ def test_where_no_direction_is_free_it_says_so(tmp_path):
     ]
     path = ng.palm_path(*grasped(tmp_path, walls), distance=0.5, directions=10)
     assert not path.success
-    assert "none of 10 directions is free for 500 mm" in path.reason
-    assert [b.times for b in path.blocked] == [1.0] * 10 + [2.0] * 10 + [4.0] * 10
+    count = sum(b.times == 1.0 for b in path.blocked)
+    assert count > 10 + len(CLOSER) * BESIDE
+    assert f"none of {count} directions is free for 500 mm" in path.reason
+    assert [b.times for b in path.blocked] == [1.0] * count + [2.0] * count + [4.0] * count
     assert all(b.free < 0.4 for b in path.blocked)
     assert path.reason in str(path)
+    listed, closer = path.blocked[: count - len(CLOSER) * BESIDE], path.blocked[count - len(CLOSER) * BESIDE : count]
+    assert max(b.free for b in closer) > max(b.free for b in listed)
+
+
+def shaft(way, centres, radii, room):
+    """Four walls along a direction around balls (m, 3), as far from them as ``room``: frame and bounds across."""
+    turn = np.column_stack([*np.linalg.svd(way[None])[2][1:], way])
+    if np.linalg.det(turn) < 0.0:
+        turn[:, 0] *= -1.0
+    across = centres @ turn[:, :2]
+    bounds = np.array([np.min(across - radii[:, None], axis=0) - room, np.max(across + radii[:, None], axis=0) + room])
+    walls = []
+    for axis, side in itertools.product((0, 1), (0, 1)):
+        extents, place = np.array([0.6, 0.6, 0.6]), np.zeros(3)
+        extents[axis], place[axis] = 0.002, bounds[side, axis] + (0.001 if side else -0.001)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn, turn @ place
+        walls.append(ng.Obstacle(ng.Box(extents.tolist()), pose=pose, name=f"wall {len(walls)}"))
+    return walls, turn, bounds
+
+
+@pytest.mark.parametrize("tilt", [(0.35, 0.25), (-0.5, 0.1), (0.2, -0.6), (-0.15, -0.4)])
+def test_the_way_out_of_a_narrow_shaft_is_found_between_the_directions_of_the_list(tmp_path, tilt):
+    """A hand in a shaft with 4 mm of room leaves it along the shaft, to within two degrees, and in no other way."""
+    way = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
+    free = ng.palm_path(*grasped(tmp_path))
+    centres, radii = balls_of(free, 1)
+    opened = np.array(free.phases) == "approaching"
+    around = np.concatenate([c - (c[0] - PALM) for c in centres[opened]] + list(centres[~opened]))
+    walls, turn, bounds = shaft(way, around, np.tile(radii, len(centres)), 0.004)
+    path = ng.palm_path(*grasped(tmp_path, [*walls, ng.Table(-0.02)]), distance=0.1)
+    assert path.success, path.reason
+    assert np.degrees(np.arccos(-path.direction @ way)) < 2.5
+    tried = [b for b in path.blocked if b.times == 1.0]
+    assert len(tried) > 100  # all of the list, and then some
+    centres, radii = balls_of(path)
+    across = centres @ turn[:, :2]
+    assert np.min(across - radii[:, None] - bounds[0]) >= -path.tolerance
+    assert np.min(bounds[1] - across - radii[:, None]) >= -path.tolerance
 
 
 def test_fingers_open_as_far_as_there_is_room(tmp_path):
