@@ -22,6 +22,7 @@ from nlpgrasp.problem.check import body_words, check_placements, check_size, war
 from nlpgrasp.problem.faces import allowed_faces
 from nlpgrasp.problem.margin import margin_of
 from nlpgrasp.problem.task_point import warn_of_point
+from nlpgrasp.problem.usual_lengths import warn_of_lengths
 from nlpgrasp.tasks import Task
 
 MOST_CONTACTS = 32
@@ -74,7 +75,8 @@ class GraspProblem:
     Warns
     -----
     UserWarning
-        Once, of friction above 2, and of a disturbance far from the body's centroid that states no point.
+        Once, of friction above 2, of a disturbance far from the body's centroid that states no point, and of lengths
+        that were most likely stated in another unit than metres.
     """
 
     body: Body
@@ -121,6 +123,7 @@ class GraspProblem:
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._check_constraints()
         warn_of_friction(self.models, "GraspProblem.contacts[{}].friction")
+        warn_of_lengths(self.body, self.models, self.constraints, self.hand)
         count = range(len(self.models))
         faces = [allowed_faces(self.body, self.models, self.constraints, i) for i in count]
         object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))
