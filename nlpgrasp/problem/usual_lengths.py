@@ -12,7 +12,7 @@ from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.hands import Hand, URDFHand
 
-MUCH = 2.0  # times the body's size: torsional friction, fingertips and clearances are shorter
+MUCH = 20.0  # times the body's size: torsional friction, fingertips and clearances are shorter
 FAR = 50.0  # times the body's size: a table is nearer
 
 

@@ -58,6 +58,7 @@ def test_spheres_far_off_lend_no_slack_to_a_hand():
     assert "links" in failures(edited(honest.fingers(), lie), FOLDER)
 
 
+@pytest.mark.filterwarnings("ignore:constraints.0.. height")
 def test_a_limit_that_is_large_lends_no_slack():
     """A stated value past its limit is a lie, however large the limit."""
     body = ng.Box([0.08, 0.04, 0.06])

@@ -118,6 +118,8 @@ def _way(
             frame = there.poses[str(tip["link"])]
             centre = frame[:3, :3] @ array("offset", tip["offset"], (3,)) + frame[:3, 3]
             balls.append((centre, float(tip["radius"])))
+    if not balls:  # flat fingertips of links without shapes: nothing that could be near anything
+        return
     centres, radii = np.array([c for c, _ in balls]), np.array([r for _, r in balls])
     way = afar.palm_position - before.palm_position
     count = max(int(np.ceil(np.linalg.norm(way) / STEP)), 1)
@@ -127,7 +129,7 @@ def _way(
     for data in solution.problem["constraints"]:
         if data["type"] == "table":
             rooms.append(places[..., 2] - radii - data["height"] - data["clearance"])
-    least, deepest = float(np.min(rooms)), float(np.min([room[:, :links] for room in rooms]))
+    least, deepest = float(np.min(rooms)), float(min(np.min(room[:, :links], initial=np.inf) for room in rooms))
     if not deepest >= -OUT * hand.span - hand.error:
         yield f"a link is {-1e3 * deepest:.3g} mm deep in body or table on the way"
     stated = before.clearance
