@@ -61,7 +61,8 @@ class Reporter:
     def start_done(self, record: StartRecord, best: ng.Bounds) -> None:
         """Report one start and the best certified bounds so far."""
         if self._bar is not None:
-            shown = f"best mu in {best}" if math.isfinite(best.upper) else "no grasp yet"
+            label = "mu-tilde" if best.kind == "mu_tilde" else "mu"
+            shown = f"best {label} in {best}" if math.isfinite(best.upper) else "no grasp yet"
             self._bar.update(self._task, advance=1, best=shown)
             return
         emit(
