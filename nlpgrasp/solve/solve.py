@@ -21,7 +21,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
 from nlpgrasp.solve.ascent.steps.registry import check_name
-from nlpgrasp.solve.many.collection import ONE, Keeping, others_beside
+from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.close_gap import close_gap
 from nlpgrasp.solve.progress import Progress, told
@@ -145,7 +145,10 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
                 close_gap(runner, results, options.gap, stop)
                 clock.mark("closing the gap")
             cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
-            best = runner.chosen(best_of(results), results, stop)
+            best = best_of(results)
+            choosing = runner.choose(best, results, stop)
+            collection = Collection(runner, keeping, stop) if best is not None and keeping.count > 1 else None
+            best = choosing()
             clock.mark("choice")
             best = _in_place(runner.roomy(best, stop), results)
             clock.mark("room")
@@ -156,11 +159,13 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
             if not stop.requested() and any(isinstance(r, StartGrasp) for r in results):
                 after = runner.look_back(best, results, seed, stop)
             clock.mark_with(after.seconds, "programs")
+            if collection is not None and best is not None:
+                collection.begin(best, results)
+                clock.mark("other grasps")
             solution = answer(search, after)
             clock.mark("answer")
-            if best is not None and keeping.count > 1:
-                others = others_beside(runner, best, results, keeping, stop)
-                solution = replace(solution, others=others)
+            if collection is not None:
+                solution = replace(solution, others=collection.grasps())
                 if options.extras:
                     solution = with_squeezes(solution, runner.problem.hand)
                 clock.mark("other grasps")

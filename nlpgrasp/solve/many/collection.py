@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import integer, share
@@ -13,6 +14,7 @@ from nlpgrasp.solve.after.least_forces import least_forces
 from nlpgrasp.solve.after.look_back import Aftermath, attempted, before_grasp
 from nlpgrasp.solve.after.robust import robustness
 from nlpgrasp.solve.answer import hand_data
+from nlpgrasp.solve.many.distinct import Distinct
 from nlpgrasp.solve.many.likeness import Likeness
 from nlpgrasp.solve.many.neighbours import neighbours
 from nlpgrasp.solve.start.given import Given, run_given
@@ -50,12 +52,11 @@ class Keeping:
 
 
 ONE = Keeping()
+_Filled = tuple[StartGrasp, FoundGrasp]
 
 
-def others_beside(
-    runner: Runner, best: StartGrasp, results: Sequence[StartResult], keeping: Keeping, stop: Stop
-) -> tuple[FoundGrasp, ...]:
-    """Return the grasps that are kept beside the answer, best first.
+class Collection:
+    """The grasps that are kept beside the answer, worked on by the workers while the answer is put together.
 
     That are the ends of the starts, distinct from each other and from the answer, the best first. Where these are too
     few, grasps that the look over all placements met, and then the best neighbours of the grasps kept so far, with one
@@ -64,78 +65,61 @@ def others_beside(
     Parameters
     ----------
     runner : Runner
-    best : StartGrasp
-        The answer.
-    results : sequence of StartResult
     keeping : Keeping
     stop : Stop
     """
-    if keeping.count == 1:
-        return ()
-    solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.index != best.record.index]
-    solved.sort(key=lambda r: (-r.record.mu.lower, r.record.index))
-    kept = _Distinct(Likeness(runner.bench, keeping.distinct), keeping.count, [best])
-    for start in solved:
-        kept.offer(start)
-    if not stop.requested():
-        least = HALF * max(r.record.mu.lower for r in (best, *solved[:1]))
-        _fill(runner, kept, least, stop)
-    beside = kept.grasps[1:]
-    work = _plain if stop.requested() else _finished
-    found = runner.each(work, beside)
-    own = {id(r) for r in solved}
-    told = [replace(f, start=f.start if id(r) in own else None) for r, f in zip(beside, found, strict=False)]
-    weighs = runner.options.weighs_fragility
-    if runner.options.maximise_robust:
-        return tuple(sorted(told, key=lambda f: -(f.mu if f.robust is None else f.robust.mu).lower))
-    return tuple(sorted(told, key=lambda f: (weighs and f.is_fragile, -f.mu.lower)))
 
+    def __init__(self, runner: Runner, keeping: Keeping, stop: Stop) -> None:
+        self._runner, self._stop = runner, stop
+        self._kept = Distinct(Likeness(runner.bench, keeping.distinct), keeping.count)
+        self._ends: Callable[[], list[FoundGrasp]] = list
+        self._filled: list[FoundGrasp] = []
+        self._least = 0.0
+        self._waiting: Iterator[Placed] = iter(())
+        self._begun: Callable[[], list[_Filled | None]] | None = None
 
-class _Distinct:
-    """Grasps that are distinct from each other."""
-
-    def __init__(self, likeness: Likeness, most: int, grasps: list[StartGrasp]) -> None:
-        self._likeness, self._most, self.grasps = likeness, most, grasps
-
-    @property
-    def missing(self) -> int:
-        """How many more there may be."""
-        return self._most - len(self.grasps)
-
-    def has(self, placed: Placed) -> bool:
-        """Return whether a placement is one of them."""
-        return any(self._likeness.alike(placed, other.found.placed) for other in self.grasps)
-
-    def alike(self, placed: Placed, others: Sequence[Placed]) -> bool:
-        """Return whether a placement is one of some others."""
-        return any(self._likeness.alike(placed, other) for other in others)
-
-    def offer(self, start: StartGrasp) -> None:
-        """Take a grasp where there is room, and it is none of them."""
-        if self.missing > 0 and not self.has(start.found.placed):
-            self.grasps.append(start)
-
-
-def _fill(runner: Runner, kept: _Distinct, least: float, stop: Stop) -> None:
-    """Add grasps that the solve met besides its starts, with a certified mu of ``least`` or more."""
-    if kept.missing <= 0 or not runner.bench.follows_contacts:
-        return
-    waiting = _met(runner, kept, stop)
-    while kept.missing > 0 and not stop.requested():
-        batch: list[Placed] = []
-        for placed in waiting:
-            if not kept.has(placed) and not kept.alike(placed, batch):
-                batch.append(placed)
-            if len(batch) >= SHORT * kept.missing:
-                break
-        if not batch:
-            return
-        certified = [r for r in runner.each(_as_it_is, batch) if r is not None and r.record.mu.lower >= least]
-        for start in sorted(certified, key=lambda r: -r.record.mu.lower):
+    def begin(self, best: StartGrasp, results: Sequence[StartResult]) -> None:
+        """Begin to work on grasps beside the answer, given with the results of all starts."""
+        kept, runner, stop = self._kept, self._runner, self._stop
+        kept.offer(best)
+        solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.index != best.record.index]
+        solved.sort(key=lambda r: (-r.record.mu.lower, r.record.index))
+        for start in solved:
             kept.offer(start)
+        self._ends = runner.begin(partial(_finished, stop=stop), kept.grasps[1:])
+        self._least = HALF * max(r.record.mu.lower for r in (best, *solved[:1]))
+        full = kept.missing <= 0 or not runner.bench.follows_contacts or stop.requested()
+        self._waiting = iter(()) if full else _met(runner, kept, stop)
+        self._begun = self._next()
+
+    def grasps(self) -> tuple[FoundGrasp, ...]:
+        """Return what is kept, best first, once it is done."""
+        while self._begun is not None:
+            filled = [one for one in self._begun() if one is not None]
+            for start, told in sorted(filled, key=lambda one: -one[0].record.mu.lower):
+                if self._kept.offer(start):
+                    self._filled.append(told)
+            self._begun = self._next()
+        found = [*self._ends(), *self._filled]
+        weighs = self._runner.options.weighs_fragility
+        if self._runner.options.maximise_robust:
+            return tuple(sorted(found, key=lambda f: -(f.mu if f.robust is None else f.robust.mu).lower))
+        return tuple(sorted(found, key=lambda f: (weighs and f.is_fragile, -f.mu.lower)))
+
+    def _next(self) -> Callable[[], list[_Filled | None]] | None:
+        """Begin to certify and finish about as many as are missing; None where there are none, or no time."""
+        if self._kept.missing <= 0 or self._stop.requested():
+            return None
+        batch: list[Placed] = []
+        for placed in self._waiting:
+            if not self._kept.has(placed) and not self._kept.alike(placed, batch):
+                batch.append(placed)
+            if len(batch) >= SHORT * self._kept.missing:
+                break
+        return self._runner.begin(partial(_as_it_is, least=self._least, stop=self._stop), batch) if batch else None
 
 
-def _met(runner: Runner, kept: _Distinct, stop: Stop) -> Iterator[Placed]:
+def _met(runner: Runner, kept: Distinct, stop: Stop) -> Iterator[Placed]:
     """Yield what the look over all placements met, then the neighbours of the grasps kept so far, the best first."""
     bench, count = runner.bench, MET * kept.missing
     seen = runner.outlook(stop)
@@ -144,26 +128,24 @@ def _met(runner: Runner, kept: _Distinct, stop: Stop) -> Iterator[Placed]:
     yield from neighbours(bench, [start.found.placed for start in kept.grasps], count)
 
 
-def _as_it_is(bench: Workbench, placed: Placed) -> StartGrasp | None:
-    """Return a placement on the body itself, certified; None where it breaks a constraint or exerts nothing."""
+def _as_it_is(bench: Workbench, placed: Placed, least: float, stop: Stop) -> _Filled | None:
+    """Return a placement on the body itself, certified and finished; None where it is not allowed or mu is less."""
     found = next(iter(run_given(bench, Given(placed), 0, Stop(), improve=False)), None)
-    return found if isinstance(found, StartGrasp) and found.solved else None
+    if not (isinstance(found, StartGrasp) and found.solved and found.record.mu.lower >= least):
+        return None
+    return found, replace(_finished(bench, found, stop), start=None)
 
 
-def _finished(bench: Workbench, start: StartGrasp) -> FoundGrasp:
-    """Return a grasp with its forces, and what the options ask for besides: robustness, the hand just before."""
+def _finished(bench: Workbench, start: StartGrasp, stop: Stop) -> FoundGrasp:
+    """Return a grasp with its forces; where there is time, robustness and the hand just before, if asked for."""
     placed, grasp = start.found.placed, start.found.grasp
-    robust = start.robust
     with one_thread():
+        if stop.requested():
+            return _told(bench, start, start.robust, Aftermath())
+        robust = start.robust
         if robust is None and bench.options.extras:
             robust = attempted(lambda: robustness(bench, placed, grasp, quickly=True))
         return _told(bench, start, robust, before_grasp(bench, start.found, Clock()))
-
-
-def _plain(bench: Workbench, start: StartGrasp) -> FoundGrasp:
-    """Return a grasp with its forces alone, where there is no time left."""
-    with one_thread():
-        return _told(bench, start, start.robust, Aftermath())
 
 
 def _told(bench: Workbench, start: StartGrasp, robust: Robustness | None, before: Aftermath) -> FoundGrasp:

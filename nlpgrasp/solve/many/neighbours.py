@@ -15,7 +15,7 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 KNOWN = 12  # grasps that are gone out from, the best ones
 PLACES = 48  # of each contact
-SCREENED = 8  # times as many as are wanted are screened closely
+SCREENED = 4  # times as many as are wanted are screened closely
 
 
 def neighbours(bench: Workbench, known: Sequence[Placed], count: int) -> list[Placed]:

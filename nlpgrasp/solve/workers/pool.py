@@ -121,45 +121,40 @@ class Runner:
 
     def look_back(self, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:
         """Return what is worth knowing after the starts; nothing where a worker ends over it."""
-        if self._parcel is None:
-            return look_back(self.bench, best, results, seed, stop)
-        seen = [] if best is not None else list(results)
-        try:
-            return Processes(self.workers).submit(_look_back, self._parcel, best, seen, seed, stop).result()
-        except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
-            return Aftermath()
+        seen = [] if best is not None and self._parcel is not None else list(results)
+        looked = self.begin(partial(_look_back, results=seen, seed=seed, stop=stop), [best])
+        return next(iter(looked()), Aftermath())
 
-    def chosen(self, best: StartGrasp | None, results: Sequence[StartResult], stop: Stop) -> StartGrasp | None:
-        """Return the start that is the answer: the best, or one that is not fragile where the options weigh that."""
+    def choose(
+        self, best: StartGrasp | None, results: Sequence[StartResult], stop: Stop
+    ) -> Callable[[], StartGrasp | None]:
+        """Begin to choose the start that is the answer: the best, or one that is not fragile where that is weighed.
+
+        The call that is returned waits for it.
+        """
         if best is None or not self.options.weighs_fragility or stop.requested():
-            return best
-        if self._parcel is None:
-            return chosen(self.bench, best, results, stop)
-        try:
-            return Processes(self.workers).submit(_chosen, self._parcel, best, list(results), stop).result()
-        except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
-            return best
+            return lambda: best
+        choosing = self.begin(partial(chosen, results=list(results), stop=stop), [best])
+        return lambda: next(iter(choosing()), best)
 
     def roomy(self, best: StartGrasp | None, stop: Stop) -> StartGrasp | None:
         """Return the answer with its hand's joints away from their limits, where the options ask for that."""
         if best is None or not self.options.seeks_room or self.problem.hand is None or stop.requested():
             return best
-        if self._parcel is None:
-            return with_room(self.bench, best, stop)
-        try:
-            return Processes(self.workers).submit(_roomy, self._parcel, best, stop).result()
-        except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
-            return best
+        return next(iter(self.begin(partial(with_room, stop=stop), [best])()), best)
 
-    def each(self, work: Callable[[Workbench, Item], Found], items: Sequence[Item]) -> list[Found]:
-        """Return what a function of some module makes of the workbench and each item; nothing where a worker ends."""
+    def begin(self, work: Callable[[Workbench, Item], Found], items: Sequence[Item]) -> Callable[[], list[Found]]:
+        """Begin what a function of some module makes of the workbench and each item.
+
+        The call that is returned waits for it: nothing where a worker ends. Without workers the work is done then.
+        """
         if self._parcel is None:
-            return [work(self.bench, item) for item in items]
+            return lambda: [work(self.bench, item) for item in items]
+        processes = Processes(self.workers)
         try:
-            processes = Processes(self.workers)
-            return [f.result() for f in [processes.submit(_each, self._parcel, work, item) for item in items]]
-        except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
-            return []
+            return partial(_done, [processes.submit(_each, self._parcel, work, item) for item in items])
+        except (BrokenProcessPool, OSError, RuntimeError):
+            return list
 
     @property
     def bench(self) -> Workbench:
@@ -205,25 +200,22 @@ def _work(
 
 
 def _look_back(
-    parcel: Parcel[LazyBench[_Asked]], best: StartGrasp | None, results: list[StartResult], seed: int, stop: Stop
+    bench: Workbench, best: StartGrasp | None, results: list[StartResult], seed: int, stop: Stop
 ) -> Aftermath:
-    """Look back at the starts in a worker."""
-    return look_back(parcel.unpacked().bench, best, results, seed, stop)
-
-
-def _chosen(parcel: Parcel[LazyBench[_Asked]], best: StartGrasp, results: list[StartResult], stop: Stop) -> StartGrasp:
-    """Choose the answer in a worker."""
-    return chosen(parcel.unpacked().bench, best, results, stop)
-
-
-def _roomy(parcel: Parcel[LazyBench[_Asked]], best: StartGrasp, stop: Stop) -> StartGrasp:
-    """Look for room in a worker."""
-    return with_room(parcel.unpacked().bench, best, stop)
+    return look_back(bench, best, results, seed, stop)
 
 
 def _each(parcel: Parcel[LazyBench[_Asked]], work: Callable[[Workbench, Item], Found], item: Item) -> Found:
     """Do a part of what is left to do in a worker."""
     return work(parcel.unpacked().bench, item)
+
+
+def _done(futures: Sequence[Future[Found]]) -> list[Found]:
+    """Wait for parts of what is left to do; none of them where a worker ends."""
+    try:
+        return [future.result() for future in futures]
+    except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
+        return []
 
 
 def _result(future: Future[StartResult | None], index: int) -> StartResult:
