@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from nlpgrasp.common.files import read_text
+from nlpgrasp.common.shown.numbers import at_least, at_most
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
@@ -168,7 +169,8 @@ class BestPossible:
 
     def __str__(self) -> str:
         without = f", without {', '.join(self.dropped)}" if self.dropped else ""
+        told = f"mu at most {at_most(self.upper, 4)} over all placements{without}"
         if self.grasp is None:
-            return f"mu at most {self.upper:.4g} over all placements{without}; no grasp met ({self.nodes} nodes)"
-        found = f"best met {self.mu.lower:.4g}, within {100.0 * self.gap:.2g} %"
-        return f"mu at most {self.upper:.4g} over all placements{without}; {found} ({self.nodes} nodes)"
+            return f"{told}; no grasp met ({self.nodes} nodes)"
+        found = f"best met {at_least(self.mu.lower, 4)}, within {at_most(100.0 * self.gap, 2)} %"
+        return f"{told}; {found} ({self.nodes} nodes)"

@@ -14,6 +14,7 @@ import nlpgrasp as ng
 from nlpgrasp.cli.options import AsJson, Script, writable
 from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.cli.script import load_problem
+from nlpgrasp.common.shown.numbers import at_least, at_most
 
 if TYPE_CHECKING:
     from nlpgrasp.report.bound import Moment
@@ -81,18 +82,19 @@ class _Progress:
         self.moments.append((now - self._begun, upper, mu.lower))
         if self._told and now - self._last >= EVERY:
             self._last = now
-            met = f"best met {mu.lower:.4g}" if mu.lower > 0.0 else "no grasp met"
-            sys.stderr.write(f"{now - self._begun:6.1f} s  mu at most {upper:.4g}, {met}, {nodes} nodes\n")
+            met = f"best met {at_least(mu.lower, 4)}" if mu.lower > 0.0 else "no grasp met"
+            sys.stderr.write(f"{now - self._begun:6.1f} s  mu at most {at_most(upper, 4)}, {met}, {nodes} nodes\n")
             sys.stderr.flush()
 
 
 def _show(name: str, found: ng.BestPossible, out: Path | None) -> None:
-    typer.echo(f"{name}: mu at most {found.upper:.6g} over all placements")
+    typer.echo(f"{name}: mu at most {at_most(found.upper, 6)} over all placements")
     if found.grasp is None:
         typer.echo("  no grasp met that exerts the task's wrenches")
     else:
         closed = "closed" if found.closed else "not closed"
-        typer.echo(f"  best grasp met: mu certified in {found.mu}, within {found.gap:.2%} of the bound ({closed})")
+        near = f"within {at_most(100.0 * found.gap)}% of the bound ({closed})"
+        typer.echo(f"  best grasp met: mu certified in {found.mu}, {near}")
         for i, (face, point) in enumerate(zip(found.faces, found.grasp.points.tolist(), strict=True)):
             typer.echo(f"  contact {i} on {face} at {', '.join(f'{x:.4g}' for x in point)}")
     for part in found.dropped:

@@ -8,8 +8,11 @@ from typing import Self
 
 import numpy as np
 
+from nlpgrasp.common.shown.numbers import outwards
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
+
+SHOWN = 4  # digits of the ends in print, at least; rounded outwards
 
 
 @dataclass(frozen=True)
@@ -79,11 +82,11 @@ class Bounds:
         return self.lower <= value <= self.upper
 
     def __str__(self) -> str:
-        return f"[{self.lower:.5g}, {self.upper:.5g}]"
+        return f"[{', '.join(outwards(self.lower, self.upper, SHOWN))}]"
 
     def __repr__(self) -> str:
         kind = f", kind={self.kind!r}" if self.kind else ""
-        return f"{type(self).__name__}({self.lower:.5g}, {self.upper:.5g}{kind})"
+        return f"{type(self).__name__}({', '.join(outwards(self.lower, self.upper, SHOWN))}{kind})"
 
 
 @dataclass(frozen=True)

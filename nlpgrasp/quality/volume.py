@@ -20,12 +20,13 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.shown.numbers import outwards
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import require_grasp
-from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.bounds import SHOWN, Bounds
 from nlpgrasp.quality.certificate.minimise import random_directions
 from nlpgrasp.quality.certificate.radial import Cells, estimate
 from nlpgrasp.quality.certificate.rank import wrench_rank
@@ -69,7 +70,8 @@ class Volume(Bounds):
         return f"{self.value:.5g} +- {self.error:.2g}, certified {super().__str__()}"
 
     def __repr__(self) -> str:
-        return f"Volume({self.lower:.5g}, {self.upper:.5g}, value={self.value:.5g}, error={self.error:.2g})"
+        lower, upper = outwards(self.lower, self.upper, SHOWN)
+        return f"Volume({lower}, {upper}, value={self.value:.5g}, error={self.error:.2g})"
 
 
 @overload

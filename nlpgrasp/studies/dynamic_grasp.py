@@ -74,6 +74,6 @@ class DynamicGrasp:
         lines = [f"{self.name}: {len(self.steps)} steps"]
         for step in self.steps:
             bounds, kind = step.solution.mu, step.solution.kind
-            text = f"{step.parameter:10.4g}: {kind} in [{bounds.lower:.4g}, {bounds.upper:.4g}], {step.how}"
+            text = f"{step.parameter:10.4g}: {kind} in {bounds}, {step.how}"
             lines.append(f"{text}; staying would give at most {step.stayed:.4g}")
         return "\n".join(lines)

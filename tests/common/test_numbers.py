@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from nlpgrasp.common.shown.numbers import outwards, percent, rounded, typeset, vector
+from nlpgrasp.common.shown.numbers import at_least, at_most, outwards, percent, rounded, typeset, vector
 
 
 @pytest.mark.parametrize(
@@ -50,6 +50,13 @@ def test_intervals_are_rounded_outwards(rng):
         assert float(low) <= lower <= upper <= float(high)
         assert float(low) < float(high)
         assert float(high) - float(low) <= 2.1 * 10.0 ** np.floor(np.log10(upper) - 2) + (upper - lower)
+
+
+def test_single_bounds_are_rounded_to_their_side(rng):
+    assert (at_least(0.23456), at_most(0.23456), at_most(0.0933456, 4)) == ("0.234", "0.235", "0.09335")
+    assert (at_least(0.0), at_most(math.inf), at_most(0.3)) == ("0", "inf", "0.3")
+    for value in 10.0 ** rng.uniform(-6, 6, 200):
+        assert float(at_least(value)) <= value <= float(at_most(value))
 
 
 def test_shares():

@@ -29,7 +29,7 @@ def test_a_solution_is_a_line():
 @pytest.mark.parametrize(
     ("thing", "line"),
     [
-        (ng.Bounds(0.09196001630781614, 0.0926852), "Bounds(0.09196, 0.092685)"),
+        (ng.Bounds(0.09196001630781614, 0.0926852), "Bounds(0.09196, 0.09269)"),
         (ng.Bounds(0.1, 0.2, np.ones(6), kind="mu"), "Bounds(0.1, 0.2, kind='mu')"),
         (ng.Volume(1.0, 2.0, value=1.5, error=0.125), "Volume(1, 2, value=1.5, error=0.12)"),
         (ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.0002]), "TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.0002])"),

@@ -57,6 +57,16 @@ def outwards(lower: float, upper: float, digits: int = DIGITS) -> tuple[str, str
     return ends
 
 
+def at_least(value: float, digits: int = DIGITS) -> str:
+    """Return a lower bound in few digits, rounded down."""
+    return _cut(value, digits, ROUND_FLOOR)
+
+
+def at_most(value: float, digits: int = DIGITS) -> str:
+    """Return an upper bound in few digits, rounded up."""
+    return _cut(value, digits, ROUND_CEILING)
+
+
 def percent(share: float, digits: int = 2) -> str:
     """Return a share in per cent, such as ``33 %``."""
     return f"{rounded(100.0 * share, digits)} %"

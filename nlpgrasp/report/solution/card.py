@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from html import escape
 
-from nlpgrasp.common.shown.numbers import outwards, typeset
+from nlpgrasp.common.shown.numbers import at_most, outwards, typeset
 from nlpgrasp.report.frame import ICON, page, style, viewer
 from nlpgrasp.report.solution import sections
 from nlpgrasp.report.solution.panel import verdict
@@ -37,4 +37,4 @@ def _worth(solution: GraspSolution) -> str:
     quality = f"{solution.label} {' to '.join(outwards(solution.mu.lower, solution.mu.upper))}"
     if solution.mu.lower <= 0.0 or solution.budget.absolute:
         return quality
-    return f"{quality}; the task takes {outwards(0.0, 1.0 / solution.mu.lower)[1]} N at most"
+    return f"{quality}; the task takes {at_most(1.0 / solution.mu.lower)} N at most"

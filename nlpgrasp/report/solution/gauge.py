@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from html import escape
 
-from nlpgrasp.common.shown.numbers import outwards, percent, rounded, typeset
+from nlpgrasp.common.shown.numbers import at_most, outwards, percent, rounded, typeset
 from nlpgrasp.report.svg import ticks
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -64,7 +64,7 @@ def words(solution: GraspSolution) -> str:
     if share is not None:
         told.append(f"{percent(share)} of it is left at the worst placement found")
     if math.isfinite(solution.best_possible):
-        told.append(f"the best possible is {outwards(0.0, solution.best_possible)[1]} at most")
+        told.append(f"the best possible is {at_most(solution.best_possible)} at most")
     return typeset("; ".join(told))
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from html import escape
 
-from nlpgrasp.common.shown.numbers import outwards, percent, rounded, typeset
+from nlpgrasp.common.shown.numbers import at_most, outwards, percent, rounded, typeset
 from nlpgrasp.report.solution.gauge import gauge, legend, share_left
 from nlpgrasp.solution.measures.quality import held_words
 from nlpgrasp.solution.records import Status
@@ -104,7 +104,7 @@ def _effort(solution: GraspSolution) -> Fact:
         return Fact(
             title, percent(takes), ("of what the hand's joints can do, at most",), "" if takes <= 1.0 else "bad"
         )
-    return Fact(title, f"{outwards(0.0, takes)[1]} N", (f"at most: {SPENT.get(budget.kind, IN_GENERAL)}",))
+    return Fact(title, f"{at_most(takes)} N", (f"at most: {SPENT.get(budget.kind, IN_GENERAL)}",))
 
 
 def _squeeze(solution: GraspSolution) -> list[Fact]:
@@ -138,10 +138,10 @@ def _best(solution: GraspSolution) -> list[Fact]:
     bound = solution.bound
     if bound is None or not math.isfinite(bound.upper):
         return []
-    upper = outwards(0.0, bound.upper)[1]
+    upper = at_most(bound.upper)
     gap = bound.gap(solution.mu.lower)
     told = (
-        f"no placement is more than {outwards(0.0, 100.0 * gap, 2)[1]} % better"
+        f"no placement is more than {at_most(100.0 * gap, 2)} % better"
         if math.isfinite(gap)
         else "no placement is above this"
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from nlpgrasp.common.files import write_text
+from nlpgrasp.common.shown.numbers import at_most
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
@@ -140,10 +141,10 @@ class GlobalBound:
             The measure's name.
         """
         if mu <= 0.0:
-            return f"no placement is above {self.upper:.4g}{self.ignored(math.inf)}"
+            return f"no placement is above {at_most(self.upper, 4)}{self.ignored(math.inf)}"
         gap = self.gap(mu)
-        told = f"no placement is more than {gap:.2%} better{self.ignored(gap)}"
-        return f"{told}: {label} is at most {self.upper:.4g} anywhere"
+        told = f"no placement is more than {at_most(100.0 * gap)}% better{self.ignored(gap)}"
+        return f"{told}: {label} is at most {at_most(self.upper, 4)} anywhere"
 
     def ignored(self, gap: float) -> str:
         """Return in words what the bound does not ask of a placement, and of a wide gap what that says of a grasp."""

@@ -6,6 +6,7 @@ import math
 from functools import cached_property
 
 from nlpgrasp.common.shown.drawing import Drawing
+from nlpgrasp.common.shown.numbers import at_most
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
@@ -85,7 +86,7 @@ class Measured(Asked):
         """The status in words; where the gap is closed, how close, and of a fragile grasp what is left."""
         told = self.status.value
         if self.status is Status.OPTIMAL:
-            told = f"Optimal within {self.gap:.2%}: {told.removeprefix('Optimal: ')}"
+            told = f"Optimal within {at_most(100.0 * self.gap)}%: {told.removeprefix('Optimal: ')}"
         if self.robust is None or not self.is_fragile:
             return told
         head, _, rest = told.partition(": ")

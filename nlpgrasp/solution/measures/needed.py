@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.shown.numbers import outwards
 from nlpgrasp.common.shown.words import FORCE_UNIT, wrench_words
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.grasp.grasp import Grasp
@@ -129,7 +130,7 @@ class ForcesNeeded:
         max_force : float or None
             Limit of each finger's force, newtons.
         """
-        low, high = (f"{bound:.4g}" for bound in (self.budget.lower, self.budget.upper))
+        low, high = outwards(self.budget.lower, self.budget.upper, 4)
         both = high if low == high else f"{low} to {high}"
         root = f", their L2 norm (root of the sum of squares) {np.linalg.norm(self.size):.4g} {FORCE_UNIT}"
         added = f"sum of the finger forces {self.total:.4g} {FORCE_UNIT}{root if budget.kind == 'l2' else ''}"

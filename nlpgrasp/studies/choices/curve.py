@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from nlpgrasp.common.shown.numbers import at_most
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.contacts import ContactModel, contact_from_dict
@@ -162,9 +163,9 @@ class ContactCurve:
             if short[k] > 0.0:
                 bounds += f", {short[k]:.1%} below the best known with fewer contacts"
             if np.isfinite(self.gap(k)):
-                bounds += f", at most {self.gap(k):.1%} below the best possible"
+                bounds += f", at most {at_most(100.0 * self.gap(k), 2)}% below the best possible"
             elif np.isfinite(self.best_possible[k]):
-                bounds += f", at most {self.best_possible[k]:.5g} possible"
+                bounds += f", at most {at_most(self.best_possible[k], 4)} possible"
             lines.append(f"{k:3d} contacts: {bounds}")
         return "\n".join(lines)
 

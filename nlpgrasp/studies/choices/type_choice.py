@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlpgrasp.common.shown.numbers import at_least, at_most
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number
 from nlpgrasp.errors import InputError
@@ -96,8 +97,8 @@ class Upgrade:
         if not self.after.solution.success:
             return f"{text}: no grasp found with either"
         if not self.certain:
-            return f"{text}: not told apart, at most +{self.gain.upper:.4g}"
-        return f"{text}: +{self.gain.lower:.4g} to +{self.gain.upper:.4g}"
+            return f"{text}: not told apart, at most +{at_most(self.gain.upper, 4)}"
+        return f"{text}: +{at_least(self.gain.lower, 4)} to +{at_most(self.gain.upper, 4)}"
 
 
 def low_end(high: Bounds, low: Bounds) -> float:
