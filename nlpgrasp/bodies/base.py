@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.shapes.extruded import IntArray
 from nlpgrasp.bodies.shapes.seen import Seen
+from nlpgrasp.common.given.names import listed
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -119,7 +120,7 @@ class Body(Seen):
         chosen = tuple(names)
         unknown = [n for n in chosen if n not in self.face_names]
         if unknown:
-            raise InputError(field, ", ".join(unknown), "faces of the body: " + ", ".join(self.face_names))
+            raise InputError(field, ", ".join(unknown), f"faces of the body: {listed(unknown, self.face_names)}")
         return chosen
 
     def surface_function(self, name: str, margin: float = 0.0) -> ca.Function:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlpgrasp.common.given.names import NEAREST, listed, near
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
     from nlpgrasp.hands.tips import Tip
-
-MOST_NAMED, CLOSE = 4, 0.5  # names that are suggested, and how alike they have to be
 
 
 def described(source: Path, preset: str | None) -> tuple[str | None, Path | None]:
@@ -27,12 +25,12 @@ def described(source: Path, preset: str | None) -> tuple[str | None, Path | None
 
     if preset is not None:
         if preset not in PRESETS:
-            raise InputError("--preset", preset, f"one of {', '.join(PRESETS)}")
+            raise InputError("--preset", preset, f"one of {listed([preset], PRESETS)}")
         return preset, source
     if not source.exists():
         if str(source) in PRESETS:
             return str(source), None
-        allowed = f"a URDF file that exists, or one of {', '.join(PRESETS)}"
+        allowed = f"a URDF file that exists, or one of {listed([source], PRESETS)}"
         raise InputError("URDF", str(source), allowed)
     return None, source
 
@@ -52,9 +50,7 @@ def link_of(source: Path, name: str, option: str, below: Sequence[str] | None = 
 
     names = list(robot_links(source)) if below is None else list(below)
     if name not in names:
-        near = get_close_matches(name, names, MOST_NAMED, CLOSE)
-        near += [other for other in names if name.casefold() in other.casefold() and other not in near]
-        some = ", ".join((near or names)[:MOST_NAMED])
+        some = ", ".join((near(name, names) or names)[:NEAREST])
         raise InputError(option, name, f"a link of {source.name}, such as {some}")
     return name
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.given.names import listed
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.robot.robot import Robot
@@ -25,7 +26,7 @@ def tips_of(robot: Robot, fingertips: Fingertips) -> list[tuple[str, Tip]]:
         raise InputError("URDFHand.fingertips", fingertips, "link names, each with a radius or a tip")
     unknown = [name for name in fingertips if name not in robot.links]
     if unknown:
-        raise InputError("URDFHand.fingertips", ", ".join(map(str, unknown)), "links: " + ", ".join(robot.links))
+        raise InputError("URDFHand.fingertips", ", ".join(map(str, unknown)), f"links: {listed(unknown, robot.links)}")
     result: list[tuple[str, Tip]] = []
     for link, said in fingertips.items():
         given = _own_shape(robot, link) if said is None else said
@@ -69,7 +70,8 @@ def torque_limits_of(robot: Robot, given: Mapping[str, float] | float | None) ->
     if isinstance(given, Mapping):
         unknown = [name for name in given if name not in names]
         if unknown:
-            raise InputError("URDFHand.torque_limits", ", ".join(map(str, unknown)), "joints: " + ", ".join(names))
+            allowed = f"joints: {listed(unknown, names)}"
+            raise InputError("URDFHand.torque_limits", ", ".join(map(str, unknown)), allowed)
         return {k: number(f"URDFHand.torque_limits[{k!r}]", v, above=0.0) for k, v in given.items()}
     return dict.fromkeys(names, number("URDFHand.torque_limits", given, above=0.0))
 

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 
 from nlpgrasp.common.files import file_name
+from nlpgrasp.common.given.names import NEAREST, near
 from nlpgrasp.common.stored.locks import held
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.library.entry import TaskEntry, entry_name
 from nlpgrasp.tasks.library.entry_file import read_entry, write_entry
 
 LOCK, READY = ".lock", "ready"
-MOST_NAMED = 5  # names that a message lists
-CLOSE, LONG = 0.6, 3  # ratio of letters that names must share to be near; letters of a word that says something
 
 
 class Folder:
@@ -104,12 +102,8 @@ class Folder:
         found = self.find(name)
         if found is None:
             names = [entry.name for entry in self.entries()]
-            by_case = {one.casefold(): one for one in names}
-            close = [by_case[one] for one in get_close_matches(name.casefold(), by_case, MOST_NAMED, CLOSE)]
-            words = [word for word in name.casefold().split() if len(word) >= LONG]
-            close += [one for one in names if one not in close and any(word in one.casefold() for word in words)]
-            listed = ", ".join(map(repr, (close or names)[:MOST_NAMED])) or "none: it has no entries"
-            raise InputError(f"task in {self.words}", repr(name), f"the name of an entry, such as {listed}")
+            some = ", ".join(map(repr, (near(name, names) or names)[:NEAREST])) or "none: it has no entries"
+            raise InputError(f"task in {self.words}", repr(name), f"the name of an entry, such as {some}")
         return found
 
     def keep(self, entry: TaskEntry, file: Path | None = None) -> None:
