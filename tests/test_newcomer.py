@@ -298,8 +298,18 @@ COMMANDS = {
     ),
     "a solution that is a script": (
         ["verify", "{}/script.py"],
-        "script.py: got not valid JSON",
-        "a complete JSON file",
+        "script.py: got a Python script",
+        "a solution file",
+    ),
+    "a report of a mesh": (
+        ["report", "{}/part.stl"],
+        "part.stl: got a mesh",
+        "a solution file (JSON)",
+    ),
+    "a mesh to solve": (
+        ["solve", "{}/part.stl"],
+        "SCRIPT: got ",
+        'a Python script with a function problem(), in which ng.Mesh.load("part.stl", unit="mm") is the body',
     ),
 }
 
@@ -309,6 +319,7 @@ def test_a_mistake_on_the_command_line_is_one_line(name, tmp_path, monkeypatch, 
     words, field, cure = COMMANDS[name]
     written(tmp_path, "script.py", SCRIPT)
     written(tmp_path, "empty.py", "import nlpgrasp\n")
+    mesh_in_millimetres(tmp_path)
     written(tmp_path, "class.py", "import nlpgrasp as ng\n\n\ndef problem():\n    return ng.GraspProblem\n")
     written(
         tmp_path,

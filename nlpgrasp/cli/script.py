@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import nlpgrasp as ng
+from nlpgrasp.common.files import kind_of
 from nlpgrasp.errors import InputError
 
 RUN_NAME = "nlpgrasp_script"  # not "__main__": what a script does when run by itself is not wanted here
@@ -45,13 +46,17 @@ def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
     file = Path(path)
     if not file.is_file():
         raise InputError("SCRIPT", str(path), "a Python file that exists")
+    if kind_of(file) == "a mesh":
+        body = f'a function {name}(), in which ng.Mesh.load("{file.name}", unit="mm") is the body'
+        raise InputError("SCRIPT", f"{path}, a mesh", f"a Python script with {body}")
     sys.path.insert(0, str(file.resolve().parent))  # neighbours may be imported, also later and by workers
     try:
         names = runpy.run_path(str(file), run_name=RUN_NAME)
     except InputError:
         raise
     except SyntaxError as error:
-        raise InputError(str(path), f"line {error.lineno}: {error.msg}", "a Python script") from None
+        place = f"line {error.lineno}: " if error.lineno else ""
+        raise InputError(str(path), f"{place}{error.msg}", "a Python script") from None
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # also what is raised to end the script

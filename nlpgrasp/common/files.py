@@ -12,6 +12,20 @@ from nlpgrasp.errors import InputError
 
 HASH = 16  # hexadecimal digits, in the names of files
 HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")
+KINDS = {
+    "a mesh": (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae"),
+    "a CAD file": (".step", ".stp", ".iges", ".igs"),
+    "a hand's file": (".urdf", ".xacro", ".xml"),
+    "a Python script": (".py",),
+    "a page": (".html",),
+    "a table": (".csv",),
+}
+
+
+def kind_of(path: str | Path) -> str | None:
+    """Return what a file is by the ending of its name, such as ``"a mesh"``; None for other endings."""
+    ending = Path(path).suffix.lower()
+    return next((kind for kind, endings in KINDS.items() if ending in endings), None)
 
 
 def write_text(path: str | Path, text: str) -> Path:
@@ -80,20 +94,22 @@ def read_text(path: str | Path, what: str, largest: int) -> str:
     Raises
     ------
     InputError
-        When it is not there, no regular file, too large, or not UTF-8.
+        When it is not there, no regular file, of another kind by its name, too large, or not UTF-8.
     """
     file = Path(path)
     try:
         size = file.stat().st_size
         if not file.is_file():
             raise InputError(str(path), "not a regular file", what)
+        if (kind := kind_of(file)) is not None:
+            raise InputError(str(path), kind, f"{what} (JSON)")
         if size > largest:
             raise InputError(str(path), f"{size / 2**20:.0f} MiB", f"at most {largest // 2**20} MiB")
         return file.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(str(path), error.strerror or "unreadable", f"{what} that exists") from None
     except UnicodeDecodeError:
-        raise InputError(str(path), "bytes that are not UTF-8", "a JSON text file") from None
+        raise InputError(str(path), "bytes that are not UTF-8", f"{what} (JSON)") from None
 
 
 def file_name(name: str) -> str:
