@@ -78,12 +78,13 @@ from nlpgrasp.quality import (
 )
 from nlpgrasp.report.fit import draw_fit
 from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_hand
-from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.frames.in_frame import SolutionInFrame
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.phases.phase import Phase
 from nlpgrasp.solution.phases.trajectory import Trajectory, trajectory
+from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.joints import JointSqueeze

@@ -76,11 +76,11 @@ EXPECTED = {
     "my_mesh_my_hand": (
         "9 joints, 3 fingertips",
         "part: Solved",
-        "within the 15 N stated",
+        "within max_force = 15 N",
         "confirmed: held as solved",
     ),
     "grasp_metrics": ("32 of 40 are force-closed", "that is proved"),
-    "gripper_and_part": ("part: Solved", "within the 40 N stated"),
+    "gripper_and_part": ("part: Solved", "within max_force = 40 N"),
     "data_sets": ("2 problems",),
     "how_close": ("mu at most 0.4", "ok   leaves: "),
     "hands": ("mu certified in [0.4", "spread, fingers", "confirmed: held as solved, lost without the squeeze"),

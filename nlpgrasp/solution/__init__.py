@@ -1,8 +1,9 @@
 """What was found: plain, frozen data, and its file."""
 
-from nlpgrasp.solution.findings import Conflict, Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.findings import Conflict, Robustness, WhyNot
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.placed import SurfaceMatch
+from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 

@@ -39,6 +39,13 @@ class Asked:
         return self.problem.get("max_force")
 
     @property
+    def fingers(self) -> tuple[str, ...]:
+        """The link of each contact's fingertip, of a hand with links; none of other hands."""
+        hand = self.problem.get("hand")
+        tips = hand.get("fingertips", ()) if isinstance(hand, Mapping) else ()
+        return tuple(str(tip["link"]) for tip in tips) if isinstance(tips, list) else ()
+
+    @property
     def palm(self) -> str:
         """The link at the root of the hand that was asked for; ``"palm"`` where it is not stated."""
         hand = self.problem.get("hand")

@@ -1,4 +1,4 @@
-"""What is found out after a solve: prices of limits, how robust the grasp is, and why there is no grasp."""
+"""What is found out after a solve: how robust the grasp is, and why there is no grasp."""
 
 from __future__ import annotations
 
@@ -8,52 +8,10 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray, array, integer
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.solution.schema.types import ConflictData, PriceData, RobustData, WhyNotData
+from nlpgrasp.solution.schema.types import ConflictData, RobustData, WhyNotData
 
 FRAGILE = 0.2  # share of mu: where less is left, the task takes more than five times the force once contacts slip
 LEAST_SHARE = 1e-4  # shares below are all said alike
-
-
-@dataclass(frozen=True)
-class ShadowPrice:
-    """What a little more of a limit would buy.
-
-    Parameters
-    ----------
-    name : str
-        The limit, for example ``"Spread.max"``.
-    value : float
-        As it is, SI units.
-    step : float
-        How much more, SI units.
-    unit : str
-        The step in words, for example ``"1 mm"``.
-    gain : float
-        By how much mu rises with the step, to first order, on the solver's surface.
-    """
-
-    name: str
-    value: float
-    step: float
-    unit: str
-    gain: float
-
-    def to_dict(self) -> PriceData:
-        """Return the price as JSON data."""
-        return {"name": self.name, "value": self.value, "step": self.step, "unit": self.unit, "gain": self.gain}
-
-    @classmethod
-    def from_dict(cls, data: PriceData) -> ShadowPrice:
-        """Return the price that ``to_dict`` wrote."""
-        return cls(**data)
-
-    def words(self, label: str) -> str:
-        """Return what the step changes of the measure of this name."""
-        what = f"{self.unit} more at" if self.unit.endswith("range") else f"{self.unit} more of"
-        return f"{what} {self.name} changes {label} by {self.gain:+.3g}"
-
-    def __str__(self) -> str:
-        return self.words("mu")
 
 
 @dataclass(frozen=True)
@@ -137,9 +95,9 @@ class Robustness:
         return cls(data["offset"], data["friction_share"], bounds, points, normals, lost, stated)
 
     def __str__(self) -> str:
-        friction = f"{self.friction_share:.0%} less friction"
+        off = f"contacts {1e3 * self.offset:g} mm off and {self.friction_share:.0%} less friction"
         slipped = f"; {len(self.lost)} slip over an edge" if self.lost else ""
-        return f"contacts {1e3 * self.offset:g} mm off and {friction} leave {self.mu} (worst found{slipped})"
+        return f"with {off}, {self.mu} is left (worst case found{slipped})"
 
 
 @dataclass(frozen=True)

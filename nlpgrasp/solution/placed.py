@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -54,17 +55,13 @@ class SurfaceMatch:
         off, slid = (float(np.max(part, initial=0.0)) for part in (self.distances, self.along))
         lines = []
         if off > min(FAR, MISLED * size):
-            wide = (
-                "what is stated is of the mesh, but a finer or less smoothed surface (Mesh: resolution, smoothing) may "
-            )
-            says = (
-                f"{wide}lead to a better grasp" if off > MISLED * size else "little for this grasp, stated of the mesh"
-            )
+            better = "a finer or less smoothed surface (Mesh: resolution, smoothing) may lead to a better grasp"
+            says = f"what is stated is of the mesh, but {better}" if off > MISLED * size else "small for this grasp"
             told = f"the solver's smooth surface is up to {1e3 * off:.3g} mm off the mesh at {_which(self.distances)}"
             lines.append(f"  {told}: {says}")
         if slid > FAR:
             told = f"contacts slid up to {1e3 * slid:.3g} mm along the mesh in the last step ({_which(self.along)})"
-            lines.append(f"  {told}: no error, positions and quality are those after it")
+            lines.append(f"  {told}: this is normal, positions and quality are those after it")
         return lines
 
     def at(self, i: int) -> dict[str, float]:
@@ -104,11 +101,12 @@ class PlacedGrasp:
     faces: tuple[str, ...]
     surface: SurfaceMatch | None = None
 
-    def lines(self) -> list[str]:
-        """Return the contacts in words, one a line."""
+    def lines(self, fingers: Sequence[str] = ()) -> list[str]:
+        """Return the contacts in words, one a line; with the fingers' links where they have some."""
         result = []
         for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
-            result.append(f"  contact {i} on {face}: position [{vector(p, 4)}] m, inward normal [{vector(n, 4)}]")
+            which = f"{i} ({fingers[i]})" if fingers else f"{i}"
+            result.append(f"  contact {which} on {face}: position [{vector(p, 4)}] m, inward normal [{vector(n, 4)}]")
         size = float(np.linalg.norm(np.ptp(self.grasp.points, axis=0)))
         return result if self.surface is None else [*result, *self.surface.lines(size)]
 

@@ -17,7 +17,7 @@ UNKNOWN = Bounds(0.0, math.inf)
 class Status(Enum):
     """How a solve, or one of its starts, ended. The value says what it means and what to do."""
 
-    SOLVED = "Solved: a grasp with a certified quality above zero, locally optimal at most."
+    SOLVED = "Solved: a grasp with a certified quality above zero, a local optimum at best."
     OPTIMAL = "Optimal: a grasp with a certified quality within the gap asked for of the best that any placement has."
     NO_GRASP = (
         "No grasp found: no start ended with a certified quality above zero. Try more starts, other faces, "

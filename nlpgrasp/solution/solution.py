@@ -14,7 +14,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.file import read, write
-from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.many.choice import Accepts, first_accepted
 from nlpgrasp.solution.many.found import FoundGrasp, found_grasps
 from nlpgrasp.solution.measures.forces import forces_and_moments, held_wrenches
@@ -22,6 +22,7 @@ from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.measures.quality import Quality, check_beta
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
+from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of
 from nlpgrasp.solution.schema import SCHEMA_NAME
 from nlpgrasp.solution.schema.types import SolutionData, SolverData

@@ -95,7 +95,7 @@ def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or solution.grasp is None or solution.squeeze:
         return solution
     try:
-        found = _within_efforts(solution, hand, usual_gain(hand.sliding_joints))
+        found = _within_limits(solution, hand, usual_gain(hand.sliding_joints))
     except NoBalanceError as none:
         why = {"reason": none.reason, **({} if none.friction is None else {"friction": none.friction})}
         return replace(solution, hand={**(solution.hand or {}), "no_squeeze": why})
@@ -111,13 +111,12 @@ def with_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     return replace(solution, others=tuple(others))
 
 
-def _within_efforts(solution: GraspSolution, hand: PosedHand, gain: Gain) -> Squeeze:
-    """Return the squeeze with the usual force, of weak joints with what they can exert: balanced forces scale."""
+def _within_limits(solution: GraspSolution, hand: PosedHand, gain: Gain) -> Squeeze:
+    """Return the squeeze with the usual force, or what weak joints or ``max_force`` allow: balanced forces scale."""
     found = squeeze(solution, gain=gain, hand=hand)
-    share = 0.0 if found.joints is None or found.joints.worst is None else found.joints.worst[1]
-    if share <= MOST_EFFORT:
-        return found
-    return squeeze(solution, NORMAL_FORCE * MOST_EFFORT / share, gain=gain, hand=hand)
+    effort = 0.0 if found.joints is None or found.joints.worst is None else found.joints.worst[1] / MOST_EFFORT
+    most = max(effort, 0.0 if solution.max_force is None else found.largest / solution.max_force)
+    return found if most <= 1.0 else squeeze(solution, NORMAL_FORCE / most, gain=gain, hand=hand)
 
 
 def _carried(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> FloatArray:

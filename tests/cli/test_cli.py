@@ -278,7 +278,7 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
         (["experiment", "square.py"], "Missing option '--out'"),
         (["report", "none.json"], "a solution file that exists"),
         (["report"], "Missing argument"),
-        (["report", "square.py"], "not valid JSON"),
+        (["report", "square.py"], "got a Python script"),
         (["report", "none.json", "--out", "none/x.html"], "a file in a folder that exists"),
         (["solve", "none.py"], "a Python file that exists"),
         (["solve", "square.py", "--starts", "0"], "--starts"),
@@ -292,7 +292,7 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
         (["solve"], "Missing argument"),
         (["resolve"], "No such command"),
         (["verify", "none.json"], "a solution file or a bound file that exists"),
-        (["quality", "square.py"], "not valid JSON"),
+        (["quality", "square.py"], "got a Python script, expected a solution file (JSON)"),
         (["verify", "square.json", "--rtol", "-1"], "square.json"),
     ],
 )

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.common.shown.numbers import rounded
+from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solve.squeeze import with_squeeze, with_squeezes
 from tests.hands.urdf import FOLDER, THREE, Mujoco, body_frame, solution_links, three_finger_hand
 from tests.verify import honest
@@ -89,7 +91,7 @@ def test_efforts_that_are_too_small_are_named():
     assert name == "finger_1_proximal_flexion"
     assert share == pytest.approx(abs(found.torques[name]) / 1e-3)
     assert found.joints.exceeded == {name: pytest.approx(abs(found.torques[name]) - 1e-3)}
-    assert f"too much for joint {name} by" in found.line()
+    assert f"MORE than the effort of {name} (" in found.line()
 
 
 def test_a_solution_states_no_more_than_weak_joints_can_exert():
@@ -103,6 +105,37 @@ def test_a_solution_states_no_more_than_weak_joints_can_exert():
     assert found.normal_force == pytest.approx(0.98, rel=1e-6)  # half of 2 N, and a little less
     assert found.joints.exceeded == {}
     assert usual.normal_force == 2.0
+
+
+def test_a_solution_states_no_squeeze_above_max_force():
+    usual = squeezed().squeeze
+    limit = 0.5 * usual.largest
+    found = with_squeeze(ng.GraspSolution.from_dict(at_most(limit), "f.json"), three_finger_hand())
+    assert found.squeeze.largest == pytest.approx(limit, rel=1e-6)
+    assert found.squeeze.normal_force == pytest.approx(1.0, rel=1e-6)
+    assert "max_force" not in found.squeeze_line()
+    told = ng.GraspSolution.from_dict({**at_most(limit), "hand": dict(squeezed().hand)}, "f.json").squeeze_line()
+    assert told.endswith(f"; ABOVE max_force = {rounded(limit)} N")
+
+
+def at_most(limit):
+    return edited(honest.fingers(), put(("problem", "max_force"), limit))
+
+
+def test_print_names_fingers_what_each_presses_and_what_the_task_takes_of_the_joints():
+    forces = grasped().grasp.normals * [[3.0], [2.0], [1.0]]
+    needed = ForcesNeeded.of(grasped().grasp, np.zeros(6), forces, None, [], ng.Bounds(1.0, 1.0))
+    found = replace(squeezed(), needed=needed)
+    text = str(found)
+    pressed = ", ".join(map(rounded, found.squeeze.normal))
+    assert f"a squeeze with at least 2 N a finger (normal forces {pressed} N) needs friction " in text
+    for i, tip in enumerate(found.hand["fingertips"]):
+        assert f"contact {i} ({tip}) on " in text
+    jacobians = found.squeeze.joints.jacobians  # MuJoCo's, as another test shows
+    torques = sum(jacobians[i, :3].T @ force for i, force in enumerate(forces))
+    names, limits = list(found.squeeze.torques), found.squeeze.joints.limits
+    share, name = max((abs(tau) / limits[joint], joint) for tau, joint in zip(torques, names, strict=True))
+    assert f"these forces take at most {100.0 * share:.3g} % of a joint's effort ({name})\n" in text
 
 
 def test_a_file_holds_the_squeeze_and_makes_others(tmp_path):

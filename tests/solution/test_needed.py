@@ -5,6 +5,7 @@ import json
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.common.shown.numbers import rounded
 from nlpgrasp.problem.from_dict import problem_from_dict
 from nlpgrasp.report import write_report
 from tests.verify.edits import failed, put, together
@@ -29,19 +30,20 @@ def test_print_says_it_with_units(found):
     text = str(found)
     assert f"the task as given needs {found.needed.budget.lower:.4g} to" in text
     assert "N (L2 norm of all finger forces, certified)" in text
-    for i, size in enumerate(found.needed.size):
-        assert f"finger {i} {size:.4g} N (" in text
     size = [sum(x * x for x in force) ** 0.5 for force in found.needed.forces.tolist()]
-    assert f"; sum of the finger forces {sum(size):.4g} N, their L2 norm (root of the sum of squares) " in text
-    assert f" (root of the sum of squares) {sum(s * s for s in size) ** 0.5:.4g} N\n" in text
-    assert "within the 100 N stated, as every wrench of the task is (certified)" in text
+    root = sum(s * s for s in size) ** 0.5
+    each, total, root = (", ".join(map(rounded, part)) for part in (size, [sum(size)], [root]))
+    assert f" fingers 0 to 2 exert {each} N (normal " in text
+    assert f"), in all {total} N, L2 norm {root} N\n" in text
+    assert ", within max_force = 100 N, as certified for every wrench of the task\n" in text
 
 
-@pytest.mark.parametrize(("share", "words"), [(0.5, "above the"), (1.01, "as far as the task's extreme wrenches tell")])
+@pytest.mark.parametrize(("share", "words"), [(0.5, ", ABOVE max_force"), (1.01, " N for the wrenches computed: ")])
 def test_a_limit_that_is_not_certified(found, share, words):
     limit = share * found.needed.summary[0]
     there = solve(max_force=limit)
     assert words in str(there)
+    assert there.title.startswith("grasp: Solved, but finger ") is (share < 1.0)
     assert there.needed.within is (share > 1.0)
     assert there.to_dict()["quality"]["forces_needed"]["within_max_force"] is (share > 1.0)
     assert ng.verify(there).passed
@@ -49,7 +51,7 @@ def test_a_limit_that_is_not_certified(found, share, words):
 
 def test_without_a_limit_nothing_is_said_of_one():
     there = solve()
-    assert "stated" not in str(there)
+    assert "max_force" not in str(there)
     assert there.max_force is None
     data = there.to_dict()
     assert "max_force" not in data["problem"]
@@ -84,7 +86,7 @@ def test_the_report_says_it(found, tmp_path):
     page = write_report({"wide": found, "tight": tight}, tmp_path / "f.html").read_text()
     assert page.count("Forces for the task as given") == 2
     assert f"<td>{found.needed.size[1]:.4g} N</td>" in page
-    assert "above the 1 N stated." in page
+    assert ", ABOVE max_force = 1 N." in page
 
 
 LIES = {

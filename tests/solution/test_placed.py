@@ -23,13 +23,13 @@ def test_surface_error_and_sliding_are_told_apart():
     assert "(Mesh: resolution, smoothing) may lead to a better grasp" in error
     assert slid == (
         "  contacts slid up to 6 mm along the mesh in the last step (contact 0): "
-        "no error, positions and quality are those after it"
+        "this is normal, positions and quality are those after it"
     )
 
 
 def test_an_error_that_is_small_for_the_grasp_is_called_little():
     (line,) = match([0.0012, 0.0], [0.0, 0.0]).lines(0.5)
-    assert line.endswith("1.2 mm off the mesh at contact 0: little for this grasp, stated of the mesh")
+    assert line.endswith("1.2 mm off the mesh at contact 0: small for this grasp")
 
 
 @pytest.mark.parametrize(("distance", "slid"), [(0.0, 0.0), (0.0009, 0.0009)])

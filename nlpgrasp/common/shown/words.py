@@ -14,6 +14,7 @@ DIRECTIONS = {
     6: (*(f"a force along {a}" for a in "xyz"), *(f"a torque about {a}" for a in "xyz")),
 }
 SMALL = 0.02  # of the largest force or moment: not worth a word
+SHORT, LONG = 1e-4, 1e3  # metres: moments on shorter arms, and forces on longer ones, are none
 MINOR = 0.3  # of a direction's largest component: not worth a word
 
 
@@ -29,12 +30,10 @@ def axis_labels(dimension: int) -> list[str]:
 
 def wrench_words(wrench: FloatArray) -> str:
     """Return the components of a wrench (d,) that matter, with units."""
-    parts = []
-    names = COMPONENTS[len(wrench)]
-    for unit in (FORCE_UNIT, MOMENT_UNIT):
-        alike = [(name, value) for name, value in zip(names, wrench, strict=True) if unit_of(name) == unit]
-        largest = max(abs(float(value)) for _, value in alike)
-        parts += [f"{name} {value:.3g} {unit}" for name, value in alike if abs(value) > SMALL * largest > 0.0]
+    named = list(zip(COMPONENTS[len(wrench)], map(float, wrench), strict=True))
+    force, moment = (max(abs(value) for name, value in named if unit_of(name) == u) for u in (FORCE_UNIT, MOMENT_UNIT))
+    least = {FORCE_UNIT: max(SMALL * force, moment / LONG), MOMENT_UNIT: max(SMALL * moment, SHORT * force)}
+    parts = [f"{name} {value:.3g} {unit_of(name)}" for name, value in named if abs(value) > least[unit_of(name)]]
     return ", ".join(parts) or "zero"
 
 

@@ -10,7 +10,7 @@ from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.found.digest import asked_of, body_of, measured_by
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.findings import ShadowPrice
+from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 

@@ -140,9 +140,8 @@ def _best(solution: GraspSolution) -> list[Fact]:
         return []
     upper = at_most(bound.upper)
     gap = bound.gap(solution.mu.lower)
-    told = (
-        f"no placement is more than {at_most(100.0 * gap, 2)} % better"
-        if math.isfinite(gap)
-        else "no placement is above this"
-    )
-    return [Fact("Best possible", upper, (f"proved: {told}{bound.ignored(gap)}",))]
+    told = f"no placement is more than {at_most(100.0 * gap, 2)} % better"
+    if bound.is_loose(gap) or not math.isfinite(gap):
+        told = "no placement is above this"
+    loose = ". A loose bound: it says little of this grasp" if bound.is_loose(gap) else ""
+    return [Fact("Best possible", upper, (f"proved: {told}{bound.ignored()}{loose}",))]

@@ -21,7 +21,7 @@ from nlpgrasp.report.solution.worth import SCALE
 from nlpgrasp.report.solution.wrench_space import shadows
 from nlpgrasp.report.svg import Curve, chart
 from nlpgrasp.report.table import Html, table
-from nlpgrasp.solution.findings import ShadowPrice
+from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -180,10 +180,9 @@ def _limit(report: ConstraintReport, solution: GraspSolution) -> str:
 def _price(price: ShadowPrice, solution: GraspSolution) -> str:
     """Return what a step of a limit changes, as a sentence with its share of mu."""
     mu, label = solution.mu.lower, solution.label
-    what = f"{price.unit} more at" if price.unit.endswith("range") else f"{price.unit} more of"
     sign = "+" if price.gain > 0.0 else ""
     share = f" ({sign}{rounded(100.0 * price.gain / mu, 2)} %)" if mu > 0.0 else ""
-    return f"{what} {price.name} (now {rounded(price.value, 4)}): {label} {sign}{rounded(price.gain)}{share}."
+    return f"{price.what} (now {rounded(price.value, 4)}): {label} {sign}{rounded(price.gain)}{share}."
 
 
 def inputs(name: str, solution: GraspSolution) -> str:

@@ -140,17 +140,19 @@ class GlobalBound:
         label : str
             The measure's name.
         """
-        if mu <= 0.0:
-            return f"no placement is above {at_most(self.upper, 4)}{self.ignored(math.inf)}"
-        gap = self.gap(mu)
-        told = f"no placement is more than {at_most(100.0 * gap)}% better{self.ignored(gap)}"
-        return f"{told}: {label} is at most {at_most(self.upper, 4)} anywhere"
+        told, gap = f"{label} is at most {at_most(self.upper, 4)} anywhere", self.gap(mu)
+        if not math.isfinite(gap):
+            return f"{told}{self.ignored()}"
+        if self.is_loose(gap):
+            return f"a loose bound on the best possible: {told}{self.ignored()}"
+        return f"no placement is more than {at_most(100.0 * gap)}% better{self.ignored()}: {told}"
 
-    def ignored(self, gap: float) -> str:
-        """Return in words what the bound does not ask of a placement, and of a wide gap what that says of a grasp."""
-        if not self.dropped:
-            return ""
-        *first, last = self.dropped
+    def is_loose(self, gap: float) -> bool:
+        """Return whether the bound leaves out parts of the problem and is too wide to say anything of a grasp."""
+        return bool(self.dropped) and LOOSE < gap < math.inf
+
+    def ignored(self) -> str:
+        """Return in words which parts of the problem the bound leaves out; empty where it leaves out none."""
+        *first, last = self.dropped or ("",)
         parts = " and ".join(filter(None, (", ".join(first), last)))
-        loose = " (a loose bound, no verdict on this grasp)" if LOOSE < gap < math.inf else ""
-        return f" even if {parts} did not count{loose}"
+        return f", even ignoring {parts}" if parts else ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
 
 from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.shown.numbers import at_most
@@ -12,23 +11,20 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
-from nlpgrasp.solution.asked import Asked
-from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.joint_room import room_lines
+from nlpgrasp.solution.measures.by_hand import ByHand
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.measures.quality import Quality, held_words
-from nlpgrasp.solution.phases.phase import Phase, phases_from
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
+from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.schema.types import SolverData
-from nlpgrasp.solution.squeezed.squeeze import Squeeze
 from nlpgrasp.solution.starts import passed_over, starts_lines, winner_of
 
-MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
 
-
-class Measured(Asked):
+class Measured(ByHand):
     """The measures of a grasp, for what is asked."""
 
     name: str
@@ -83,14 +79,24 @@ class Measured(Asked):
 
     @property
     def told(self) -> str:
-        """The status in words; where the gap is closed, how close, and of a fragile grasp what is left."""
+        """The status in words; where the gap is closed, how close, and what is wrong with the grasp."""
         told = self.status.value
         if self.status is Status.OPTIMAL:
             told = f"Optimal within {at_most(100.0 * self.gap)}%: {told.removeprefix('Optimal: ')}"
-        if self.robust is None or not self.is_fragile:
-            return told
         head, _, rest = told.partition(": ")
-        return f"{head}, but {self.robust.fragile_words(self.mu, self.label)}; {rest}"
+        return f"{head}, but {'; and '.join(self.caveats)}; {rest}" if self.caveats else told
+
+    @property
+    def caveats(self) -> list[str]:
+        """What a user has to know of the grasp before anything else, in words; mostly nothing."""
+        said = []
+        if self.robust is not None and self.is_fragile:
+            said.append(self.robust.fragile_words(self.mu, self.label))
+        if self.needed is not None and self.max_force is not None and not self.needed.is_within(self.max_force):
+            said.append(self.needed.too_much_words(self.max_force))
+        if self.squeeze is None and self.squeeze_line():
+            said.append("the hand cannot squeeze the body")
+        return said
 
     @property
     def title(self) -> str:
@@ -105,56 +111,13 @@ class Measured(Asked):
         lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}: {held}"]
         if self.bound is not None:
             lines.append(f"  {self.bound.line(self.mu.lower, self.label)}")
-        squeezed = [line for line in (self.squeeze_line(),) if line]
-        came = [line for line in (self.approach_line(),) if line]
+        by_hand = [line for line in (self.effort_line(), self.squeeze_line(), self.approach_line()) if line]
         room = [] if self._room is None else room_lines(self._room)
-        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *squeezed, *came, *room])]
+        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *by_hand, *room])]
 
     def needed_lines(self) -> list[str]:
         """Return what the fingers press for the task as it was given, in words; nothing where it is not known."""
-        return [] if self.needed is None else self.needed.lines(self.budget, self.max_force)
-
-    @cached_property
-    def squeeze(self) -> Squeeze | None:
-        """The squeeze of the hand's joints that ``hand`` states; None where it states none."""
-        if self.grasp is None or self.hand is None or "squeeze" not in self.hand:
-            return None
-        return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
-
-    def approach_line(self) -> str:
-        """Return in words why the palm does not come straight to the grasp; empty where it does, or none is known."""
-        reason = ((self.hand or {}).get("approach") or {}).get("reason")
-        return f"no free straight way of the palm to the grasp: {reason}" if reason else ""
-
-    def squeeze_line(self) -> str:
-        """Return in words what the squeeze needs, or why there is none; empty where neither is known."""
-        if self.squeeze is not None:
-            return self.squeeze.line()
-        why = ((self.hand or {}).get("no_squeeze") or {}).get("reason")
-        return f"the hand cannot squeeze the body: {why}; {MORE}" if why else ""
-
-    def require_squeeze(self) -> Squeeze:
-        """Return the squeeze that ``hand`` states.
-
-        Raises
-        ------
-        InputError
-            Where it states none, with the reason where that is known.
-        """
-        if self.squeeze is not None:
-            return self.squeeze
-        why = ((self.hand or {}).get("no_squeeze") or {}).get("reason")
-        given = f"a grasp without a squeeze: {why}" if why else "a grasp without a squeeze"
-        raise InputError(
-            "solution",
-            given,
-            "one whose contacts press against each other: " + (MORE if why else "ng.squeeze says why"),
-        )
-
-    @cached_property
-    def phases(self) -> tuple[Phase, ...]:
-        """The keyframes of the hand, from afar to the lift; none without a hand with links, or in older files."""
-        return phases_from((self.hand or {}).get("phases", ()), "hand.phases")
+        return [] if self.needed is None else self.needed.lines(self.budget, self.max_force, self.fingers)
 
     @property
     def winner(self) -> StartRecord | None:
@@ -174,7 +137,7 @@ class Measured(Asked):
     def __str__(self) -> str:
         lines = [self.title]
         if self.grasp is not None:
-            lines += [*self.quality_lines(), *PlacedGrasp(self.grasp, self.faces, self.surface).lines()]
+            lines += [*self.quality_lines(), *PlacedGrasp(self.grasp, self.faces, self.surface).lines(self.fingers)]
         elif self.bound is not None:
             lines.append(f"  {self.bound.line(0.0, self.label)}")
         if self.robust is not None:

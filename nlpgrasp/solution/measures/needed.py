@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.shown.numbers import outwards
+from nlpgrasp.common.shown.numbers import outwards, rounded
 from nlpgrasp.common.shown.words import FORCE_UNIT, wrench_words
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.grasp.grasp import Grasp
@@ -105,22 +105,26 @@ class ForcesNeeded:
         """Return whether no finger's largest force is above a limit, newtons; None without one."""
         return None if max_force is None else bool(np.max(self.largest) <= max_force)
 
-    def finger_words(self) -> list[str]:
-        """Return what each finger presses for the hardest wrench."""
-        both = enumerate(zip(self.size, self.normal, strict=True))
-        return [f"finger {i} {s:.4g} {FORCE_UNIT} ({n:.4g} {FORCE_UNIT} normal)" for i, (s, n) in both]
+    def finger_words(self) -> str:
+        """Return what the fingers exert for the hardest wrench, in their order, and together."""
+        forces, normal = (", ".join(rounded(f) for f in each) for each in (self.size, self.normal))
+        return f"fingers 0 to {len(self.size) - 1} exert {forces} {FORCE_UNIT} (normal {normal})"
+
+    def too_much_words(self, max_force: float) -> str:
+        """Return which finger is to press more than a limit of each finger's force, newtons, and how much."""
+        most = f"{rounded(float(np.max(self.largest)))} {FORCE_UNIT}"
+        return f"finger {self.finger} needs {most} for the task, above max_force = {rounded(max_force)} {FORCE_UNIT}"
 
     def limit_words(self, max_force: float, budget: ForceBudget) -> str:
-        """Return how the largest force goes with a limit of each finger's force, newtons."""
-        limit, worst = f"{max_force:.4g} {FORCE_UNIT} stated", float(np.max(self.largest))
+        """Return how the largest force compares with a limit of each finger's force, newtons."""
+        limit = f"max_force = {rounded(max_force)} {FORCE_UNIT}"
         if not self.is_within(max_force):
-            return f"above the {limit}"
+            return f"ABOVE {limit}"
         if budget.bounds_fingers and self.budget.upper <= max_force:
-            return f"within the {limit}, as every wrench of the task is (certified)"
-        how = "as large as" if worst == max_force else "within"
-        return f"{how} the {limit}, as far as the task's extreme wrenches tell"
+            return f"within {limit}, as certified for every wrench of the task"
+        return f"within {limit} for the wrenches computed: the ends of the task's axes and the hardest one"
 
-    def lines(self, budget: ForceBudget, max_force: float | None) -> list[str]:
+    def lines(self, budget: ForceBudget, max_force: float | None, fingers: Sequence[str] = ()) -> list[str]:
         """Return what is needed in words: what is certified, the hardest wrench, the largest force.
 
         Parameters
@@ -129,16 +133,19 @@ class ForcesNeeded:
             That the forces are least in.
         max_force : float or None
             Limit of each finger's force, newtons.
+        fingers : sequence of str
+            Their links, where they have some.
         """
         low, high = outwards(self.budget.lower, self.budget.upper, 4)
         both = high if low == high else f"{low} to {high}"
-        root = f", their L2 norm (root of the sum of squares) {np.linalg.norm(self.size):.4g} {FORCE_UNIT}"
-        added = f"sum of the finger forces {self.total:.4g} {FORCE_UNIT}{root if budget.kind == 'l2' else ''}"
+        root = f", L2 norm {rounded(float(np.linalg.norm(self.size)))} {FORCE_UNIT}" if budget.kind == "l2" else ""
+        added = f"in all {rounded(self.total)} {FORCE_UNIT}{root}"
         told = "" if max_force is None else f", {self.limit_words(max_force, budget)}"
+        whose = f"finger {self.finger}{f' ({fingers[self.finger]})' if fingers else ''}"
         return [
             f"the task as given needs {both} {budget.unit} ({budget.amount}, certified)",
-            f"its hardest wrench found ({wrench_words(self.wrench)}): {', '.join(self.finger_words())}; {added}",
-            f"it needs {np.max(self.largest):.4g} {FORCE_UNIT} at finger {self.finger}, the most of any finger{told}",
+            f"for its hardest wrench found ({wrench_words(self.wrench)}) {self.finger_words()}, {added}",
+            f"the largest force of a finger is {rounded(float(np.max(self.largest)))} {FORCE_UNIT}, of {whose}{told}",
         ]
 
     def to_dict(self) -> NeededData:

@@ -103,8 +103,9 @@ class Quality:
 def held_words(kind: str, budget: ForceBudget) -> str:
     """Return what a measure of this kind, ``"mu"`` or ``"mu_tilde"``, counts under a budget, in words."""
     task = "the task, its centre included," if kind == "mu_tilde" else "the task"
-    within = "within the joints' torque limits" if budget.absolute else f"by 1 {budget.unit} ({budget.amount})"
-    return f"so many times {task} is held {within}"
+    if budget.absolute:
+        return f"the joints' torque limits hold {task} scaled by this factor"
+    return f"1 {budget.unit} ({budget.amount}) holds {task} scaled by this factor"
 
 
 def check_beta(data: QualityData, beta: Bounds | None, name: str) -> None:

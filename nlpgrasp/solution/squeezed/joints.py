@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,6 +79,11 @@ class JointSqueeze:
         own = {name: limits[name] for name in names if name in limits}
         return cls(torques, own, {name: float(positions[name]) for name in names}, jacobians, _gain(gain, names))
 
+    def under(self, wrenches: FloatArray) -> JointSqueeze:
+        """Return what the same joints do for other finger forces and moments (k, d), body frame."""
+        tau = np.einsum("kdm,kd->m", self.jacobians, wrenches)
+        return replace(self, torques=dict(zip(self.torques, tau.tolist(), strict=True)))
+
     def positions(self, gain: Gain | None = None) -> dict[str, float]:
         """Return the joint positions to command, ``grasp + tau / gain``; joints that are not here stay in the grasp.
 
@@ -113,11 +118,12 @@ class JointSqueeze:
         """Return the worst joint in words, and what is above its limit."""
         if self.worst is None:
             most = max(self.torques, key=lambda name: abs(self.torques[name]))
-            return f"{abs(self.torques[most]):.3g} N m at joint {most}, the most of any"
+            return f"largest torque {abs(self.torques[most]):.3g} N m, at joint {most}"
         name, share = self.worst
         if not self.exceeded:
-            return f"joint {name} at {100.0 * share:.3g} % of its effort, the most of any"
-        return "too much for " + ", ".join(f"joint {n} by {over:.3g} N m" for n, over in self.exceeded.items())
+            return f"at most {100.0 * share:.3g} % of a joint's effort ({name})"
+        weak = ", ".join(f"{joint} ({over:.3g} N m)" for joint, over in self.exceeded.items())
+        return f"MORE than the effort of {weak}"
 
     def to_dict(self) -> Json:
         """Return torques, Jacobians and, with a gain, positions as JSON data; limits and grasp are the hand's."""

@@ -79,6 +79,11 @@ class Squeeze:
         return np.concatenate([self.forces, turn], axis=1)
 
     @property
+    def largest(self) -> float:
+        """The largest force of a finger, newtons."""
+        return float(np.max(np.linalg.norm(self.forces, axis=1)))
+
+    @property
     def friction_needed(self) -> float:
         """The largest friction that a contact needs, to compare with what there is: below it contacts slip."""
         return float(np.max(self.friction))
@@ -106,8 +111,10 @@ class Squeeze:
         return self.joints.positions(gain)
 
     def line(self) -> str:
-        """Return the friction needed beside that there is, and the worst joint, in words."""
-        told = f"a squeeze of {rounded(self.normal_force)} N needs friction {rounded(self.friction_needed, least=NONE)}"
+        """Return what fingers press with, the friction needed beside that there is, and the worst joint, in words."""
+        pressed = f"normal forces {', '.join(rounded(force) for force in self.normal)} N"
+        told = f"a squeeze with at least {rounded(self.normal_force)} N a finger ({pressed}) needs friction "
+        told += rounded(self.friction_needed, least=NONE)
         known = [mu for mu in self.available if mu is not None]
         least = f" of {rounded(min(known))}" if known else ""
         used = f" ({percent(self.share if self.share > NONE else 0.0)} of what there is)" if known else ""

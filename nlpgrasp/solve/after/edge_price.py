@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.solution.findings import ShadowPrice
+from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 

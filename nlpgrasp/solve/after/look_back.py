@@ -10,7 +10,8 @@ from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.solution.findings import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.findings import Robustness, WhyNot
+from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solve.after.drawing import drawing_of
 from nlpgrasp.solve.after.pregrasp import Pregrasp, pregrasp
 from nlpgrasp.solve.after.prices import shadow_prices

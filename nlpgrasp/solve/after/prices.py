@@ -21,7 +21,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import collected, given_rows, placement_of
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
-from nlpgrasp.solution.findings import ShadowPrice
+from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solve.after.edge_price import edge_price
 from nlpgrasp.solve.after.limits import Limit, limits_of
 from nlpgrasp.solve.ascent.ascend import Model, Round, Rules, ascend

@@ -1,0 +1,83 @@
+"""What the hand of a solution does: its squeeze, what its joints exert, its way to the grasp."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from nlpgrasp.common.shown.numbers import rounded
+from nlpgrasp.common.types import Json
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.solution.asked import Asked
+from nlpgrasp.solution.measures.needed import ForcesNeeded
+from nlpgrasp.solution.phases.phase import Phase, phases_from
+from nlpgrasp.solution.squeezed.squeeze import Squeeze
+
+MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
+ROUNDING = 1e-6  # relative
+
+
+class ByHand(Asked):
+    """What is known of a grasp by the hand that was asked for."""
+
+    grasp: Grasp | None
+    hand: Json | None
+    needed: ForcesNeeded | None
+
+    @cached_property
+    def squeeze(self) -> Squeeze | None:
+        """The squeeze of the hand's joints that ``hand`` states; None where it states none."""
+        if self.grasp is None or self.hand is None or "squeeze" not in self.hand:
+            return None
+        return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
+
+    def approach_line(self) -> str:
+        """Return in words why the palm does not come straight to the grasp; empty where it does, or none is known."""
+        reason = ((self.hand or {}).get("approach") or {}).get("reason")
+        return f"no free straight way of the palm to the grasp: {reason}" if reason else ""
+
+    def squeeze_line(self) -> str:
+        """Return in words what the squeeze needs, or why there is none; empty where neither is known."""
+        if self.squeeze is not None:
+            most = self.max_force
+            above = most is not None and self.squeeze.largest > (1.0 + ROUNDING) * most
+            return self.squeeze.line() + (f"; ABOVE max_force = {rounded(most)} N" if most and above else "")
+        why = ((self.hand or {}).get("no_squeeze") or {}).get("reason")
+        return f"the hand cannot squeeze the body: {why}; {MORE}" if why else ""
+
+    def require_squeeze(self) -> Squeeze:
+        """Return the squeeze that ``hand`` states.
+
+        Raises
+        ------
+        InputError
+            Where it states none, with the reason where that is known.
+        """
+        if self.squeeze is not None:
+            return self.squeeze
+        why = ((self.hand or {}).get("no_squeeze") or {}).get("reason")
+        given = f"a grasp without a squeeze: {why}" if why else "a grasp without a squeeze"
+        raise InputError(
+            "solution",
+            given,
+            "one whose contacts press against each other: " + (MORE if why else "ng.squeeze says why"),
+        )
+
+    @cached_property
+    def phases(self) -> tuple[Phase, ...]:
+        """The keyframes of the hand, from afar to the lift; none without a hand with links, or in older files."""
+        return phases_from((self.hand or {}).get("phases", ()), "hand.phases")
+
+    def effort_line(self) -> str:
+        """Return in words what the joints do for the hardest wrench of the task; empty where that is not known.
+
+        By virtual work, of the finger forces stated: others that hold the same wrench may ask less of the joints.
+        """
+        joints, needed = None if self.squeeze is None else self.squeeze.joints, self.needed
+        if needed is None or joints is None or joints.worst is None or self.budget.absolute:
+            return ""
+        turning = np.zeros((len(needed.forces), joints.jacobians.shape[1] - needed.forces.shape[1]))
+        moments = turning if needed.moments is None else needed.moments
+        return f"these forces take {joints.under(np.concatenate([needed.forces, moments], axis=1)).words()}"
