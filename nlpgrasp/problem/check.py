@@ -11,6 +11,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.rows import Clearance, Row
+from nlpgrasp.common.shown.numbers import rounded
 from nlpgrasp.common.shown.once import say_once
 from nlpgrasp.common.validation import FloatArray, likely_size
 from nlpgrasp.constraints import PlacementConstraint
@@ -145,12 +146,13 @@ def _check_contact(
         beyond = np.maximum(lower - value, value - upper)
         # to first order, how far a contact would have to move; a row that is not a number is never satisfied
         excess = np.where(beyond > 0.0, beyond / slope, np.where(np.isnan(value), np.inf, 0.0)) / size
-    if np.min(np.max(excess, axis=0)) > CLEARLY:
+    least = float(np.min(np.max(excess, axis=0)))
+    if least > CLEARLY:
         named = ", ".join(dict.fromkeys(rows[j].name for j in np.argmax(excess, axis=0)))
         raise InputError(
             "GraspProblem.constraints",
-            f"no point of {_some(list(samples))} left for contact {i} by: {named}",
-            "constraints that leave every contact some part of the body",
+            f"{named}, which no point of {_some(list(samples))} keeps{_by(least * size)}",
+            f"constraints that leave contact {i} some part of the body",
         )
 
 
@@ -175,6 +177,11 @@ def _check_room(
             f"{k} contacts {least:g} m apart",
             f"fewer contacts or less distance on {_some(names)}",
         )
+
+
+def _by(missed: float) -> str:
+    """Return in words by how much the nearest point misses a constraint, metres; empty where it is not known."""
+    return f" (the nearest misses by {rounded(1e3 * missed)} mm)" if np.isfinite(missed) else ""
 
 
 def _some(names: list[str]) -> str:

@@ -21,6 +21,7 @@ from nlpgrasp.hands import Hand
 from nlpgrasp.problem.check import body_words, check_placements, check_size, warn_of_friction
 from nlpgrasp.problem.faces import allowed_faces
 from nlpgrasp.problem.margin import margin_of
+from nlpgrasp.problem.surroundings import warn_of_surroundings
 from nlpgrasp.problem.task_point import warn_of_point
 from nlpgrasp.problem.usual_lengths import warn_of_lengths
 from nlpgrasp.tasks import Task
@@ -124,6 +125,7 @@ class GraspProblem:
         self._check_constraints()
         warn_of_friction(self.models, "GraspProblem.contacts[{}].friction")
         warn_of_lengths(self.body, self.models, self.constraints, self.hand)
+        warn_of_surroundings(self.body, self.constraints, self.hand)
         count = range(len(self.models))
         faces = [allowed_faces(self.body, self.models, self.constraints, i) for i in count]
         object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))

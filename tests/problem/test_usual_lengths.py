@@ -44,8 +44,8 @@ def test_it_is_asked_about(parts, message):
 
 
 def test_a_fingertip_larger_than_the_body():
-    hand = ng.URDFHand.load(THREE, dict.fromkeys(TIPS, 1.5))
-    with pytest.warns(UserWarning, match="fingertip finger_1_tip: radius: 1.5 m beside a body of 0.08 m.*, 0.0015"):
+    hand = ng.URDFHand.load(THREE, dict.fromkeys(TIPS, 0.99))
+    with pytest.warns(UserWarning, match="fingertip finger_1_tip: radius: 0.99 m beside a body of 0.08 m.*, 0.00099"):
         problem(hand=hand)
 
 

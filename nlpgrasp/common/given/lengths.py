@@ -7,6 +7,7 @@ import numpy as np
 from nlpgrasp.common.validation import LONGEST_BODY, FloatArray, number
 from nlpgrasp.errors import InputError
 
+LARGEST_TIP = 1.0  # metres, of a fingertip's radius
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 
 

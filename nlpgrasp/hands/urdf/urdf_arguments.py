@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.given.lengths import LARGEST_TIP, of_a_hand
 from nlpgrasp.common.given.names import listed
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
@@ -34,13 +35,18 @@ def tips_of(robot: Robot, fingertips: Fingertips) -> list[tuple[str, Tip]]:
         if not several:
             raise InputError(f"URDFHand.fingertips[{link!r}]", given, "a radius, a tip, or several tips")
         for one in several:
-            tip = one if isinstance(one, Tip) else SphereTip(number(f"URDFHand.fingertips[{link!r}]", one, above=0.0))
+            tip = one if isinstance(one, Tip) else SphereTip(_radius(f"URDFHand.fingertips[{link!r}]", one))
             if (link, tip) in result:
                 raise InputError(f"URDFHand.fingertips[{link!r}]", given, "tips that are not the same")
             result.append((link, tip))
     if not result:
         raise InputError("URDFHand.fingertips", fingertips, "at least one tip")
     return result
+
+
+def _radius(field: str, given: object) -> float:
+    """Return the radius of a fingertip, metres."""
+    return of_a_hand(field, number(field, given, above=0.0), LARGEST_TIP)
 
 
 def _own_shape(robot: Robot, link: str) -> Tip:

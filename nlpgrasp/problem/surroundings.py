@@ -1,0 +1,40 @@
+"""Tables and hands that stand about a body as hardly anybody means it: asked about once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.shown.numbers import rounded
+from nlpgrasp.common.shown.once import say_once
+from nlpgrasp.constraints import PlacementConstraint, Table
+from nlpgrasp.hands import Hand, URDFHand
+
+THROUGH = 0.02  # of the body's size: a body that reaches farther below a table was not meant to
+ACROSS = 2.0  # times the reach of a hand's fingertips from its palm: wider than that they never open
+
+
+def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint], hand: Hand | None) -> None:
+    """Warn of a table that goes through the body, and of a hand that no side of the body fits into.
+
+    Parameters
+    ----------
+    body : Body
+    constraints : sequence of PlacementConstraint
+    hand : Hand or None
+    """
+    (low, high), extents = body.bounds[:, -1], body.bounds[1] - body.bounds[0]
+    for i, table in enumerate(constraints):
+        if isinstance(table, Table) and THROUGH * body.size < table.height - low < high - low:
+            below = f"the body reaches {rounded(1e3 * (table.height - low))} mm below the table"
+            where = f"height {rounded(table.height)} m, lowest point {rounded(low, least=1e-9)} m"
+            say_once(f"constraints[{i}]: {below} ({where}); a table that it stands on is ng.Table.under(body)")
+    shortest = float(np.min(extents))
+    if isinstance(hand, URDFHand) and shortest > ACROSS * hand.tree.span:
+        given = f"a body whose shortest side is {rounded(shortest)} m, for a hand whose fingertips reach"
+        say_once(
+            f"GraspProblem.body: {given} {rounded(hand.tree.span)} m from its palm; are both in metres? A mesh in "
+            'millimetres takes unit="mm"'
+        )
