@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from functools import cached_property
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -31,7 +32,11 @@ class Body(Seen):
     ----------
     kind : str
         Name of this kind in files.
+    tight : bool
+        Whether ``bounds`` are where the body ends, and not only a box around it.
     """
+
+    tight: ClassVar[bool] = True
 
     @property
     def space(self) -> int:

@@ -35,6 +35,7 @@ class Implicit(Body):
     """
 
     kind: ClassVar[str] = "implicit"
+    tight: ClassVar[bool] = False
 
     def __init__(self, h: Callable[[Expression], Expression], bounds: ArrayLike) -> None:
         name = type(self).__name__

@@ -159,7 +159,7 @@ def main() -> None:
     except NlpgraspError as error:
         _end(str(error), 2)
     except USAGE_ERROR as error:
-        _end(" ".join(error.format_message().split()), 2)
+        _end(" ".join(error.format_message().split()) + _where_to_look(error), 2)
     except (KeyboardInterrupt, typer.Abort):
         _end("interrupted", 1)
     except BrokenPipeError:
@@ -168,6 +168,15 @@ def main() -> None:
     if code == INTERRUPTED:
         _end("interrupted", 1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _where_to_look(error: typer.BadParameter) -> str:
+    """Return, of an option that a command has not, where the options are listed."""
+    named = getattr(error, "option_name", None)
+    context = getattr(error, "ctx", None)
+    if named is None or context is None or getattr(error, "possibilities", None):
+        return ""
+    return f"; `{context.command_path} --help` lists those there are"
 
 
 def _warning(

@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 import nlpgrasp as ng
+from nlpgrasp.common.shown.words import measure_word
 
 if TYPE_CHECKING:
     from nlpgrasp.solution.records import StartRecord
@@ -61,8 +62,7 @@ class Reporter:
     def start_done(self, record: StartRecord, best: ng.Bounds) -> None:
         """Report one start and the best certified bounds so far."""
         if self._bar is not None:
-            label = "mu-tilde" if best.kind == "mu_tilde" else "mu"
-            shown = f"best {label} in {best}" if math.isfinite(best.upper) else "no grasp yet"
+            shown = f"best {measure_word(best.kind)} in {best}" if math.isfinite(best.upper) else "no grasp yet"
             self._bar.update(self._task, advance=1, best=shown)
             return
         emit(

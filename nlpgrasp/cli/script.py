@@ -49,6 +49,8 @@ def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
     if kind_of(file) == "a mesh":
         body = f'a function {name}(), in which ng.Mesh.load("{file.name}", unit="mm") is the body'
         raise InputError("SCRIPT", f"{path}, a mesh", f"a Python script with {body}")
+    if (lacking := _lacking(file, name, kind.__name__)) is not None:
+        raise InputError(str(path), lacking, f"a script with a function {name}() -> {kind.__name__}")
     sys.path.insert(0, str(file.resolve().parent))  # neighbours may be imported, also later and by workers
     try:
         names = runpy.run_path(str(file), run_name=RUN_NAME)
@@ -75,6 +77,31 @@ def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
     if not isinstance(result, kind):
         raise InputError(f"{path}: {name}()", type(result).__name__, wanted)
     return result
+
+
+def _lacking(file: Path, name: str, kind: str) -> str | None:
+    """Return what a script lacks, without running it, where it can be seen that it never makes the function."""
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (OSError, SyntaxError, ValueError, MemoryError, RecursionError):
+        return None  # said when it is run
+    made: list[ast.AST] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == name:
+            return None
+        if isinstance(node, ast.alias) and (node.asname or node.name) in (name, "*"):
+            return None
+        if isinstance(node, ast.Name) and node.id in ("exec", "globals", "setattr"):
+            return None
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id == name:
+            made.append(node)
+    if not made:
+        return f"no function {name}()"
+    values = [node.value for node in ast.walk(tree) if isinstance(node, ast.Assign) and made[0] in node.targets]
+    called = values[0].func if values and isinstance(values[0], ast.Call) else None
+    if isinstance(called, ast.Attribute) and called.attr == kind:
+        return f"a variable {name}, no function: write it as def {name}(): return ng.{kind}(...)"
+    return None
 
 
 def _refuse_twins(path: str | Path) -> None:

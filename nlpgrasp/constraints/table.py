@@ -11,12 +11,15 @@ from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.constraints.base import PlacementConstraint
+from nlpgrasp.errors import InputError
 
 THIN_FINGER = 5e-4  # metres
 
 
 class Bounded(Protocol):
-    """What is in a box: a body."""
+    """What is in a box, tight or not: a body."""
+
+    tight: ClassVar[bool]
 
     @property
     def bounds(self) -> FloatArray:
@@ -55,7 +58,14 @@ class Table(PlacementConstraint):
             As it stands: the last axis of its frame points up.
         clearance : float
             Metres, at least zero.
+
+        Raises
+        ------
+        InputError
+            On an implicit surface, of which only a box around it is known.
         """
+        if not body.tight:
+            raise InputError("Table.under", "an implicit surface", "another body; of this ng.Table(height)")
         return cls(float(np.asarray(body.bounds)[0, -1]), clearance)
 
     def rows(self, placement: Placement) -> list[Row]:

@@ -27,7 +27,7 @@ def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint],
     """
     (low, high), extents = body.bounds[:, -1], body.bounds[1] - body.bounds[0]
     for i, table in enumerate(constraints):
-        if isinstance(table, Table) and THROUGH * body.size < table.height - low < high - low:
+        if isinstance(table, Table) and body.tight and THROUGH * body.size < table.height - low < high - low:
             below = f"the body reaches {rounded(1e3 * (table.height - low))} mm below the table"
             where = f"height {rounded(table.height)} m, lowest point {rounded(low, least=1e-9)} m"
             say_once(f"constraints[{i}]: {below} ({where}); a table that it stands on is ng.Table.under(body)")

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 
+import numpy as np
+
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
+from nlpgrasp.common.shown.words import range_words
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import within
 from nlpgrasp.errors import InputError
@@ -22,6 +25,12 @@ class Asked:
     def task(self) -> Task:
         """Task that was asked for, about the grasp's torque origin."""
         return task_from_dict(self.problem["task"])
+
+    def task_line(self) -> str:
+        """Return in words what the fingers are to exert: the range of each component of the task's wrenches."""
+        axes = np.eye(self.task.dimension)
+        low, high = -self.task.support(-axes)[0], self.task.support(axes)[0]
+        return f"the task: exert {range_words(low, high)}"
 
     @cached_property
     def budget(self) -> ForceBudget:

@@ -101,9 +101,9 @@ def passed_over(
     if winner is None or best is None or best.mu.upper <= max(winner.mu.upper, before):
         return []
     if by_what_is_left:
-        why = "starts were ranked by what is left at the worst placement, which is more of the answer"
+        why = "starts were ranked by what is left when contacts are off, which is more of the answer"
     elif best.mu.lower >= winner.mu.lower:
-        why = "less of it is left at the worst placement, when contacts are off and friction is less"
+        why = "less of it is left when contacts are off and friction is less"
         why += ", or its contacts cannot press against each other" if squeezed else ""
     else:
         why = "less of it is certified than of the answer"

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 
+from nlpgrasp.common.shown.words import measure_word
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.records import StartRecord, Status
@@ -60,7 +61,7 @@ class Lines:
         self._done += 1
         ended = WORDS.get(record.status, record.status.name.lower())
         if record.status is Status.SOLVED:
-            ended = f"mu in {record.mu}"
+            ended = f"{measure_word(best.kind)} in {record.mu}"
         so_far = f"best {best}" if best.lower > 0.0 else "no grasp yet"
         seconds = time.monotonic() - self._begun
         sys.stderr.write(f"start {self._done} of {self._starts}: {ended}; {so_far}; {seconds:.1f} s\n")

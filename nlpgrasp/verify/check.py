@@ -16,6 +16,7 @@ BROKEN = (
 """What comes of parts of a file that make no sense."""
 MOST = 2  # reasons, beside missing files, that a verdict names
 
+NO_GRASP = "grasp"  # the check that there is one
 NO_BODY = "the body is not there"  # why checks are not made where that of the surface says the reason
 
 
@@ -99,6 +100,8 @@ class Verification:
         failed = [check.name for check in self.checks if check.failed]
         made = len(self.checks) - len(self.not_made)
         left = f", {len(self.not_made)} could not be made ({self._reasons()})" if self.not_made else ""
+        if NO_GRASP in failed:
+            return "NOT verified: " + next(check.detail for check in self.checks if check.name == NO_GRASP)
         if failed:
             return f"NOT verified: {len(failed)} of {made} checks failed ({', '.join(failed)}){left}"
         word = "verified" if self.complete else "partly verified"

@@ -20,7 +20,7 @@ from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bound.beside import beside_checks
 from nlpgrasp.verify.bound.file import bound_file, verify_bound
-from nlpgrasp.verify.check import BROKEN, Check, Verification, guarded, no_sense
+from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, guarded, no_sense
 from nlpgrasp.verify.claims.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
 from nlpgrasp.verify.claims.grasps import grasps_checks
 from nlpgrasp.verify.claims.needed import needed_checks
@@ -74,7 +74,7 @@ def verify(
     grasp = solution.grasp
     if grasp is None:
         status = solution.status.name.lower()
-        return Verification((Check("grasp", False, f"the file holds no grasp ({status})"), *told), None)
+        return Verification((Check(NO_GRASP, False, f"there is no grasp to check ({status})"), *told), None)
     sources = Sources.beside(file, folders)
     with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
         found, checks = _of_one(solution, rtol, sources)

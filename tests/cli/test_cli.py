@@ -229,11 +229,16 @@ def test_no_grasp_is_exit_code_1_and_spares_the_old_file(tmp_path):
 
 BAD_SCRIPTS = {
     "no problem": ("x = 1", "no function problem()"),
+    "no problem, seen before it runs": ("import time\ntime.sleep(1e6)", "no function problem()"),
+    "a variable": (
+        "import nlpgrasp as ng\nproblem = ng.GraspProblem()\n1 / 0",
+        "a variable problem, no function: write it as def problem(): return ng.GraspProblem(...)",
+    ),
     "syntax": ("def problem(:", "line 1"),
-    "fails": ("1 / 0", "ZeroDivisionError: division by zero (line 1)"),
-    "exits": ("import sys\nsys.exit(0)", "SystemExit"),
+    "fails": ("problem = 1 / 0", "ZeroDivisionError: division by zero (line 1)"),
+    "exits": ("import sys\nsys.exit(0)\nfrom os import *", "SystemExit"),
     "wrong type": ("def problem():\n    return 3", "problem(): got int, expected a GraspProblem"),
-    "import": ("import there_is_no_such_module", "there_is_no_such_module"),
+    "import": ("import there_is_no_such_module\nproblem = int", "there_is_no_such_module"),
     "friction": (SMALL.replace("0.5)] * 2", "0.0)] * 2"), "FrictionContact.friction: got 0.0, expected"),
     "zero size": (SMALL.replace("[1, 1], [-1, 1]", "[1, -1.0], [-1, -1]"), "Polygon.vertices"),
     "zero task": (SMALL.replace("[1, 1, 1], center", "[0, 0, 0], center"), "TaskEllipsoid.semi_axes"),
@@ -294,6 +299,7 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
         (["verify", "none.json"], "a solution file or a bound file that exists"),
         (["quality", "square.py"], "got a Python script, expected a solution file (JSON)"),
         (["verify", "square.json", "--rtol", "-1"], "square.json"),
+        (["report", "square.json", "--folder", "x"], "No such option: --folder; `nlpgrasp report --help` lists those"),
     ],
 )
 def test_wrong_use_is_one_line(script, tmp_path, arguments, message):

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from nlpgrasp.common.shown.words import COMPONENTS, DIRECTIONS, axis_labels, direction_words, unit_of, wrench_words
+from nlpgrasp.common.shown.words import (
+    COMPONENTS,
+    DIRECTIONS,
+    axis_labels,
+    direction_words,
+    range_words,
+    unit_of,
+    wrench_words,
+)
 
 
 @pytest.mark.parametrize("dimension", [3, 6])
@@ -29,3 +37,16 @@ def test_direction_words():
     both = direction_words(np.array([1.0, 0.0, 0.0, 0.0, 0.0, -20.0]), 0.05)
     assert both.startswith("a force along x with a torque about -z (direction")
     assert direction_words(np.array([1.0, 0.0, 0.0, 0.0, 0.0, -20.0]), 0.01).startswith("a force along x (direction")
+
+
+def test_ranges_of_components_that_are_alike_are_named_together():
+    low, high = np.array([-1.8, -1.8, 2.12, -0.02, -0.02, 0.0]), np.array([1.8, 1.8, 5.72, 0.02, 0.02, 0.0])
+    assert range_words(low, high) == "f_x, f_y ±1.8 N; f_z 2.12 to 5.72 N; m_x, m_y ±0.02 N m"
+    assert range_words(np.array([0.0, 3.92, 1e-12]), np.array([1e-15, 3.92, 0.1])) == "f_y 3.92 N; m_z 0 to 0.1 N m"
+    assert range_words(np.zeros(3), np.zeros(3)) == "zero"
+
+
+def test_moments_and_forces_that_rounding_leaves_are_not_worth_a_word():
+    assert wrench_words(np.array([0.0, 0.0, 5.72, -3.1e-7, 1.6e-7, 2.5e-6])) == "f_z 5.72 N"
+    assert wrench_words(np.array([1e-9, 0.0, 0.0, 0.0, 0.0, 0.02])) == "m_z 0.02 N m"
+    assert wrench_words(np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.02])) == "f_x 3 N, m_z 0.02 N m"

@@ -39,6 +39,10 @@ def test_tables_under_the_body_are_usual():
 def test_the_table_that_a_body_stands_on():
     assert ng.Table.under(BOX) == ng.Table(-0.02)
     assert ng.Table.under(ng.Sphere(0.03), clearance=0.002) == ng.Table(-0.03, 0.002)
+    ball = ng.Implicit(lambda p: p.T @ p - 9e-4, [[-0.05] * 3, [0.05] * 3])
+    with pytest.raises(ng.InputError, match=r"Table\.under: got an implicit surface, expected .* ng\.Table\(height\)"):
+        ng.Table.under(ball)
+    problem(ball, ng.Table(-0.03))  # its box says nothing of where it ends
     square = ng.Polygon([[0.0, 0.01], [0.1, 0.01], [0.1, 0.03], [0.0, 0.03]])
     assert ng.Table.under(square).height == pytest.approx(0.01)
 

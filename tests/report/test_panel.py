@@ -44,8 +44,8 @@ def test_the_gauge_is_an_axis_from_zero(box):
     assert found["room"] == pytest.approx((0.37 / end, 0.03 / end), abs=1e-4)
     assert found["best"][0] == pytest.approx(0.4 / end, abs=1e-4)
     assert words(box) == (
-        "mu is certified between 0.36 and 0.37; 75\N{NO-BREAK SPACE}% of it is left at the worst placement found; "
-        "the best possible is 0.4 at most"
+        "mu is certified between 0.36 and 0.37; 75\N{NO-BREAK SPACE}% of it is left when contacts are off, "
+        "in the worst case found; the best possible is 0.4 at most"
     )
 
 

@@ -98,11 +98,11 @@ def test_why_a_start_with_more_mu_is_not_the_answer():
     assert passed_over((answer, broken), answer) == []
     (fragile,) = passed_over((answer, more), answer, label="mu-tilde")
     assert fragile == (
-        "start 1 found mu-tilde in [0.6, 0.61]: passed over, as less of it is left at the worst placement, "
+        "start 1 found mu-tilde in [0.6, 0.61]: passed over, as less of it is left "
         "when contacts are off and friction is less"
     )
     (ranked,) = passed_over((answer, more), answer, by_what_is_left=True)
-    assert ranked.endswith("as starts were ranked by what is left at the worst placement, which is more of the answer")
+    assert ranked.endswith("as starts were ranked by what is left when contacts are off, which is more of the answer")
     (unsure,) = passed_over((answer, wide), answer)
     assert unsure.endswith("passed over, as less of it is certified than of the answer")
     assert passed_over((answer, more), answer, before=0.62) == []  # the answer gave some for room of its joints
@@ -117,4 +117,4 @@ def test_the_summary_says_it():
         "\n  2 of 3 starts found a grasp: 1 broke a constraint (violation 0.067); their first solves: stopped" in text
     )
     first = replace(solution, best_start=0, solver={**solution.solver, "options": {"maximise_robust": True}})
-    assert "passed over, as starts were ranked by what is left at the worst placement" in str(first)
+    assert "passed over, as starts were ranked by what is left when contacts are off" in str(first)

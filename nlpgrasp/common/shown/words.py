@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.common.shown.numbers import vector
+from nlpgrasp.common.shown.numbers import rounded, vector
 from nlpgrasp.common.validation import FloatArray
 
 FORCE_UNIT, MOMENT_UNIT = "N", "N m"
@@ -15,7 +15,13 @@ DIRECTIONS = {
 }
 SMALL = 0.02  # of the largest force or moment: not worth a word
 SHORT, LONG = 1e-4, 1e3  # metres: moments on shorter arms, and forces on longer ones, are none
+NOTHING = 1e-6  # of the largest component: rounding
 MINOR = 0.3  # of a direction's largest component: not worth a word
+
+
+def measure_word(kind: str) -> str:
+    """Return the name of a measure of this kind as people read it."""
+    return "mu-tilde" if kind == "mu_tilde" else kind or "mu"
 
 
 def unit_of(component: str) -> str:
@@ -35,6 +41,31 @@ def wrench_words(wrench: FloatArray) -> str:
     least = {FORCE_UNIT: max(SMALL * force, moment / LONG), MOMENT_UNIT: max(SMALL * moment, SHORT * force)}
     parts = [f"{name} {value:.3g} {unit_of(name)}" for name, value in named if abs(value) > least[unit_of(name)]]
     return ", ".join(parts) or "zero"
+
+
+def range_words(low: FloatArray, high: FloatArray) -> str:
+    """Return the range of each component of a set of wrenches, (d,) least and (d,) largest values, with units.
+
+    Components with the same range are named together: ``"f_x, f_y ±5 N; f_z 2.1 to 5.7 N"``; those that are zero alone
+    are left out.
+    """
+    names = COMPONENTS[len(low)]
+    groups: dict[tuple[str, str], list[str]] = {}
+    for unit in (FORCE_UNIT, MOMENT_UNIT):
+        alike = [i for i, name in enumerate(names) if unit_of(name) == unit]
+        least = NOTHING * max(float(np.max(np.abs([low[alike], high[alike]]))), 0.0)
+        for i in alike:
+            ends = (rounded(float(low[i]), least=least), rounded(float(high[i]), least=least))
+            groups.setdefault((_range(*ends), unit), []).append(names[i])
+    told = [f"{', '.join(named)} {ends} {unit}" for (ends, unit), named in groups.items() if ends != "0"]
+    return "; ".join(told) or "zero"
+
+
+def _range(low: str, high: str) -> str:
+    """Return a range of which the ends are given as text."""
+    if low == high:
+        return low
+    return f"±{high}" if low == f"-{high}" else f"{low} to {high}"
 
 
 def direction_words(wrench: FloatArray, length: float) -> str:

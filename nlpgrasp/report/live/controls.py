@@ -90,7 +90,11 @@ class Controls:
         """Return a share of a wrench of the task as given, and what each finger does for it, as Markdown."""
         grasp, chosen = self.solution.require_grasp(), self.chosen[i]
         name = chosen.label.partition(":")[0]
-        lines = [f"**{name}:** {pushed(share * chosen.wrench, grasp.mean_arm)}", "", "| finger | presses | rubs |"]
+        lines = [
+            f"**{name}:** {pushed(share * chosen.wrench, grasp.mean_arm)}",
+            "",
+            "| finger | normal force | tangential force |",
+        ]
         lines.append("| --- | --- | --- |")
         for k, (force, normal) in enumerate(zip(share * chosen.forces, grasp.normals, strict=True)):
             lines.append(f"| {k} | {_newtons(force @ normal)} | {_newtons(_across(force, normal))} |")

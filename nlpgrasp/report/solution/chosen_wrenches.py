@@ -74,7 +74,7 @@ class FingerForce:
 
 
 def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[FingerForce]]:
-    """Return for each wrench how hard each finger presses and how hard it rubs."""
+    """Return for each wrench the normal and the tangential force of each finger."""
     largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=0.0) or 1.0
     found = []
     for c in chosen:
@@ -84,7 +84,9 @@ def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[
         least = 1e-4 * largest
         found.append(
             [
-                FingerForce(typeset(f"presses {rounded(p, 3, least)} N, rubs {rounded(t, 3, least)} N"), float(share))
+                FingerForce(
+                    typeset(f"normal {rounded(p, 3, least)} N, tangential {rounded(t, 3, least)} N"), float(share)
+                )
                 for p, t, share in zip(pressing, rubbing, sizes, strict=True)
             ]
         )

@@ -62,7 +62,7 @@ def words(solution: GraspSolution) -> str:
     told = [f"{solution.label} is certified between {lower} and {upper}"]
     share = share_left(solution)
     if share is not None:
-        told.append(f"{percent(share)} of it is left at the worst placement found")
+        told.append(f"{percent(share)} of it is left when contacts are off, in the worst case found")
     if math.isfinite(solution.best_possible):
         told.append(f"the best possible is {at_most(solution.best_possible)} at most")
     return typeset("; ".join(told))
@@ -71,7 +71,7 @@ def words(solution: GraspSolution) -> str:
 def legend(solution: GraspSolution) -> str:
     """Return what the gauge's colours mean, as HTML."""
     share = share_left(solution)
-    named = [("sure", "certified" if share is None else "left at the worst placement")]
+    named = [("sure", "certified" if share is None else "left when contacts are off")]
     if share is not None and share < 1.0:
         named.append(("lost", "certified as it stands"))
     if math.isfinite(solution.best_possible):

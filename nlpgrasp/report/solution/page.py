@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 
 from nlpgrasp.common.files import write_text
+from nlpgrasp.common.shown.numbers import typeset
 from nlpgrasp.experiments.found.compare import compare
 from nlpgrasp.report.frame import ICON, page, style, viewer
 from nlpgrasp.report.solution import sections
@@ -77,6 +78,7 @@ def _solution(name: str, solution: GraspSolution, number: int, heading: str) -> 
         f'<section data-grasp aria-labelledby="name{number}">',
         f'<header><{heading} id="name{number}">{escape(solution.name or name)}</{heading}>'
         f'<span class="pill {tone}">{escape(told)}</span><span class="file">{escape(name)}</span></header>',
+        f'<p class="asked">{escape(typeset(sections.asked(solution)))}</p>',
         '<div class="first">',
         sections.stage(solution, first.labels, number, first.scene, strip(shown, number), worth=coloured is not None),
         first.panel,

@@ -52,6 +52,16 @@ def comparison(compared: Comparison, solutions: Mapping[str, GraspSolution]) -> 
     return note + table("Ties differ by no more than the certified gap.", heads, rows)
 
 
+def asked(solution: GraspSolution) -> str:
+    """Return what was asked for in a sentence: contacts, body, hand and task."""
+    problem, hand = solution.problem, solution.problem.get("hand")
+    parts = [problem["body"], *([hand] if isinstance(hand, Mapping) else [])]
+    what, *by = [str(part.get("source") or part["type"]).rpartition("/")[2] for part in parts]
+    held = f", held by {by[0]}" if by else ""
+    task = solution.task_line()
+    return f"{len(problem['contacts'])} contacts on {what}{held}. {task[:1].upper()}{task[1:]}."
+
+
 def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
     """Return the facts beside the scene, and what each finger does for the wrench that the slider names."""
     bars = "".join(
@@ -125,7 +135,7 @@ def contacts(solution: GraspSolution) -> str:
         told = ", ".join(f"{name.replace('_', ' ')} {rounded(v)}" for name, v in model.coefficients.items())
         rows.append(
             [
-                f"{i}",
+                f"{i} ({solution.fingers[i]})" if solution.fingers else f"{i}",
                 face,
                 _fixed(scale * p, scale * size, least),
                 typeset(vector(np.round(n, 3))),
@@ -149,10 +159,11 @@ def wrench_space(solution: GraspSolution) -> str:
     if not charts:
         return ""
     words = (
-        "Shadows of what the fingers can exert with their budget (blue) and of the task times the certified lower "
-        "bound (green). In the first, in shares of what can be exerted, the task comes nearest to the limit (red)."
+        "Blue: the wrenches that the fingers can exert within the force budget, seen along each pair of axes. Green: "
+        "the task scaled by the certified lower bound, which fits inside. First plot: the direction in which the task "
+        "comes closest to the limit (red), as a share of what the fingers can exert."
     )
-    return f'<h3>Wrench space</h3><p class="note">{words}</p><div class="charts">{"".join(charts)}</div>'
+    return f'<h3>What the fingers can exert</h3><p class="note">{words}</p><div class="charts">{"".join(charts)}</div>'
 
 
 def constraints(solution: GraspSolution) -> str:

@@ -19,9 +19,8 @@ from nlpgrasp.solution.starts import solver_words, why_no_grasp
 
 STRIP = "Every start's certified quality; the answer has a ring."
 RISING = (
-    "The exchange works on the solver's own surface and comes down to the quality from above: a line may begin too "
-    "high, and the dots are what is certified on the body itself. The answer is blue; a dot alone is of a start "
-    "without exchange."
+    "Lines: the quality while a start is improved, estimated from above on the solver's own surface. Dots: what is "
+    "certified on the body itself. The answer is blue; a dot without a line is a start that was not improved further."
 )
 NOTHING = 1e-8  # values of mu that are zero but for rounding
 NONE = "No start ended with a certified grasp."
@@ -53,7 +52,7 @@ def strip(solution: GraspSolution) -> tuple[str, str]:
         curves.append(Curve(ends, "limit"))
         caption += " Dashed: the best possible."
     if solution.solver.get("options", {}).get("maximise_robust"):
-        caption += " It was chosen by what is left at the worst placement."
+        caption += " It was chosen by what is left when contacts are off."
     title, label = "Certified quality of every start", f"{solution.label}, certified"
     return chart(title, label, "start", curves, marks, "y"), caption
 

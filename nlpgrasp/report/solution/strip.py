@@ -91,7 +91,7 @@ def strip(shown: Sequence[Shown], number: int) -> str:
             f'<canvas class="small" data-of="scene{number}" data-scene="{i}"></canvas>'
             f"<span>{escape(words)}{' (fragile)' if fragile else ''}</span></button>"
         )
-    told = f"{len(shown)} distinct grasps, best first: certified quality, and what is left of it at the worst placement"
+    told = f"{len(shown)} distinct grasps, best first: certified quality, and what is left of it when contacts are off"
     return (
         f'<div class="strip" role="group" aria-label="Grasps kept"><p class="note">{told}</p>{"".join(buttons)}</div>'
     )

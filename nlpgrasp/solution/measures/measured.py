@@ -6,6 +6,7 @@ import math
 
 from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.shown.numbers import at_most
+from nlpgrasp.common.shown.words import measure_word
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
@@ -55,7 +56,7 @@ class Measured(ByHand):
     @property
     def label(self) -> str:
         """The measure that ``mu`` holds, in words: ``"mu"`` or ``"mu-tilde"``."""
-        return "mu-tilde" if self.kind == "mu_tilde" else "mu"
+        return measure_word(self.kind)
 
     @property
     def beta(self) -> Bounds | None:
@@ -135,7 +136,7 @@ class Measured(ByHand):
         return [*starts_lines(self.starts), *over]
 
     def __str__(self) -> str:
-        lines = [self.title]
+        lines = [self.title, f"  {self.task_line()}"]
         if self.grasp is not None:
             lines += [*self.quality_lines(), *PlacedGrasp(self.grasp, self.faces, self.surface).lines(self.fingers)]
         elif self.bound is not None:
