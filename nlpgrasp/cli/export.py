@@ -62,7 +62,7 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         for field, value in given.items():
             if value and field not in chosen.takes:
                 raise InputError(f"--{field.removesuffix('s')}", value, f"{takers[field]} with it")
-        options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()))
+        options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()), _tell)
         solution = ng.GraspSolution.load(file)
         target = file.with_suffix(chosen.ending) if out is None else out
         writable(target, file)
@@ -87,6 +87,11 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         kind = list[str] | None if field == "joint" else str | None
         export.__annotations__[field] = Annotated[kind, typer.Option(flag, metavar=metavar, help=told)]
     return export
+
+
+def _tell(words: str) -> None:
+    """Say on standard error what is about to take long."""
+    typer.echo(words, err=True)
 
 
 def _of_the_scene(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:

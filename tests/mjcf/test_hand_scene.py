@@ -15,7 +15,7 @@ from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.urdf.inertials import urdf_inertials
 from nlpgrasp.mjcf import mjcf_with_hand
-from nlpgrasp.mjcf.hand_scene.object_shape import convex_pieces
+from nlpgrasp.mjcf.hand_scene.object_shape import DECOMPOSING, convex_pieces
 from nlpgrasp.mjcf.hand_scene.tip_geoms import tip_geom
 from tests.hands.urdf import three_finger_hand
 from tests.once import solve_once
@@ -133,9 +133,14 @@ def test_an_arm_above_the_palm_weighs_nothing_and_the_palm_does_not_swing(held, 
 @pytest.mark.slow
 def test_convex_pieces():
     ball = trimesh.creation.icosphere(subdivisions=3)
-    assert len(convex_pieces(Triangles(ball.vertices, ball.faces))) == 1
+    told = []
+    assert len(convex_pieces(Triangles(ball.vertices, ball.faces), told.append)) == 1
+    assert told == []
     ring = trimesh.creation.torus(0.04, 0.01)
-    pieces = convex_pieces(Triangles(ring.vertices, ring.faces))
+    pieces = convex_pieces(Triangles(ring.vertices, ring.faces), told.append)
+    again = convex_pieces(Triangles(ring.vertices, ring.faces), told.append)
+    assert told == [DECOMPOSING]  # said once, and done once
+    assert all(np.array_equal(a, b) for a, b in zip(pieces, again, strict=True))
     assert len(pieces) > 4
     volume = sum(trimesh.convex.convex_hull(p).volume for p in pieces)
     assert volume == pytest.approx(ring.volume, rel=0.1)
@@ -227,3 +232,16 @@ def test_from_the_command_line(held, tmp_path):
     assert f"the object weighs {weighs:.3g} kg there, as if of water: --mass states another" in done.stdout
     done = run("export", tmp_path / "held.json", "--to", "mjcf", "--gain", 3)
     assert (done.returncode, done.stderr) == (2, "nlpgrasp: --gain: got 3.0, expected only with --hand, of mjcf\n")
+
+
+@pytest.mark.slow
+def test_the_command_line_says_that_a_body_is_decomposed(held, tmp_path):
+    """A ring in place of the body: one line on standard error before coacd begins."""
+    ring = trimesh.creation.torus(0.04, 0.01)
+    drawing = replace(held.drawing, body=Triangles(ring.vertices, ring.faces))
+    body = ng.Torus(0.04, 0.01).to_dict()
+    replace(held, drawing=drawing, problem={**held.problem, "body": body}).save(tmp_path / "ring.json")
+    command = [sys.executable, "-m", "nlpgrasp", "export", tmp_path / "ring.json", "--to", "mjcf", "--hand", HAND]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, f"{DECOMPOSING}\n")
+    assert done.stdout.startswith("written to ")

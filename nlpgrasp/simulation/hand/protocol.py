@@ -58,7 +58,7 @@ def simulate_hand(
     push : float
         Newtons.
     progress : callable, optional
-        Told in words how each condition ended.
+        Told in words what is about to take long, and how each condition ended.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def simulate_hand(
     size = number("push", push, above=0.0)
     given = HandSceneOptions() if options is None else options
     given = given if given.mass is not None else replace(given, mass=MASS)
-    scene = mjcf_with_hand(solution, urdf, given)
+    scene = mjcf_with_hand(solution, urdf, given, progress)
     squeeze = solution.squeeze
     if squeeze is None:
         raise InputError("solution", "a hand without a squeeze", "one whose contacts can press")
