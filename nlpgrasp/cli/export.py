@@ -16,7 +16,7 @@ from nlpgrasp.errors import InputError
 if TYPE_CHECKING:
     from nlpgrasp.interop import ExportFormat
 
-MASS = "With --hand: mass of the object, kilograms; by default that of water."
+MASS = "With --hand: mass of the object, kilograms; by default the weight that the task carries, or that of water."
 Mass = Annotated[float | None, typer.Option("--mass", help=MASS)]
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="PATH", help="File to write; by default F with the format's ending.")
@@ -107,13 +107,12 @@ def _tell(words: str) -> None:
 
 def _of_the_scene(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:
     """Say what a scene takes for granted: the object's mass, and how hard the fingers press."""
-    from nlpgrasp.mjcf.scene import DENSITY
+    from nlpgrasp.mjcf.hand_scene.object_mass import object_mass
     from nlpgrasp.solution.squeezed.enough import too_weak
-    from nlpgrasp.tasks.mass import mass_of
 
     if mass is None:
-        whole = mass_of(solution.require_drawing().body, DENSITY).mass
-        typer.echo(f"the object weighs {whole:.3g} kg there, as if of water: --mass states another")
+        found = object_mass(solution, None)
+        typer.echo(f"the object weighs {found.kilograms:.3g} kg there, {found.source}: --mass states another")
     weak = too_weak(solution.squeeze, solution.needed, normal_force)
     if weak:
         typer.echo(weak)

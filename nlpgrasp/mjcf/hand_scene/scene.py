@@ -15,6 +15,7 @@ from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.robot.robot_file import read_robot, robot_inertials
 from nlpgrasp.mjcf.hand_scene.hand_bodies import PlacedRobot, add_hand
 from nlpgrasp.mjcf.hand_scene.keyframes import add_keyframes, gains_of, keyframes
+from nlpgrasp.mjcf.hand_scene.object_mass import object_mass
 from nlpgrasp.mjcf.hand_scene.object_shape import Told, add_object_geoms
 from nlpgrasp.mjcf.hand_scene.options import HandSceneOptions
 from nlpgrasp.mjcf.parts import add_free_body, numbers
@@ -77,8 +78,7 @@ def mjcf_with_hand(
     grasp, robot = solution.require_grasp(), _robot(urdf, solution.palm, hand["joint_positions"])
     drawing = solution.require_drawing()
     require_pressing(grasp)
-    mass = mass_of(drawing.body, DENSITY)
-    mass = mass if given.mass is None else mass.scaled(given.mass)
+    mass = mass_of(drawing.body, DENSITY).scaled(object_mass(solution, given.mass).kilograms)
     surfaces = [_surface(model, given.friction) for model in grasp.contacts]
     root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="true")
