@@ -12,7 +12,8 @@ from nlpgrasp.common.shown.drawing import Drawing, Triangles
 from nlpgrasp.common.shown.palette import COLOURS
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.simulation.hand.motion import LOOSE
-from nlpgrasp.simulation.hand.outcome import AS_SOLVED, CONTROL, HandSimulation, HandTrial
+from nlpgrasp.simulation.hand.outcome import HandSimulation
+from nlpgrasp.simulation.hand.trial import AS_SOLVED, CONTROL, HandTrial
 from nlpgrasp.simulation.hand.world import Seen
 from nlpgrasp.solution.solution import GraspSolution
 
