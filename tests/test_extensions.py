@@ -294,10 +294,11 @@ def test_a_toy_format_writes_a_file_from_the_command_line(toy, tmp_path):
 @pytest.mark.slow
 def test_the_command_line_lists_a_toy_format(toy):
     done = toy("export", "--help")
-    assert "or faces with their first coordinate" in " ".join(done.stdout.replace("│", " ").split())
+    assert "faces, faces with their first coordinate" in " ".join(done.stdout.replace("│", " ").split())
     done = toy("export", FILES / "box.json", "--to", "nothing")
     assert done.returncode == 2
-    assert "'faces'" in done.stderr
+    assert "--to: got nothing, expected one of csv, " in done.stderr
+    assert done.stderr.endswith(", faces\n")
 
 
 def test_a_toy_format_needs_a_grasp_unless_it_says_otherwise(toy):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from enum import Enum, EnumType
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,24 +16,23 @@ from nlpgrasp.errors import InputError
 if TYPE_CHECKING:
     from nlpgrasp.interop import ExportFormat
 
-Mass = Annotated[float | None, typer.Option("--mass", help="With --hand: of the object, kg; of water by default.")]
-Out = Annotated[Path | None, typer.Option("--out", metavar="PATH", help="By default F with the format's ending.")]
+MASS = "With --hand: mass of the object, kilograms; by default the weight that the task carries, or that of water."
+Mass = Annotated[float | None, typer.Option("--mass", help=MASS)]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="PATH", help="File to write; by default F with the format's ending.")
+]
 
 
 def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
     """Return the command, whose choices and help are those of the formats."""
-    names = EnumType.__call__(Enum, "Format", [(given.name, given.name) for given in formats])  # typer shows the values
-    *first, last = [given.content for given in formats]
-    content = f"{', '.join(first)}, or {last}."
-    with_hand = " or ".join(given.name for given in formats if given.takes_hand)
-    model = f"For {with_hand}: the hand's own model in place of balls for fingertips."
-    takers = {
-        field: " or ".join(f.name for f in formats if field in f.takes) for field in ("object", "gripper", "joints")
-    }
+    content = f"Format: {'; '.join(f'{given.name}, {given.content}' for given in formats)}."
+    with_hand = _either(given.name for given in formats if given.takes_hand)
+    model = f"For {with_hand}: file of the hand, whose own model then takes the place of balls for fingertips."
+    takers = {field: _either(f.name for f in formats if field in f.takes) for field in ("object", "gripper", "joints")}
 
     def export(
         file: File,
-        to: Enum,
+        to: str,
         out: Out = None,
         hand: Path | None = None,
         mass: Mass = None,
@@ -50,7 +48,7 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         from nlpgrasp.interop import ExportOptions
         from nlpgrasp.interop.registry import format_named
 
-        chosen = format_named(to.value)
+        chosen = format_named(to)
         if hand is not None and not chosen.takes_hand:
             raise InputError("--hand", str(hand), f"{with_hand} with it: other formats hold no hand's model")
         stated = {"mass": mass, "gain": gain, "damping": damping, "frictionloss": frictionloss}
@@ -62,7 +60,7 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         for field, value in given.items():
             if value and field not in chosen.takes:
                 raise InputError(f"--{field.removesuffix('s')}", value, f"{takers[field]} with it")
-        options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()))
+        options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()), _tell)
         solution = ng.GraspSolution.load(file)
         target = file.with_suffix(chosen.ending) if out is None else out
         writable(target, file)
@@ -71,17 +69,24 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         if hand is not None:
             _of_the_scene(solution, mass, normal_force)
 
-    chosen_by = typer.Option("--to", help=content[0].upper() + content[1:])
-    export.__annotations__["to"] = Annotated[names, chosen_by]
+    export.__annotations__["to"] = Annotated[str, typer.Option("--to", metavar="FORMAT", help=content)]
     export.__annotations__["hand"] = Annotated[Path | None, typer.Option("--hand", metavar="URDF", help=model)]
     helps = {
         "thing": (
             "--object",
             "NAME",
-            f"For {takers['object']}: what it calls the body, a file or a frame.",
+            f"For {takers['object']}: the other tool's name for the body, a file or a frame.",
         ),
-        "gripper": ("--gripper", "NAME", f"For {takers['gripper']}: what it calls the hand, a file or a frame."),
-        "joint": ("--joint", "NAME", f"For {takers['joints']}: a joint of the hand, in the order wanted; repeatable."),
+        "gripper": (
+            "--gripper",
+            "NAME",
+            f"For {takers['gripper']}: the other tool's name for the hand, a file or a frame.",
+        ),
+        "joint": (
+            "--joint",
+            "NAME",
+            f"For {takers['joints']}: a joint of the hand; repeat the option in the order that the other tool has.",
+        ),
     }
     for field, (flag, metavar, told) in helps.items():
         kind = list[str] | None if field == "joint" else str | None
@@ -89,15 +94,25 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
     return export
 
 
+def _either(names: Iterable[str]) -> str:
+    """Return names as alternatives: ``a, b or c``."""
+    *first, last = names
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+def _tell(words: str) -> None:
+    """Say on standard error what is about to take long."""
+    typer.echo(words, err=True)
+
+
 def _of_the_scene(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:
     """Say what a scene takes for granted: the object's mass, and how hard the fingers press."""
-    from nlpgrasp.mjcf.scene import DENSITY
+    from nlpgrasp.mjcf.hand_scene.object_mass import object_mass
     from nlpgrasp.solution.squeezed.enough import too_weak
-    from nlpgrasp.tasks.mass import mass_of
 
     if mass is None:
-        whole = mass_of(solution.require_drawing().body, DENSITY).mass
-        typer.echo(f"the object weighs {whole:.3g} kg there, as if of water: --mass states another")
+        found = object_mass(solution, None)
+        typer.echo(f"the object weighs {found.kilograms:.3g} kg there, {found.source}: --mass states another")
     weak = too_weak(solution.squeeze, solution.needed, normal_force)
     if weak:
         typer.echo(weak)

@@ -16,12 +16,26 @@ Folders = Annotated[
     list[Path] | None,
     typer.Option("--folder", help="Where the file's mesh and URDF are looked for, after its own folder; repeatable."),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="JSON lines on standard output instead of text.")]
-Gain = Annotated[float | None, typer.Option("--gain", help="With --hand: of the turning joints' servos, N m / rad.")]
-Damping = Annotated[float | None, typer.Option("--damping", help="With --hand: of the joints, N m s / rad.")]
-FrictionLoss = Annotated[float | None, typer.Option("--frictionloss", help="With --hand: dry friction of joints, N m.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Write JSON lines to standard output instead of text.")]
+Gain = Annotated[
+    float | None,
+    typer.Option(
+        "--gain", help="With --hand: gain of the servos of turning joints, N m / rad; by default the solution's."
+    ),
+]
+Damping = Annotated[
+    float | None, typer.Option("--damping", help="With --hand: damping of the joints, N m s / rad; 0.1 by default.")
+]
+FrictionLoss = Annotated[
+    float | None,
+    typer.Option("--frictionloss", help="With --hand: dry friction of the joints, N m; 0.005 by default."),
+]
 NormalForce = Annotated[
-    float | None, typer.Option("--normal-force", help="With --hand: what each finger squeezes with, newtons.")
+    float | None,
+    typer.Option(
+        "--normal-force",
+        help="With --hand: the force that each finger presses with at least, newtons; by default the solution's.",
+    ),
 ]
 Rtol = Annotated[float, typer.Option("--rtol", help="Relative gap of the certificate.")]
 

@@ -12,35 +12,38 @@ from nlpgrasp.cli.options import AsJson, Damping, File, FrictionLoss, Gain, Norm
 from nlpgrasp.cli.progress import emit, telling
 from nlpgrasp.errors import InputError
 
-THROUGH = "Press through the joints of this hand, the one the problem was solved with."
+THROUGH = "File of the hand that the problem was solved with: the object is pressed through its joints."
+PICTURES = "File for the pictures; by default F-simulation.png, with --hand F-simulation-hand.png."
+SHARE = "Without --hand: share of certified mu at which the wrenches are applied."
+MASS = (
+    "Mass of the object, kilograms. By default with --hand the weight that the task carries, or 0.1 where it carries "
+    "none; without --hand so little that it hardly matters."
+)
+WRENCHES = "Without --hand: how many wrenches of the task are applied besides the hardest one."
+PUSH = "With --hand: force of each push, newtons; 1 by default."
 
 
 def simulate_command(
     file: File,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="F.png",
-            help="The pictures; by default F-simulation.png, with --hand F-simulation-hand.png.",
-        ),
-    ] = None,
-    share: Annotated[float, typer.Option("--share", help="Of certified mu, that wrenches are scaled by.")] = 0.8,
-    mass: Annotated[
-        float | None, typer.Option("--mass", help="Of the object, kilograms; 0.1 with --hand, else next to none.")
-    ] = None,
-    wrenches: Annotated[int, typer.Option("--wrenches", help="How many, beside the hardest one.")] = 12,
+    out: Annotated[Path | None, typer.Option("--out", metavar="F.png", help=PICTURES)] = None,
+    share: Annotated[float, typer.Option("--share", help=SHARE)] = 0.8,
+    mass: Annotated[float | None, typer.Option("--mass", help=MASS)] = None,
+    wrenches: Annotated[int, typer.Option("--wrenches", help=WRENCHES)] = 12,
     hand: Annotated[Path | None, typer.Option("--hand", metavar="URDF", help=THROUGH)] = None,
-    push: Annotated[float | None, typer.Option("--push", help="With --hand: newtons; 1 by default.")] = None,
+    push: Annotated[float | None, typer.Option("--push", help=PUSH)] = None,
     gain: Gain = None,
     damping: Damping = None,
     frictionloss: FrictionLoss = None,
     normal_force: NormalForce = None,
     as_json: AsJson = False,
 ) -> None:
-    """Press on the object in MuJoCo: hold the task's wrenches, then the hardest until it is lost.
+    """Try a grasp in MuJoCo.
 
-    With --hand through the hand's own joints: pushes, less friction, the object elsewhere, lifting, a control.
+    Without --hand: fingertips hold wrenches of the task, then the hardest one grows until the object is lost.
+
+    With --hand: the hand squeezes through its own joints; the object is pushed without gravity, and lifted with it.
+    The pushes are repeated with weaker servos, with half the friction and with the object displaced.
+    A control without the squeeze has to lose the object.
     """
     from nlpgrasp.common.extras.mujoco import import_mujoco
     from nlpgrasp.common.extras.pyplot import pyplot

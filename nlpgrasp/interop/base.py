@@ -33,11 +33,13 @@ class ExportOptions:
     hand : Path, optional
         URDF file of the hand, where the hand's own model belongs into the export.
     scene : HandSceneOptions, optional
-        Gains, friction and masses of a scene with the hand.
+        Gains, frictions and the object's mass of a scene with the hand.
     object, gripper : str, optional
         What the other tool calls the body and the hand's palm: names of frames, or files.
     joints : tuple of str
         The joints that are wanted, in the other tool's order; of parallel jaws those that share the opening.
+    progress : callable, optional
+        Told in words what is about to take long.
     """
 
     hand: Path | None = None
@@ -45,6 +47,7 @@ class ExportOptions:
     object: str | None = None
     gripper: str | None = None
     joints: tuple[str, ...] = ()
+    progress: Callable[[str], None] | None = None
 
 
 @dataclass(frozen=True)

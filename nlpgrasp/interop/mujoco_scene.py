@@ -8,7 +8,9 @@ from nlpgrasp.solution.solution import GraspSolution
 
 
 def _scene(solution: GraspSolution, options: ExportOptions) -> str:
-    return mjcf(solution) if options.hand is None else mjcf_with_hand(solution, options.hand, options.scene)
+    if options.hand is None:
+        return mjcf(solution)
+    return mjcf_with_hand(solution, options.hand, options.scene, options.progress)
 
 
 MJCF = ExportFormat("mjcf", ".xml", "a MuJoCo scene", _scene, Need.NOTHING, takes_hand=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from nlpgrasp.common.given.names import listed
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ReadFormat
 from nlpgrasp.interop.contacts_csv import CSV
@@ -66,7 +67,7 @@ def format_named(name: str) -> ExportFormat:
     """
     found = _formats.get(name)
     if found is None:
-        raise InputError("--to", name, "one of " + ", ".join(_formats))
+        raise InputError("--to", name, f"one of {listed([name], _formats)}")
     return found
 
 

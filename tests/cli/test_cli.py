@@ -180,10 +180,12 @@ def test_exports_and_tables_of_contacts(solved):
     assert "force-closed" in done.stdout
     assert "this one states its own" in refused(run_here("quality", "square.json", "--friction", "0.5", cwd=folder))
     assert "ng.URDFHand" in refused(run_here("export", "square.json", "--to", "isaac_grasp", cwd=folder))
-    assert "--to" in refused(run_here("export", "square.json", "--to", "fbx", cwd=folder))
+    told = refused(run_here("export", "square.json", "--to", "mujoco", cwd=folder))
+    assert "--to: got mujoco, expected one of csv, glb, isaac_grasp, mjcf, moveit" in told
+    assert told.endswith("; did you mean mjcf?")
     for option in ("--object", "--gripper", "--joint"):
         told = refused(run_here("export", "square.json", "--to", "csv", option, "x", cwd=folder))
-        assert f"{option}: got x, expected isaac_grasp or moveit or npz" in told
+        assert f"{option}: got x, expected isaac_grasp, moveit" in told
 
 
 def test_json_lines(script, tmp_path):

@@ -15,7 +15,8 @@ from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.urdf.inertials import urdf_inertials
 from nlpgrasp.mjcf import mjcf_with_hand
-from nlpgrasp.mjcf.hand_scene.object_shape import convex_pieces
+from nlpgrasp.mjcf.hand_scene.object_mass import ANY_WAY, OF_WATER, UPRIGHT, ObjectMass, object_mass
+from nlpgrasp.mjcf.hand_scene.object_shape import DECOMPOSING, convex_pieces
 from nlpgrasp.mjcf.hand_scene.tip_geoms import tip_geom
 from tests.hands.urdf import three_finger_hand
 from tests.once import solve_once
@@ -105,6 +106,49 @@ def test_masses_are_those_of_the_urdf(held):
         assert model.body(f"hand_{link}").mass[0] == pytest.approx(max(inertial.mass, 1e-3))
 
 
+def carrying(solution, task):
+    """Return the solution as if it had been found for another task."""
+    return replace(solution, problem={**solution.problem, "task": task.at(solution.grasp.torque_origin).to_dict()})
+
+
+CENTRE, HEAD, UP = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("task", "kilograms", "source"),
+    [
+        (ng.lift(CENTRE, 0.4), 0.4, UPRIGHT),
+        (ng.lift(CENTRE, 0.4) + ng.disturbance(9.0, 0.02, CENTRE), 0.4, UPRIGHT),
+        (ng.lift(CENTRE, 0.3) + ng.press(HEAD, [1.0, 0.0, 0.0], 15.0), 0.3, UPRIGHT),
+        (ng.lift(CENTRE, 0.3) + ng.press(HEAD, UP, 15.0), 0.3, UPRIGHT),
+        (ng.TaskEllipsoid([1.0] * 3 + [0.02] * 3, [0.0, 0.0, 1.962, 0.0, 0.0, 0.0]), 0.2, UPRIGHT),
+        (ng.gravity([0.005, 0.0, -0.002], 0.4), 0.4, ANY_WAY),
+        (ng.gravity(CENTRE, 0.4) + ng.disturbance(9.0, 0.02, CENTRE), 0.4, ANY_WAY),
+        (ng.press(HEAD, UP, 15.0), None, OF_WATER),  # a push from nothing
+        (ng.lift(CENTRE, 0.4, up=[0.0, 1.0, 0.0]), None, OF_WATER),  # scenes are lifted along z
+        (ng.disturbance(3.0, 0.0, HEAD), None, OF_WATER),  # forces far from the centre of mass
+        (ng.disturbance(3.0, 0.01, CENTRE), None, OF_WATER),
+        (ng.turn(UP, 0.4), None, OF_WATER),
+    ],
+)
+def test_the_object_weighs_what_the_task_carries(held, task, kilograms, source):
+    """By hand: newtons over 9.81; where the task carries no weight, the volume of the ellipsoid in water."""
+    found = object_mass(carrying(held, task), None)
+    water = 1000.0 * 4.0 / 3.0 * np.pi * 0.05 * 0.03 * 0.03
+    assert found.kilograms == pytest.approx(
+        water if kilograms is None else kilograms, rel=0.02 if kilograms is None else 1e-9
+    )
+    assert found.source == source
+    assert object_mass(carrying(held, task), 0.7) == ObjectMass(0.7, "as stated")
+    light = ObjectMass(0.1, "light")
+    assert (object_mass(carrying(held, task), None, light) == light) == (kilograms is None)
+
+
+def test_the_scene_has_the_mass_that_the_task_carries(held):
+    model, _ = loaded(mjcf_with_hand(carrying(held, ng.lift(CENTRE, 0.25)), HAND), "grasp")
+    assert model.body("object").mass[0] == pytest.approx(0.25)
+
+
 def test_an_arm_above_the_palm_weighs_nothing_and_the_palm_does_not_swing(held, tmp_path):
     """What carries the palm is as heavy as the hand, and damped critically: 2 sqrt(k m)."""
     arm = '<link name="arm"><inertial><mass value="50"/></inertial></link><joint name="wrist" type="fixed">'
@@ -133,9 +177,14 @@ def test_an_arm_above_the_palm_weighs_nothing_and_the_palm_does_not_swing(held, 
 @pytest.mark.slow
 def test_convex_pieces():
     ball = trimesh.creation.icosphere(subdivisions=3)
-    assert len(convex_pieces(Triangles(ball.vertices, ball.faces))) == 1
+    told = []
+    assert len(convex_pieces(Triangles(ball.vertices, ball.faces), told.append)) == 1
+    assert told == []
     ring = trimesh.creation.torus(0.04, 0.01)
-    pieces = convex_pieces(Triangles(ring.vertices, ring.faces))
+    pieces = convex_pieces(Triangles(ring.vertices, ring.faces), told.append)
+    again = convex_pieces(Triangles(ring.vertices, ring.faces), told.append)
+    assert told == [DECOMPOSING]  # said once, and done once
+    assert all(np.array_equal(a, b) for a, b in zip(pieces, again, strict=True))
     assert len(pieces) > 4
     volume = sum(trimesh.convex.convex_hull(p).volume for p in pieces)
     assert volume == pytest.approx(ring.volume, rel=0.1)
@@ -225,5 +274,22 @@ def test_from_the_command_line(held, tmp_path):
     done = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--out", scene)
     weighs = mujoco.MjModel.from_xml_path(str(scene)).body("object").mass[0]
     assert f"the object weighs {weighs:.3g} kg there, as if of water: --mass states another" in done.stdout
+    carrying(held, ng.lift([0.0, 0.0, 0.0], 0.25)).save(tmp_path / "lifted.json")
+    done = run("export", tmp_path / "lifted.json", "--to", "mjcf", "--hand", HAND, "--out", scene)
+    assert mujoco.MjModel.from_xml_path(str(scene)).body("object").mass[0] == pytest.approx(0.25)
+    assert "the object weighs 0.25 kg there, the weight that the task carries: --mass states another" in done.stdout
     done = run("export", tmp_path / "held.json", "--to", "mjcf", "--gain", 3)
     assert (done.returncode, done.stderr) == (2, "nlpgrasp: --gain: got 3.0, expected only with --hand, of mjcf\n")
+
+
+@pytest.mark.slow
+def test_the_command_line_says_that_a_body_is_decomposed(held, tmp_path):
+    """A ring in place of the body: one line on standard error before coacd begins."""
+    ring = trimesh.creation.torus(0.04, 0.01)
+    drawing = replace(held.drawing, body=Triangles(ring.vertices, ring.faces))
+    body = ng.Torus(0.04, 0.01).to_dict()
+    replace(held, drawing=drawing, problem={**held.problem, "body": body}).save(tmp_path / "ring.json")
+    command = [sys.executable, "-m", "nlpgrasp", "export", tmp_path / "ring.json", "--to", "mjcf", "--hand", HAND]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, f"{DECOMPOSING}\n")
+    assert done.stdout.startswith("written to ")

@@ -1,6 +1,7 @@
 """A grasp pressed through its own joints: held as solved, lost without the squeeze, poses checked by hand."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,6 +14,7 @@ import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from nlpgrasp.mjcf import mjcf_with_hand
 from nlpgrasp.simulation.hand.motion import Motion, Pose
+from nlpgrasp.simulation.hand.table import result, row
 from nlpgrasp.simulation.hand.world import HandWorld
 from tests.hands.urdf import three_finger_hand
 from tests.images import panels_drawn
@@ -35,7 +37,7 @@ def simulated(held):
     return ng.simulate_hand(held, HAND, progress=told.append), told
 
 
-def test_held_as_solved_and_lost_without_the_squeeze(simulated):
+def test_held_as_solved_and_lost_without_the_squeeze(simulated, held):
     found, told = simulated
     assert found.confirmed
     assert found.verdict == "confirmed: held as solved, lost without the squeeze"
@@ -47,8 +49,15 @@ def test_held_as_solved_and_lost_without_the_squeeze(simulated):
     assert found.squeezed.within((5e-4, np.radians(0.5)))
     assert found.share("control: no squeeze") < 1.0
     assert len(found.of("object 5 mm, 5 deg off")) == 18
-    assert told[0] == "as solved: 7 of 7 held"
+    lost = sum(not t.strict for t in found.of("control: no squeeze"))
+    assert told[0] == "as solved: 6 of 6 pushes and the lift held"
+    assert told[2:] == [
+        "half the friction: 6 of 6 pushes held (no lift)",
+        "object 5 mm, 5 deg off: 18 of 18 pushes held (no lift)",
+        f"control, no squeeze: lost in {lost} of 7, as it should be",
+    ]
     data = found.to_dict()
+    assert data["normal_forces"] == pytest.approx(held.squeeze.normal)
     assert data["confirmed"] is True
     assert len(data["trials"]) == len(found.trials)
     json.dumps(data)
@@ -78,6 +87,54 @@ def test_what_the_squeeze_moves_counts_but_not_where_the_object_stood_elsewhere(
         (line,) = (line for line in str(found).splitlines() if line.startswith(f"  {condition}"))
         assert "; the squeeze moves it by " in line
         assert ", then at most " in line
+
+
+def test_what_is_printed_says_what_was_done(simulated):
+    """Which rows are lifted, what held means, where the mass comes from, what the control is for."""
+    found, _ = simulated
+    first, done, means, *rows = str(found).splitlines()
+    assert first.startswith("a <hand> & more: 0.1 kg, as the task carries no weight upwards; each finger presses with ")
+    assert (
+        done == "  six pushes of 1 N without gravity; as solved and in the control also lifted by 20 cm, with gravity"
+    )
+    assert means == "  held: moved in the hand by at most 1 cm and 10 degrees"
+    assert rows[0].startswith(
+        "  as solved                    6 of 6 pushes and the lift held; the squeeze moves it by "
+    )
+    assert rows[2].startswith("  half the friction            6 of 6 pushes held (no lift); the squeeze moves it by ")
+    assert re.match(r"  control, no squeeze          lost in \d of 7, as it should be", rows[4])
+    assert "loose" not in str(found)
+    uneven = replace(found, normal_force=2.0, normal_forces=(2.08, 5.86, 2.0, 6.01))
+    assert "; each finger presses with at least 2 N (2 to 6.01 N)" in str(uneven)
+    assert str(replace(uneven, normal_forces=(2.0, 2.0004))).splitlines()[0].endswith("at least 2 N")
+
+
+def test_rows_of_what_was_lost(simulated):
+    found, _ = simulated
+    seven = found.of("as solved")
+    moved, far = Motion(0.02, np.radians(1.0)), Motion(2.0, 0.0)
+    told = result((replace(seven[0], motion=moved), replace(seven[1], motion=far), *seven[2:]))
+    assert told == "4 of 6 pushes held, the lift held, loosely 6 of 7"
+    dropped = (*seven[:6], replace(seven[6], motion=far))
+    assert result(dropped) == "6 of 6 pushes held, the lift lost"
+    assert row(dropped).endswith(", then it is lost")
+    assert replace(found, trials=(*dropped, *found.trials[7:])).verdict == "NOT confirmed: lost when lifted 20 cm"
+    slack = replace(found, trials=(replace(seven[0], motion=moved), *found.trials[1:]))
+    assert "held: moved in the hand by at most 1 cm and 10 degrees; loosely: 5 cm and 15 degrees" in str(slack)
+    assert row([replace(t, squeezed=far) for t in seven]).endswith("; the squeeze itself loses it")
+    kept = [replace(t, condition="control: no squeeze", squeezed=Motion(), motion=Motion()) for t in seven]
+    assert result(kept) == "lost in 0 of 7, although it should be"
+
+
+def test_the_object_weighs_what_the_task_carries(held):
+    """Of a lift of 0.4 kg about the torque origin: the mass simulated, and the line that says where it comes from."""
+    carrying = replace(held, problem={**held.problem, "task": ng.lift([0.0, 0.0, 0.0], 0.4).to_dict()})
+    told = []
+    found = ng.simulate_hand(carrying, HAND, progress=told.append)
+    assert found.mass == pytest.approx(0.4)
+    assert "0.4 kg, the weight that the task carries; " in str(found)
+    assert found.to_dict()["mass_source"] == "the weight that the task carries"
+    assert len(told) == 5
 
 
 @pytest.mark.parametrize(
@@ -160,6 +217,8 @@ def test_from_the_command_line(held, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     assert "confirmed: held as solved, lost without the squeeze" in done.stdout
     assert min(panels_drawn(tmp_path / "held-simulation-hand.png", 5)) > 0.02
+    assert "half the friction: 6 of 6 pushes held (no lift)\n" in done.stderr
+    assert "control, no squeeze          lost in " in done.stdout
     done = run("--hand", HAND, "--push", 50, "--json")
     assert done.returncode == 1
     assert json.loads(done.stdout)["verdict"].startswith("NOT confirmed: lost at a push along")

@@ -25,7 +25,7 @@ class HandSceneOptions:
     frictionloss : float
         Of the joints, N m: dry friction.
     mass : float, optional
-        Of the object, kilograms; when left out that of water in its place.
+        Of the object, kilograms; when left out the weight that the task carries, else that of water in its place.
     normal_force : float, optional
         What each finger presses with at least in the squeeze, newtons; the file's when left out.
     friction : float

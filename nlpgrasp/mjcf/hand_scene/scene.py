@@ -15,7 +15,8 @@ from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.robot.robot_file import read_robot, robot_inertials
 from nlpgrasp.mjcf.hand_scene.hand_bodies import PlacedRobot, add_hand
 from nlpgrasp.mjcf.hand_scene.keyframes import add_keyframes, gains_of, keyframes
-from nlpgrasp.mjcf.hand_scene.object_shape import add_object_geoms
+from nlpgrasp.mjcf.hand_scene.object_mass import object_mass
+from nlpgrasp.mjcf.hand_scene.object_shape import Told, add_object_geoms
 from nlpgrasp.mjcf.hand_scene.options import HandSceneOptions
 from nlpgrasp.mjcf.parts import add_free_body, numbers
 from nlpgrasp.mjcf.scene import DENSITY, require_pressing, text
@@ -39,7 +40,9 @@ SAID = """ Keyframes: {names}. Servos hold every joint where its control is: go 
      No gravity; once the object is squeezed, switch it on. Links of the hand do not touch each other. """
 
 
-def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None) -> str:
+def mjcf_with_hand(
+    solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, progress: Told | None = None
+) -> str:
     """Return the scene as MJCF text; metres, newtons, the world's frame is the body's.
 
     The hand is built from its file as the package reads it: collision shapes (meshes as their hulls), masses where
@@ -55,6 +58,8 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
         The hand's file, a URDF, a xacro file or MJCF: the one the problem was solved with.
     options : HandSceneOptions, optional
         Servos, frictions and the object's mass.
+    progress : callable, optional
+        Told in words before the body is decomposed into convex pieces, which may take half a minute.
 
     Raises
     ------
@@ -73,8 +78,7 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
     grasp, robot = solution.require_grasp(), _robot(urdf, solution.palm, hand["joint_positions"])
     drawing = solution.require_drawing()
     require_pressing(grasp)
-    mass = mass_of(drawing.body, DENSITY)
-    mass = mass if given.mass is None else mass.scaled(given.mass)
+    mass = mass_of(drawing.body, DENSITY).scaled(object_mass(solution, given.mass).kilograms)
     surfaces = [_surface(model, given.friction) for model in grasp.contacts]
     root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="true")
@@ -86,7 +90,7 @@ def mjcf_with_hand(solution: GraspSolution, urdf: str | Path, options: HandScene
     SubElement(world, "light", pos=numbers([0.0, 0.0, 1.0]), dir="0 0 -1")
     slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
     others = {"friction": slipperiest["friction"], "condim": "3"}
-    add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, others)
+    add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, others, progress)
     gains = gains_of(robot, squeeze, given.gain)
     limits = _limits(solution)
     tips = tuple(solution.problem["hand"]["fingertips"])

@@ -12,7 +12,9 @@ from nlpgrasp.common.shown.drawing import Drawing, Triangles
 from nlpgrasp.common.shown.palette import COLOURS
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.simulation.hand.motion import LOOSE
-from nlpgrasp.simulation.hand.outcome import AS_SOLVED, CONTROL, HandSimulation, HandTrial
+from nlpgrasp.simulation.hand.outcome import HandSimulation
+from nlpgrasp.simulation.hand.table import name_of
+from nlpgrasp.simulation.hand.trial import AS_SOLVED, CONTROL, HandTrial
 from nlpgrasp.simulation.hand.world import Seen
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -26,6 +28,8 @@ FAR = 3.0  # times what counts as lost: where the pictures end
 def write_hand_strip(simulation: HandSimulation, solution: GraspSolution, path: str | Path) -> Path:
     """Write a row of pictures of the hardest trial as solved, and below it the worst of the control.
 
+    The pictures go with the palm: where the object is held, those of a row look alike, and its caption says so.
+
     Raises
     ------
     MissingExtraError
@@ -35,18 +39,25 @@ def write_hand_strip(simulation: HandSimulation, solution: GraspSolution, path: 
     """
     plt = pyplot("a strip of pictures")
     drawing = solution.require_drawing()
-    rows = [_worst(simulation, condition) for condition in (AS_SOLVED, CONTROL)]
-    figure = plt.figure(figsize=(3.0 * PICTURES, 6.4), layout="constrained")
-    figure.suptitle(f"{simulation.name}: {simulation.verdict}", fontsize=9)
-    for row, trial in enumerate(rows):
+    figure = plt.figure(figsize=(3.0 * PICTURES, 6.8), layout="constrained")
+    figure.suptitle(f"{simulation.name}: {simulation.verdict}", fontsize=10)
+    for part, condition in zip(figure.subfigures(2, 1), (AS_SOLVED, CONTROL), strict=True):
+        trial = _worst(simulation, condition)
+        part.suptitle(_caption(trial), fontsize=9)
         for column, seen in enumerate(_pictures(trial)):
-            ax = figure.add_subplot(2, PICTURES, row * PICTURES + column + 1, projection="3d")
+            ax = part.add_subplot(1, PICTURES, column + 1, projection="3d")
             _draw(ax, drawing, simulation.grasp, seen)
-            first = f"{trial.condition}, {trial.label}\n" if column == 0 else ""
-            ax.set_title(
-                f"{first}{seen.time:.2f} s: {seen.motion}{'' if seen.motion.within(LOOSE) else ', lost'}", fontsize=8
-            )
+            lost = "" if seen.motion.within(LOOSE) else ", lost"
+            ax.set_title(f"{seen.time:.2f} s: {seen.motion}{lost}", fontsize=8)
     return write_figure(figure, path, dpi=110)
+
+
+def _caption(trial: HandTrial) -> str:
+    """Return what a row of pictures shows, and what became of it."""
+    held = "held" if trial.strict else "lost"
+    moved = "" if trial.motion.gone else f", the object moves in the hand by at most {trial.motion}"
+    seen = " (the pictures rise with the palm)" if trial.is_lift else ""
+    return f"{name_of(trial.condition)}, {trial.label}: {held}{moved}{seen}"
 
 
 def _worst(simulation: HandSimulation, condition: str) -> HandTrial:

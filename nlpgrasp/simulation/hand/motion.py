@@ -34,6 +34,11 @@ class Motion:
         """Return whether both are at most what is given, metres and radians; false for no numbers."""
         return self.slip <= limits[0] and self.turn <= limits[1]
 
+    @property
+    def gone(self) -> bool:
+        """Whether the object is so far away that no number says more."""
+        return not self.slip < GONE
+
     def __add__(self, after: Motion) -> Motion:
         """Return the most that a motion and another after it come to."""
         return Motion(self.slip + after.slip, self.turn + after.turn)
@@ -44,7 +49,7 @@ class Motion:
         return reduce(lambda a, b: cls(max(a.slip, b.slip), max(a.turn, b.turn)), all_of, cls())
 
     def __str__(self) -> str:
-        if not self.slip < GONE:
+        if self.gone:
             return "lost"
         return f"{_told(1e3 * self.slip)} mm, {_told(np.degrees(self.turn))} deg"
 

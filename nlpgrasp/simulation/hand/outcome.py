@@ -4,54 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlpgrasp.common.shown.numbers import percent
 from nlpgrasp.common.types import Json
-from nlpgrasp.simulation.hand.motion import LOOSE, STRICT, Motion
+from nlpgrasp.simulation.hand.motion import Motion
+from nlpgrasp.simulation.hand.table import legend, pressing, row
+from nlpgrasp.simulation.hand.trial import AS_SOLVED, CONTROL, HandTrial
 from nlpgrasp.simulation.hand.world import Seen
-
-AS_SOLVED, CONTROL = "as solved", "control: no squeeze"
-
-
-@dataclass(frozen=True)
-class HandTrial:
-    """One attempt to take the object out of the hand: a push, or lifting it.
-
-    Parameters
-    ----------
-    condition : str
-    label : str
-        What was done.
-    squeezed : Motion
-        How far the squeeze itself had moved the object.
-    motion : Motion
-        The farthest that the object got from where the squeeze had left it, palm frame.
-    seen : tuple of Seen
-        The run, 25 times a second.
-    placed_off : bool
-        Whether the object stood elsewhere than in the grasp as solved: the squeeze then has to move it.
-    """
-
-    condition: str
-    label: str
-    squeezed: Motion
-    motion: Motion
-    seen: tuple[Seen, ...] = ()
-    placed_off: bool = False
-
-    @property
-    def whole(self) -> Motion:
-        """How far the object moved, at most: by the squeeze and after it; of one that was placed off, after it."""
-        return self.motion if self.placed_off else self.squeezed + self.motion
-
-    @property
-    def strict(self) -> bool:
-        """Whether the object moved at most 1 cm and 10 degrees."""
-        return self.whole.within(STRICT)
-
-    @property
-    def loose(self) -> bool:
-        """Whether the object moved at most 5 cm and 15 degrees."""
-        return self.whole.within(LOOSE)
 
 
 @dataclass(frozen=True)
@@ -72,6 +29,10 @@ class HandSimulation:
         One for each condition and push, in order.
     grasp : Seen
         Where everything is in the grasp.
+    mass_source : str
+        What says how heavy the object is, in words.
+    normal_forces : tuple of float
+        What each finger was to press with, newtons.
     """
 
     name: str
@@ -80,6 +41,8 @@ class HandSimulation:
     normal_force: float
     trials: tuple[HandTrial, ...]
     grasp: Seen
+    mass_source: str = ""
+    normal_forces: tuple[float, ...] = ()
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -120,7 +83,8 @@ class HandSimulation:
         """The verdict in a sentence."""
         if not self.held:
             lost = next(t for t in self.of(AS_SOLVED) if not t.strict)
-            return f"NOT confirmed: lost at {lost.label} ({lost.whole})"
+            moved = "" if lost.whole.gone else f" ({lost.whole})"
+            return f"NOT confirmed: lost {'when' if lost.is_lift else 'at'} {lost.label}{moved}"
         if not self.control_lost:
             return "NOT confirmed: held without a squeeze as well, so that nothing is said about the squeeze"
         return "confirmed: held as solved, lost without the squeeze"
@@ -144,21 +108,15 @@ class HandSimulation:
             "confirmed": self.confirmed,
             "verdict": self.verdict,
             "mass": self.mass,
+            "mass_source": self.mass_source,
             "push": self.push,
             "normal_force": self.normal_force,
+            "normal_forces": list(self.normal_forces),
             "trials": trials,
         }
 
     def __str__(self) -> str:
-        pressed = f"fingers press with {self.normal_force:g} N"
-        lines = [f"{self.name}: pushes of {self.push:g} N, {self.mass:.3g} kg, {pressed}"]
-        for condition in self.conditions:
-            tried = self.of(condition)
-            strict, loose = sum(t.strict for t in tried), sum(t.loose for t in tried)
-            closed, worst = (
-                Motion.largest(found) for found in zip(*((t.squeezed, t.motion) for t in tried), strict=True)
-            )
-            held = f"strict {strict} of {len(tried)} ({percent(strict / len(tried))}), loose {loose}"
-            by = "" if condition == CONTROL else f"the squeeze moves it by {closed}, then "
-            lines.append(f"  {condition:28} {held}; {by}at most {worst}")
-        return "\n".join(lines)
+        source = f", {self.mass_source}" if self.mass_source else ""
+        pressed = pressing(self.normal_force, self.normal_forces)
+        lines = [f"{self.name}: {self.mass:.3g} kg{source}; {pressed}", *legend(self.trials, self.push)]
+        return "\n".join([*lines, *(row(self.of(condition)) for condition in self.conditions)])

@@ -12,20 +12,19 @@ from nlpgrasp.common.extras.mujoco import import_mujoco
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.mjcf import HandSceneOptions, mjcf_with_hand
+from nlpgrasp.mjcf.hand_scene.object_mass import ObjectMass, object_mass
 from nlpgrasp.simulation.given import EARTH
 from nlpgrasp.simulation.hand.motion import Motion
-from nlpgrasp.simulation.hand.outcome import AS_SOLVED, CONTROL, HandSimulation, HandTrial
+from nlpgrasp.simulation.hand.outcome import HandSimulation
+from nlpgrasp.simulation.hand.table import name_of, result
+from nlpgrasp.simulation.hand.trial import AS_SOLVED, CONTROL, LIFTED, HandTrial
 from nlpgrasp.simulation.hand.world import SETTLE, TRAVEL, HandWorld, Seen
 from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.solution import GraspSolution
 
-PUSH, SECONDS, MASS = 1.0, 2.0, 0.1  # newtons, for how long each, and kilograms
-TORQUES, SLIPPERY, OFF, LIFTED = (
-    "torques, a fifth of the gain",
-    "half the friction",
-    "object 5 mm, 5 deg off",
-    "lifted 20 cm",
-)
+PUSH, SECONDS = 1.0, 2.0  # newtons, and for how long each
+LIGHT = ObjectMass(0.1, "as the task carries no weight upwards")  # where neither options nor task say more
+TORQUES, SLIPPERY, OFF = "torques, a fifth of the gain", "half the friction", "object 5 mm, 5 deg off"
 LESS, SOFT = 0.5, 0.2  # of the friction, and of the gain
 MOVED, TURNED, DRAWS, SEED = 5e-3, float(np.radians(5.0)), 3, 0  # how far off the object is, and how many ways
 AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1), "-z": (0, 0, -1)}
@@ -41,11 +40,14 @@ def simulate_hand(
 ) -> HandSimulation:
     """Press a grasp through its own hand's joints in MuJoCo, and try to take the object out of it.
 
-    The hand goes through the grasp's phases under position control: it opens, closes, squeezes. Then the object, of
-    100 g unless the options say otherwise and without gravity, is pushed along six directions for two seconds each.
-    Strictly held is what moves by at most 1 cm and 10 degrees in the hand, loosely by 5 cm and 15 degrees. It is lifted
-    by 20 cm under gravity. Pushes again with half the friction, with the object 5 mm and 5 degrees off, and with the
-    squeeze's torques at the joints and a fifth of their gain. A control does all but squeeze, and has to lose it.
+    The hand goes through the grasp's phases under position control: it opens, closes, squeezes. Then the object is
+    pushed along six directions for two seconds each, without gravity. Strictly held is what moves by at most 1 cm and
+    10 degrees in the hand, loosely by 5 cm and 15 degrees. It is lifted by 20 cm under gravity. The pushes, without the
+    lift, come again with half the friction, with the object 5 mm and 5 degrees off, and with the squeeze's torques at
+    the joints and a fifth of their gain. A control does all but squeeze, and has to lose the object.
+
+    The object is as heavy as the options say; else as the weight that the task carries, such as that of ``ng.lift`` or
+    ``ng.gravity``; else 100 g. ``mass_source`` of the result says which.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ def simulate_hand(
     push : float
         Newtons.
     progress : callable, optional
-        Told in words how each condition ended.
+        Told in words what is about to take long, and how each condition ended.
 
     Raises
     ------
@@ -71,8 +73,9 @@ def simulate_hand(
     import_mujoco("a simulation")
     size = number("push", push, above=0.0)
     given = HandSceneOptions() if options is None else options
-    given = given if given.mass is not None else replace(given, mass=MASS)
-    scene = mjcf_with_hand(solution, urdf, given)
+    mass = object_mass(solution, given.mass, LIGHT)
+    given = replace(given, mass=mass.kilograms)
+    scene = mjcf_with_hand(solution, urdf, given, progress)
     squeeze = solution.squeeze
     if squeeze is None:
         raise InputError("solution", "a hand without a squeeze", "one whose contacts can press")
@@ -81,7 +84,7 @@ def simulate_hand(
     def add(condition: str, found: list[HandTrial]) -> None:
         trials.extend(found)
         if progress is not None:
-            progress(f"{condition}: {sum(t.strict for t in found)} of {len(found)} held")
+            progress(f"{name_of(condition)}: {result(found)}")
 
     add(AS_SOLVED, [*_pushed(AS_SOLVED, HandWorld(scene), size), _lifted(AS_SOLVED, HandWorld(scene))])
     add(TORQUES, _pushed(TORQUES, HandWorld(scene), size, torques=True))
@@ -91,7 +94,9 @@ def simulate_hand(
     add(OFF, [t for _ in range(DRAWS) for t in _pushed(OFF, HandWorld(scene), size, off=_drawn(rng))])
     add(CONTROL, [*_pushed(CONTROL, HandWorld(scene), size, squeeze=False), _lifted(CONTROL, HandWorld(scene), False)])
     pressed = given.normal_force or squeeze.normal_force
-    return HandSimulation(solution.name, given.mass or MASS, size, pressed, tuple(trials), _in_the_grasp(scene))
+    forces = tuple((squeeze.normal * (pressed / squeeze.normal_force)).tolist())
+    grasp = _in_the_grasp(scene)
+    return HandSimulation(solution.name, mass.kilograms, size, pressed, tuple(trials), grasp, mass.source, forces)
 
 
 def _pushed(

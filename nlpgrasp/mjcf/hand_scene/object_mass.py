@@ -1,0 +1,104 @@
+"""How heavy the object of a scene is: as stated, or the weight that the task carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.shown.drawing import drawn_size
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.mjcf.scene import DENSITY
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task, TaskEllipsoid
+from nlpgrasp.tasks.base import parts_of
+from nlpgrasp.tasks.mass import mass_of
+from nlpgrasp.tasks.tools import WEIGHT
+
+ACROSS = 0.1  # of the force upwards: more beside it is no weight
+NOTHING = 0.01  # of the same: a push that begins at no more than this is a tool's, no weight
+ROUND = 1e-6  # relative: forces alike in all directions, all of them at one point
+NEAR = 0.5  # of half the body's diagonal: how far from the drawn centre of mass a weight may act
+STATED, UPRIGHT = "as stated", "the weight that the task carries"
+ANY_WAY, OF_WATER = "the weight that the task carries in any orientation", "as if of water"
+
+
+@dataclass(frozen=True)
+class ObjectMass:
+    """How heavy an object is, and what says so.
+
+    Parameters
+    ----------
+    kilograms : float
+    source : str
+        In words: ``the weight that the task carries``, for example.
+    """
+
+    kilograms: float
+    source: str
+
+
+def object_mass(solution: GraspSolution, stated: float | None, otherwise: ObjectMass | None = None) -> ObjectMass:
+    """Return the mass of a solution's object: as stated, else the weight that its task carries, else a default.
+
+    A task carries a weight where the middle of one of its parts is a force along the last axis of the body's frame, as
+    that of ``ng.lift``. A part of forces alone, equal in all directions and at one point near the centre of mass, is
+    a weight in any orientation, as that of ``ng.gravity``; it counts where nothing else does.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        One with a grasp and a drawing.
+    stated : float or None
+        Kilograms.
+    otherwise : ObjectMass, optional
+        Where the task carries no weight; that of water in the object's place when left out.
+
+    Raises
+    ------
+    InputError
+        Without a grasp or a drawing, or where water is asked for and the drawing has no volume.
+    """
+    if stated is not None:
+        return ObjectMass(stated, STATED)
+    parts = parts_of(solution.task) if solution.task.dimension == 6 else ()
+    upwards = sum(_upwards(part) for part in parts)
+    if upwards > 0.0:
+        return ObjectMass(upwards / WEIGHT, UPRIGHT)
+    any_way = max((_in_any_orientation(part, solution) for part in parts), default=0.0)
+    if any_way > 0.0:
+        return ObjectMass(any_way / WEIGHT, ANY_WAY)
+    return otherwise or ObjectMass(mass_of(solution.require_drawing().body, DENSITY).mass, OF_WATER)
+
+
+def _upwards(part: Task) -> float:
+    """Return the weight that is the middle of a part of a task, newtons; 0 of pushes from nothing, and without one."""
+    along = np.eye(3, 6)
+    most, least = part.support(along)[0], -part.support(-along)[0]
+    middle = 0.5 * (most + least)
+    up = float(middle[2])
+    if up <= 0.0 or np.hypot(*middle[:2]) > ACROSS * up or abs(least[2]) <= NOTHING * up:
+        return 0.0
+    return up
+
+
+def _in_any_orientation(part: Task, solution: GraspSolution) -> float:
+    """Return the force that a part of a task is in all directions, near the centre of mass, newtons; 0 of others."""
+    if not isinstance(part, TaskEllipsoid) or not part.is_centred:
+        return 0.0
+    forces, moments = part.axes[:, :3], part.axes[:, 3:]
+    squares = forces.T @ forces
+    square, drawing = float(np.trace(squares)) / 3.0, solution.require_drawing()
+    if square == 0.0 or np.max(np.abs(squares - square * np.eye(3))) > ROUND * square:
+        return 0.0
+    point, size = _point_of(moments.T @ forces / square), drawn_size(drawing, None)
+    if np.max(np.abs(moments - np.cross(point, forces))) > ROUND * np.sqrt(square) * size:
+        return 0.0
+    center = mass_of(drawing.body, DENSITY).center - solution.require_grasp().torque_origin
+    return float(np.sqrt(square)) if np.linalg.norm(point - center) <= NEAR * size else 0.0
+
+
+def _point_of(turning: FloatArray) -> FloatArray:
+    """Return the point (3,) whose cross product with a force is nearest to a matrix (3, 3) times the force."""
+    skew = 0.5 * (turning - turning.T)
+    return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
