@@ -21,7 +21,7 @@ class Seen(StatedPart):
     def show(self, path: str | Path | None = None) -> Path:
         """Write a page that shows the body, open it in a browser where there is one, and return where it is.
 
-        The surface with the names of its faces, how large it is, where its centre is. The page opens from disk and
+        The surface with the axes of its frame and the names of its faces, its size and bounds. The page opens from disk and
         needs no network. Without a browser, or a display for it, a sentence says where it is.
 
         Parameters
