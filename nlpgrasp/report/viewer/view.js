@@ -159,19 +159,24 @@ class View {
       const [x, y] = [out[0] - at[0], out[1] - at[1]], length = Math.hypot(x, y) || 1, aside = Math.sign(x) || 1;
       return [out[0] + (aside * 18 * y) / length, out[1] - (aside * 18 * x) / length]; // above the arrow, which comes from there
     });
-    for (const end of (this.shown.triad && axes?.ends) || []) places.push(this.eye.project(end.map((v, i) => v + 0.07 * size * unit(minus(end, axes.at))[i])));
+    for (const end of (this.shown.triad && axes?.ends) || []) {
+      const at = this.eye.project(axes.at), tip = this.eye.project(end), [x, y] = [tip[0] - at[0], tip[1] - at[1]];
+      const length = Math.hypot(x, y) || 1;
+      places.push([tip[0] + (7 * x - 15 * y) / length, tip[1] + (7 * y + 15 * x) / length]); // beside what lies along the axis
+    }
+    const half = places.map((_, i) => [Math.max(12, this.labels.children[i].offsetWidth / 2 + 1), 12]);
     for (let round = 0; round < 20; round++) {
       places.forEach((p, i) =>
-        places.slice(0, i).forEach((q) => {
-          const [x, y] = [p[0] - q[0], p[1] - q[1] || 0.1], apart = Math.hypot(x, y);
-          if (apart >= 24) return;
-          const push = (24 - apart) / (2 * apart);
-          [p[0], p[1], q[0], q[1]] = [p[0] + push * x, p[1] + push * y, q[0] - push * x, q[1] - push * y];
+        places.slice(0, i).forEach((q, j) => {
+          const over = [0, 1].map((k) => half[i][k] + half[j][k] - Math.abs(p[k] - q[k]));
+          if (over[0] <= 0 || over[1] <= 0) return;
+          const k = over[0] < over[1] ? 0 : 1, push = (p[k] < q[k] ? -0.5 : 0.5) * over[k];
+          [p[k], q[k]] = [p[k] + push, q[k] - push];
         }),
       );
     }
     places.forEach((p, i) => {
-      const at = [Math.min(Math.max(p[0], 12), width - 12), Math.min(Math.max(p[1], 12), height - 12)];
+      const at = [Math.min(Math.max(p[0], half[i][0]), width - half[i][0]), Math.min(Math.max(p[1], 12), height - 12)];
       const label = this.labels.children[i];
       if (contacts[i]) label.classList.toggle("behind", dot(contacts[i].inward, this.eye.back) > 0.05);
       label.style.transform = `translate(${at[0]}px, ${at[1]}px) translate(-50%, -50%)`;
