@@ -54,7 +54,9 @@ def test_the_page_says_how_large_the_body_is(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out == f"No browser was opened; the page is {page}\n"
     text = page.read_text(encoding="utf-8")
     assert "80 \N{MULTIPLICATION SIGN} 40 \N{MULTIPLICATION SIGN} 30" in text
-    assert "<code>+x, -x, +y, -y, +z, -z</code>" in text
+    assert (
+        "<code>+x</code>, <code>-x</code>, <code>+y</code>, <code>-y</code>, <code>+z</code>, <code>-z</code>" in text
+    )
     assert "http" not in re.sub(r"http://www.w3.org\S*", "", text)
 
 

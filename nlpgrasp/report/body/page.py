@@ -25,6 +25,7 @@ SMALL = 1e-3  # metres
 LISTED = 12  # faces whose names are listed
 NOTHING = 1e-4  # of the size: coordinates below are 0
 UNBROKEN = "\N{NO-BREAK SPACE}"
+UNDER = "ng.Table.under(body)"
 EXACT = 4  # digits of a table's height
 SWITCHES = (("triad", "Axes", True), ("through", "See through", False))
 
@@ -58,7 +59,8 @@ def facts(body: Body) -> list[Fact]:
     extents = np.ptp(body.bounds, axis=0)
     names = body.face_names
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    listed = f'<p class="note"><code>{escape(", ".join(names[:LISTED]))}</code>{more}</p>'
+    each = ", ".join(f"<code>{escape(name)}</code>" for name in names[:LISTED])
+    listed = f'<p class="note">{each}{more}</p>'
     centre, of_what = vector(1e3 * body.centroid), "volume" if body.space == 3 else "area"
     about = "body.centroid; torques are about it, unless the problem has a torque_origin"
     found = [
@@ -86,7 +88,7 @@ def _bounds(body: Body) -> Fact:
     near = has_origin(low, high, float(np.linalg.norm(high - low)) / 2.0)
     drawn = "whose axes are drawn" if near else "whose axes are drawn at the body's corner, as its origin is far away"
     height = rounded(float(body.bounds[0, -1]), EXACT, 1e-3 * least)
-    under = f'<p class="note">A table under it: <code>ng.Table({height})</code></p>'
+    under = f'<p class="note">A table under it: <code>ng.Table({height})</code>, or <code>{UNDER}</code></p>'
     if isinstance(body, Implicit):
         under = '<p class="note">of the box that was stated, in which the body may be smaller</p>'
     more = f'<p class="note">in the body\'s frame, {drawn}</p>{under}'
