@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
-from nlpgrasp.common.shown.face import inline, live, show
+from nlpgrasp.common.shown.face import live, show
+from nlpgrasp.common.shown.notebook import InNotebook
 from nlpgrasp.solution.many.several import Several
 
 if TYPE_CHECKING:
@@ -16,8 +17,10 @@ CARD = ("nlpgrasp.report.solution.card", "card")
 LIVE = ("nlpgrasp.report.live.show", "show_live")
 
 
-class Seen(Several):
+class Seen(InNotebook, Several):
     """What shows itself: in a browser, in a notebook, as a line of text."""
+
+    _card: ClassVar[tuple[str, str]] = CARD
 
     def show(self, path: str | Path | None = None, port: int | None = None, hand: Hand | None = None) -> Path | str:
         """Show the grasp in a browser, and return where it is.
@@ -48,10 +51,6 @@ class Seen(Several):
         """
         address = None if path is not None else live(self, LIVE, port, hand)
         return show(self, self.name, PAGE, path) if address is None else address
-
-    def _repr_html_(self) -> str:
-        """Return the solution as notebooks show it: the report's scene, small."""
-        return inline(self, CARD)
 
     def __repr__(self) -> str:
         found = "no grasp" if self.grasp is None else f"{self.label} in {self.mu}, {len(self.grasp)} contacts"

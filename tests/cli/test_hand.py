@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -30,8 +31,10 @@ def test_a_page_is_written_under_the_urdfs_name(tmp_path):
     page = tmp_path / "three_finger_hand.html"
     assert done.stdout.splitlines() == [
         "three_finger_hand: 13 links, 9 joints, 0 fingertips",
-        "  - No fingertips are stated: fingertips={link: radius} or --fingertip LINK=RADIUS states them. "
-        "Links at the ends: finger_1_tip, finger_2_tip, finger_3_tip.",
+        "  - No fingertips are stated. Links at the ends: finger_1_tip, finger_2_tip, finger_3_tip. To use them:",
+        f"      nlpgrasp hand {THREE} --fingertip finger_1_tip=0.01 --fingertip finger_2_tip=0.01 "
+        "--fingertip finger_3_tip=0.01",
+        f'      ng.URDFHand.load("{THREE}", {{"finger_1_tip": 0.01, "finger_2_tip": 0.01, "finger_3_tip": 0.01}})',
         "written to three_finger_hand.html",
         f"No browser was opened; the page is {page}",
     ]
@@ -44,10 +47,36 @@ def test_fingertips_with_and_without_a_radius(tmp_path):
     assert done.stdout.splitlines() == [
         "four_finger_hand: 21 links, 16 joints, 2 fingertips",
         "1 thing to know:",
-        "  - Link index_tip is thicker than its fingertip: it may be 2 mm deep in the body beside a contact.",
+        "  - Link index_tip is thicker than its fingertip: beside a contact it may reach 2 mm into the body.",
         "written to own.html",
     ]
     assert tips(tmp_path / "own.html") == [("thumb_tip", 0.011), ("index_tip", 0.009)]
+
+
+def test_the_printed_command_shows_the_hand(tmp_path):
+    """Pasted as it is, with the palm's direction that was given."""
+    done = run_here("hand", FOUR, "--approach", "1,0,0", "--no-open", cwd=tmp_path)
+    (command,) = [line for line in done.stdout.splitlines() if line.startswith("      nlpgrasp ")]
+    again = run_here(*shlex.split(command)[1:], "--no-open", cwd=tmp_path)
+    assert again.stdout.splitlines() == [
+        "four_finger_hand: 21 links, 16 joints, 4 fingertips",
+        "no problems found: every visible link has a collision shape, every joint has limits, and every two fingertips "
+        "can touch.",
+        "written to four_finger_hand.html",
+    ]
+    assert tips(tmp_path / "four_finger_hand.html") == [
+        (f"{finger}_tip", 0.011) for finger in ("index", "middle", "ring", "thumb")
+    ]
+
+
+def test_a_forgotten_approach_is_asked_about(tmp_path):
+    done = run_here("hand", FOUR, "--fingertip", "index_tip", "--fingertip", "thumb_tip", "--no-open", cwd=tmp_path)
+    _, verdict, said, _ = done.stdout.splitlines()
+    assert verdict == "1 thing to know:"
+    assert said == "  - The palm is said to face +z, but its fingertips lie towards +x: --approach 1,0,0?"
+    page = (tmp_path / "four_finger_hand.html").read_text(encoding="utf-8")
+    assert "The palm is said to face +z, but its fingertips lie towards +x: approach=[1, 0, 0]?" in page
+    assert "four_finger_hand.urdf: palm faces [0, 0, 1] of link palm" in page
 
 
 def test_what_the_page_says_is_printed(tmp_path):
@@ -61,9 +90,9 @@ def test_what_the_page_says_is_printed(tmp_path):
     name, verdict, shapes, *pairs, written = done.stdout.splitlines()
     assert name == "three_finger_hand: 14 links, 9 joints, 2 fingertips"
     assert verdict == "2 things to know:"
-    assert shapes == "  ! Link cover has a visual and no collision shape: nothing keeps it off the body."
+    assert shapes == "  ! Link cover is visible but has no collision shape: it may pass through the body."
     assert re.fullmatch(
-        r"  - Fingertips 0 \(finger_1_tip\) and 1 \(finger_1_base\) cannot meet: .* apart, .*", pairs[0]
+        r"  - Fingertips 0 \(finger_1_tip\) and 1 \(finger_1_base\) cannot meet: .* apart and .*", pairs[0]
     )
     page = (tmp_path / "own.html").read_text(encoding="utf-8")
     assert '<span class="pill bad">2 things to know</span>' in page

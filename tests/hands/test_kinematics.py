@@ -184,7 +184,7 @@ def test_a_link_thicker_than_its_fingertip_is_said_to_be(tmp_path):
         '<sphere radius="0.01"/>', '<cylinder radius="0.02" length="0.05"/>'
     )
     (tmp_path / "fat.urdf").write_text(text)
-    with pytest.warns(UserWarning, match=r"link tip is thicker than its fingertip: it may be \d+\.\d mm deep"):
+    with pytest.warns(UserWarning, match=r"thicker than its fingertip: beside a contact it may reach \d+\.\d mm into"):
         fit = ng.URDFHand.load(tmp_path / "fat.urdf", {"tip": 0.004}).fits["tip"]
     assert 0.01 < fit.uncovered < 0.03
 

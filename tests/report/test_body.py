@@ -26,6 +26,11 @@ def framed(html):
     return page, json.loads(re.search(r'<script type="application/json">(.*?)</script>', page, re.DOTALL)[1])
 
 
+def plain(text):
+    """The text with plain spaces."""
+    return text.replace("\N{NO-BREAK SPACE}", " ")
+
+
 @pytest.mark.parametrize("name", ["cylinder", "box", "prism", "polygon"])
 def test_each_face_is_named_at_a_point_of_its_own(name):
     body = BODIES[name]
@@ -49,8 +54,67 @@ def test_the_page_says_how_large_the_body_is(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out == f"No browser was opened; the page is {page}\n"
     text = page.read_text(encoding="utf-8")
     assert "80 \N{MULTIPLICATION SIGN} 40 \N{MULTIPLICATION SIGN} 30" in text
-    assert "<code>+x, -x, +y, -y, +z, -z</code>" in text
+    assert (
+        "<code>+x</code>, <code>-x</code>, <code>+y</code>, <code>-y</code>, <code>+z</code>, <code>-z</code>" in text
+    )
     assert "http" not in re.sub(r"http://www.w3.org\S*", "", text)
+
+
+def test_the_bounds_are_named_with_the_table_under_them():
+    body = ng.Prism([[-0.045, -0.029], [0.0473, -0.029], [0.0473, 0.029], [-0.045, 0.029]], 0.095)
+    bounds = next(fact for fact in facts(body) if fact.title == "Bounds")
+    assert plain(bounds.value) == "x -45 to 47.3 mm, y -29 to 29 mm, z -47.5 to 47.5 mm"
+    assert "A table under it: <code>ng.Table(-0.0475)</code>" in bounds.more
+    flat = next(fact for fact in facts(ng.Polygon([[0, 0], [0.03, 0], [0, 0.04]])) if fact.title == "Bounds")
+    assert plain(flat.value) == "x 0 to 30 mm, y 0 to 40 mm"
+    assert "ng.Table(0)" in flat.more
+
+
+def test_a_table_under_a_mesh_is_where_the_mesh_ends(tmp_path):
+    cup = trimesh.creation.cylinder(0.02, 0.0951)
+    cup.apply_translation([0.0, 0.0, 0.04755 + 1e-9])
+    cup.export(tmp_path / "cup.stl")
+    body = ng.Mesh.load(tmp_path / "cup.stl", resolution=16)
+    bounds, surface = (next(f for f in facts(body) if f.title == title) for title in ("Bounds", "Smooth surface"))
+    assert "z 0 to 95.1 mm" in plain(bounds.value)
+    assert "ng.Table(0)" in bounds.more
+    assert re.fullmatch(r"within [\d.]+ mm of the mesh over 80 % of it", surface.value)
+
+
+@pytest.mark.parametrize("name", [name for name in BODIES if "implicit" not in name])  # whose bounds are wide
+def test_axes_are_drawn_at_the_origin_and_stick_out(name):
+    body = BODIES[name]
+    drawn = scene(body)
+    axes = drawn["axes"]
+    high = body.bounds[1]
+    assert axes["at"] == [0.0, 0.0, 0.0]
+    for i, end in enumerate(axes["ends"]):
+        assert [v for j, v in enumerate(end) if j != i] == [0.0, 0.0]
+        assert end[i] >= max(high[i], 0.0) + 0.2 * drawn["size"]
+    assert len(axes["ends"]) == body.space
+    assert all(end in drawn["frame"] for end in axes["ends"])
+
+
+def test_an_origin_far_away_leaves_the_axes_at_the_bodys_corner():
+    mesh = trimesh.creation.box([0.08, 0.04, 0.03])
+    mesh.apply_translation([0.5, 0.2, -0.3])
+    body = ng.Mesh(mesh, resolution=16)
+    axes, bounds = scene(body)["axes"], next(fact for fact in facts(body) if fact.title == "Bounds")
+    assert axes["at"] == pytest.approx([0.46, 0.18, -0.315])
+    assert np.subtract(axes["ends"], axes["at"]) * (1.0 - np.eye(3)) == pytest.approx(np.zeros((3, 3)))
+    assert "drawn at the body's corner, as its origin is far away" in bounds.more
+    assert "ng.Table(-0.315)" in bounds.more
+
+
+def test_the_box_of_an_implicit_body_says_nothing_of_a_table():
+    bounds = next(fact for fact in facts(BODIES["implicit"]) if fact.title == "Bounds")
+    assert "of the box that was stated" in bounds.more
+    assert "ng.Table" not in bounds.more
+
+
+def test_the_axes_are_on_at_first():
+    for page in (framed(BODIES["box"]._repr_html_())[0], framed(BODIES["polygon"]._repr_html_())[0]):
+        assert '<input type="checkbox" data-show="triad" checked><span>Axes</span>' in page
 
 
 def test_a_body_in_millimetres_is_doubted():

@@ -13,7 +13,8 @@ from nlpgrasp.common.shown import face
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.inspection.inspected import without_fingertips
 from nlpgrasp.report import write_hand
-from tests.hands.urdf import FOUR, four_finger_hand, gripper, three_finger_hand
+from tests.hands.urdf import FOUR, THREE_TIPS, four_finger_hand, gripper, three_finger_hand
+from tests.report.test_body import framed
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 needs_browser = pytest.mark.skipif(
@@ -103,9 +104,37 @@ def test_a_hand_without_fingertips_lists_the_links_at_the_ends(tmp_path):
     text, drawn = page.read_text(encoding="utf-8"), stated(page)["drawn"]
     assert "no fingertips stated" in text
     assert "Links at the ends: index_tip, middle_tip, ring_tip, thumb_tip." in text
+    assert "{&quot;index_tip&quot;: 0.011, &quot;middle_tip&quot;: 0.011, " in text
     ends = [stated(page)["tree"]["links"][i] for i in drawn["leaves"]]
     assert ends == ["index_tip", "middle_tip", "ring_tip", "thumb_tip"]
     assert drawn["tips"] == []
+
+
+def test_where_the_palm_faces_is_said_and_drawn(tmp_path):
+    page = write_hand(without_fingertips(FOUR, None, [-1, 0, 0]), tmp_path / "hand.html")
+    text, drawn = page.read_text(encoding="utf-8"), stated(page)["drawn"]
+    assert "four_finger_hand.urdf: palm faces [-1, 0, 0] of link palm" in text  # as Python has it
+    assert '<input type="checkbox" data-show="triad" checked><span>Palm axes</span>' in text
+    assert drawn["axes"]["at"] == [0.0, 0.0, 0.0]
+    ends = np.array(drawn["axes"]["ends"])
+    assert ends == pytest.approx(ends[0, 0] * np.eye(3), abs=1e-6)
+    assert 0.1 * drawn["size"] < ends[0, 0] < 0.5 * drawn["size"]
+
+
+def test_a_hand_in_a_notebook_is_one_frame_with_its_postures():
+    hand = three_finger_hand()
+    page, data = framed(hand._repr_html_())
+    assert "9 joints, palm faces [0, 0, 1] of link palm" in page
+    assert list(data["postures"]) == ["relaxed", "zero", "lower limits", "upper limits"]
+    assert [tip["name"] for tip in data["drawn"]["tips"]] == list(THREE_TIPS)
+    assert "<fieldset>" not in page  # no sliders
+    assert "\n" not in repr(hand)
+    assert len(repr(hand)) < 120
+
+
+@pytest.mark.parametrize("hand", [ng.Fingertips(3), ng.ParallelJaw(0.08)], ids=["fingertips", "jaw"])
+def test_hands_without_links_are_a_line_in_a_notebook(hand):
+    assert not hasattr(hand, "_repr_html_")
 
 
 def test_a_hand_that_never_moves_is_shown(tmp_path):

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import ClassVar
 
 from nlpgrasp.common.registry import StatedPart
-from nlpgrasp.common.shown.face import inline, show
+from nlpgrasp.common.shown.face import show
+from nlpgrasp.common.shown.notebook import InNotebook
 
 PAGE, CARD = ("nlpgrasp.report.body.page", "write_body"), ("nlpgrasp.report.body.page", "card")
 
 
-class Seen(StatedPart):
+class Seen(InNotebook, StatedPart):
     """A body that shows itself."""
+
+    _card: ClassVar[tuple[str, str]] = CARD
 
     @property
     def shown_name(self) -> str:
@@ -21,7 +25,7 @@ class Seen(StatedPart):
     def show(self, path: str | Path | None = None) -> Path:
         """Write a page that shows the body, open it in a browser where there is one, and return where it is.
 
-        The surface with the names of its faces, how large it is, where its centre is. The page opens from disk and
+        The surface, the axes of its frame, the names of its faces, its size and bounds. The page opens from disk and
         needs no network. Without a browser, or a display for it, a sentence says where it is.
 
         Parameters
@@ -35,7 +39,3 @@ class Seen(StatedPart):
             For a path that cannot be written.
         """
         return show(self, self.shown_name, PAGE, path)
-
-    def _repr_html_(self) -> str:
-        """Return the body as notebooks show it: a small scene."""
-        return inline(self, CARD)

@@ -69,8 +69,8 @@ def direction_of(text: str | None) -> list[float]:
 def fingertips_of(source: Path, palm: str | None, given: Sequence[str]) -> Mapping[str, float | Tip | Sequence[Tip]]:
     """Return link and patch of each fingertip given as LINK or LINK=RADIUS.
 
-    Without a radius the fingertip is the link's collision sphere, or a sphere as thick as its collision shapes, about
-    their middle.
+    Without a radius the fingertip is the link's only collision sphere or capsule, or a sphere as thick as its collision
+    shapes, about their middle.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def fingertips_of(source: Path, palm: str | None, given: Sequence[str]) -> Mappi
     """
     from nlpgrasp.common.validation import number
     from nlpgrasp.hands.robot.robot_file import read_robot
-    from nlpgrasp.hands.tips import SphereTip
+    from nlpgrasp.hands.tips.of_shape import sphere_about, tip_of
 
     robot = read_robot(source, palm)
     result: dict[str, float | Tip | Sequence[Tip]] = {}
@@ -92,18 +92,11 @@ def fingertips_of(source: Path, palm: str | None, given: Sequence[str]) -> Mappi
             result[link] = number(f"--fingertip {link}", _number(link, radius), above=0.0)
             continue
         shapes = robot.shapes.get(link, ())
-        if not shapes:
-            raise InputError(
-                "--fingertip", f"{link}, which has no collision shape", f"its radius: {link}=0.01 (metres)"
-            )
-        first = shapes[0]
-        if len(shapes) == 1 and first.centre is not None:
-            result[link] = SphereTip(first.radius, first.centre)
-            continue
-        low = [min(float(shape.mesh.bounds[0][k]) for shape in shapes) for k in range(3)]
-        high = [max(float(shape.mesh.bounds[1][k]) for shape in shapes) for k in range(3)]
-        middle = [(a + b) / 2.0 for a, b in zip(low, high, strict=True)]
-        result[link] = SphereTip(min(b - a for a, b in zip(low, high, strict=True)) / 2.0, middle)
+        tip = tip_of(shapes) or sphere_about(shapes)
+        if tip is None:
+            given = f"{link}, which has no collision shape"
+            raise InputError("--fingertip", given, f"its radius: {link}=0.01 (metres)")
+        result[link] = tip
     return result
 
 

@@ -18,40 +18,51 @@ if TYPE_CHECKING:
     from nlpgrasp.hands.inspection.inspected import Inspected
 
 Source = Annotated[
-    Path, typer.Argument(metavar="URDF", help="URDF file; or the name of a preset, whose URDF robot_descriptions has.")
+    Path,
+    typer.Argument(
+        metavar="URDF", help="A URDF or MJCF file, or the name of a preset (its URDF is fetched by robot_descriptions)."
+    ),
 ]
 
 
 def hand_command(
     source: Source,
     palm: Annotated[
-        str | None, typer.Option("--palm", metavar="LINK", help="What all else hangs from; the root by default.")
+        str | None, typer.Option("--palm", metavar="LINK", help="Palm link (default: the root link).")
     ] = None,
     fingertip: Annotated[
         list[str] | None,
         typer.Option(
             "--fingertip",
             metavar="LINK[=RADIUS]",
-            help="A fingertip and its radius, metres; by default as thick as the link's shape. Repeatable, in order.",
+            help="Fingertip link and radius in metres (default: from its collision shape). Repeat for each contact.",
         ),
     ] = None,
     preset: Annotated[
-        str | None, typer.Option("--preset", help="Whose fingertips the URDF's hand has: allegro, panda, ...")
+        str | None,
+        typer.Option(
+            "--preset", metavar="NAME", help="Preset that supplies fingertips, palm and limits, such as allegro."
+        ),
     ] = None,
     approach: Annotated[
         str | None,
-        typer.Option("--approach", metavar="X,Y,Z", help="Where the palm faces, palm frame; 0,0,1 by default."),
+        typer.Option(
+            "--approach",
+            metavar="X,Y,Z",
+            help="Direction in which the palm faces, in the palm's frame (default: 0,0,1).",
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="F.html", help="The page; by default URDF's name with .html.")
+        Path | None,
+        typer.Option(
+            "--out", metavar="F.html", help="Where to write the page (default: the name of the URDF with .html)."
+        ),
     ] = None,
-    show: Annotated[
-        bool, typer.Option("--open/--no-open", help="Open the page in a browser, where there is one.")
-    ] = True,
+    show: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in a browser, if there is one.")] = True,
 ) -> None:
-    """Show a hand on one page: links, fingertips, joints to move, which fingertips meet, what its file lacks.
+    """Show a hand on one page: its links, fingertips and joints, which fingertips can meet, and what its file lacks.
 
-    The same findings are printed; those after an exclamation mark may make grasps come out wrong.
+    The findings are printed too. A finding marked with ! can make grasps wrong.
     """
     target = Path(f"{source.stem}.html") if out is None else out
     writable(target, source)

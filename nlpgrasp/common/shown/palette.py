@@ -14,6 +14,9 @@ COLOURS = {
     "gap": "#E69F00",
     "obstacle": "#B58A8A",
     "table": "#8C8577",
+    "x": "#C8102E",
+    "y": "#5B8A00",
+    "z": "#3B5BDB",
 }
 DARK = COLOURS | {
     "body": "#A9B6C4",
@@ -26,6 +29,9 @@ DARK = COLOURS | {
     "gap": "#F0B73A",
     "obstacle": "#C79A9A",
     "table": "#9A9384",
+    "x": "#FF6B6B",
+    "y": "#A3CF4E",
+    "z": "#8FA8FF",
 }
 """The same, on a dark ground."""
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.common.shown.numbers import rounded
+from nlpgrasp.hands.inspection.facing import better_approach, direction_words, listed
 from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.hands.inspection.opposition import TOUCH, Meeting, Opposition
 from nlpgrasp.hands.robot.robot import Robot
@@ -28,10 +29,13 @@ class Finding:
         A sentence.
     grave : bool
         Whether grasps may come out wrong for it.
+    command : str
+        The same sentence for whoever uses the command line, where that is another one.
     """
 
     text: str
     grave: bool = False
+    command: str = ""
 
 
 def findings(hand: Inspected, met: Opposition | None) -> tuple[Finding, ...]:
@@ -43,8 +47,20 @@ def findings(hand: Inspected, met: Opposition | None) -> tuple[Finding, ...]:
     met : Opposition or None
         Which of its fingertips come together; None where none are stated.
     """
-    found = [*_shapes(hand), *_joints(hand), *([] if met is None else _tips(hand, met))]
+    found = [*_palm(hand), *_shapes(hand), *_joints(hand), *([] if met is None else _tips(hand, met))]
     return tuple(sorted(found, key=lambda finding: not finding.grave))
+
+
+def _palm(hand: Inspected) -> list[Finding]:
+    """Return what is said of a palm that probably faces elsewhere than it is said to."""
+    better = better_approach(hand.tree)
+    if better is None:
+        return []
+    said, seen = direction_words(hand.tree.approach), direction_words(better)
+    text = f"The palm is said to face {said}, but its fingertips lie towards {seen}:"
+    faces = listed(better)
+    option = faces.strip("[]").replace(" ", "")
+    return [Finding(f"{text} approach={faces}?", command=f"{text} --approach {option}?")]
 
 
 def _shapes(hand: Inspected) -> list[Finding]:
@@ -52,14 +68,16 @@ def _shapes(hand: Inspected) -> list[Finding]:
     found = [Finding(f"Left out: {name}.", grave=True) for name in robot.missing]
     if robot.bare:
         one, text = len(robot.bare) == 1, ", ".join(robot.bare)
-        has, them = (f"Link {text} has", "it") if one else (f"Links {text} have", "them")
-        found.append(Finding(f"{has} a visual and no collision shape: nothing keeps {them} off the body.", grave=True))
+        them, has, may = (f"Link {text} is", "has", "it may") if one else (f"Links {text} are", "have", "they may")
+        found.append(Finding(f"{them} visible but {has} no collision shape: {may} pass through the body.", grave=True))
     if not robot.shapes:
-        found.append(Finding("No link has a collision shape: only fingertips are kept off the body.", grave=True))
+        found.append(
+            Finding("No link has a collision shape: all but the fingertips may pass through the body.", grave=True)
+        )
     for link, fit in hand.fits.items():
         if fit.uncovered > WORTH_A_WARNING:
             deep = rounded(1e3 * fit.uncovered, 2)
-            text = f"Link {link} is thicker than its fingertip: it may be {deep} mm deep in the body beside a contact."
+            text = f"Link {link} is thicker than its fingertip: beside a contact it may reach {deep} mm into the body."
             found.append(Finding(text))
     return found
 
@@ -67,34 +85,35 @@ def _shapes(hand: Inspected) -> list[Finding]:
 def _joints(hand: Inspected) -> list[Finding]:
     robot = hand.tree.robot
     if not robot.free_joints:
-        return [Finding(f"No joint below {robot.root} moves: a grasp needs joints that do.", grave=True)]
+        return [Finding(f"No joint below {robot.root} moves: a grasp needs joints that move.", grave=True)]
     found = [Finding(f"{text[0].upper()}{text[1:]}.") for text in joint_remarks(robot)]
     weak = [j.name for j in robot.free_joints if j.name not in hand.torque_limits]
     if weak:
-        whose = f"no effort limit at {_some(weak, len(robot.free_joints), 'joint')}"
-        found.append(Finding(f'{whose[0].upper()}{whose[1:]}: the force budget "hand_torques" needs torque_limits.'))
+        every = len(weak) == len(robot.free_joints) > 1
+        whose = "No joint has an effort limit" if every else f"No effort limit at {_some(weak, 'joint')}"
+        found.append(Finding(f'{whose}: the force budget "hand_torques" needs torque_limits.'))
     strong = [j.name for j in robot.free_joints if j.turns and hand.torque_limits.get(j.name, 0.0) > PLACEHOLDER]
     if strong:
-        text = f"An effort above {PLACEHOLDER:g} N m at {_some(strong, len(robot.free_joints), 'joint')}"
+        text = f"An effort above {PLACEHOLDER:g} N m at {_some(strong, 'joint', len(robot.free_joints))}"
         found.append(Finding(f"{text} looks like a placeholder: state torque_limits."))
     wide = [name for name, (lower, upper, _) in robot.ranges.items() if _turns(robot, name) and upper - lower >= FULL]
     if wide:
-        text = f"A full turn or more at {_some(wide, len(robot.free_joints), 'joint')}"
-        found.append(Finding(f"{text}: cables and neighbours may not let them."))
+        text = _some(wide, "joint", len(robot.free_joints))
+        found.append(Finding(f"{text[0].upper()}{text[1:]} can turn a full circle or more: cables may not allow that."))
     return found
 
 
 def _tips(hand: Inspected, met: Opposition) -> list[Finding]:
     if len(hand.tree.tips) == 1:
-        return [Finding("One fingertip alone: a hand that holds needs two at least.", grave=True)]
+        return [Finding("Only one fingertip is stated: to hold a body takes two at least.", grave=True)]
     found = []
     if met.pairs and not any(pair.faces for pair in met.pairs):
         found.append(Finding("No two fingertips ever face each other: they cannot press from two sides.", grave=True))
     else:
         found += [_pair(hand, pair) for pair in met.pairs if not pair.touches]
     for several in met.apart:
-        text = f"Fingertips {_named(hand, several.fingers)} come together in smaller sets and not at once"
-        found.append(Finding(f"{text}: some two of them stay {millimetres(several.nearest)} apart."))
+        text = f"Fingertips {_named(hand, several.fingers)} come together in smaller sets but not all at once"
+        found.append(Finding(f"{text}: at least two of them stay {millimetres(several.nearest)} apart."))
     return found
 
 
@@ -102,10 +121,10 @@ def _pair(hand: Inspected, pair: Meeting) -> Finding:
     """Return what is said of two fingertips that do not touch face to face."""
     names = f"Fingertips {_named(hand, pair.fingers)}"
     if not pair.faces:
-        near = "touch without that" if pair.nearest <= TOUCH else f"come within {millimetres(pair.nearest)}"
+        near = "touch without facing" if pair.nearest <= TOUCH else f"come within {millimetres(pair.nearest)}"
         return Finding(f"{names} never face each other; they {near}.")
     far = millimetres(pair.opposed)
-    return Finding(f"{names} cannot meet: they stay {far} apart, and hold nothing thinner between them.")
+    return Finding(f"{names} cannot meet: they stay {far} apart and can hold nothing thinner between them.")
 
 
 def millimetres(distance: float) -> str:
@@ -123,8 +142,8 @@ def _turns(robot: Robot, name: str) -> bool:
     return next(j.turns for j in robot.free_joints if j.name == name)
 
 
-def _some(names: Sequence[str], count: int, what: str) -> str:
-    """Return names, or how many where they are all."""
+def _some(names: Sequence[str], what: str, count: int = 0) -> str:
+    """Return names, or how many where they are all of a count."""
     if len(names) == count > 1:
         return f"all {count} {what}s"
     return f"{what}{'s' if len(names) > 1 else ''} {', '.join(names)}"

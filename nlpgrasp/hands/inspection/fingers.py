@@ -44,6 +44,18 @@ def fingers(tree: LinkTree) -> tuple[Finger, ...]:
     return tuple(sorted(found, key=lambda finger: finger.tips[0] if finger.tips else len(tree.tips)))
 
 
+def knuckles(tree: LinkTree) -> tuple[str, ...]:
+    """Return the first link of each fingertip's finger, in the contacts' order: the palm, of a tip that is on none."""
+    robot = tree.robot
+    hub, _ = _trunk(robot)
+    groups = robot.rigid_groups
+    found = []
+    for link, _ in tree.tips:
+        chain = [joint for joint in robot.chain(link) if joint.moves]
+        found.append(next((joint.child for joint in chain if groups[joint.parent] == hub), robot.root))
+    return tuple(found)
+
+
 def _trunk(robot: Robot) -> tuple[str, set[str]]:
     """Return the link that every finger hangs from, and the joints above it: an arm or a wrist.
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand
+from nlpgrasp.hands.robot.ends import leaves
 from nlpgrasp.hands.robot.robot_file import read_robot
 from nlpgrasp.hands.spheres.hand_fits import fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
@@ -36,11 +37,17 @@ class Inspected:
         Spheres around the links.
     torque_limits : mapping of str to float
         By joint, newton-metres (newtons for sliding joints).
+    file : str
+        Its path as it was given, where no fingertips are stated.
+    palm : str, optional
+        The palm as it was given.
     """
 
     tree: LinkTree
     fits: Mapping[str, SphereFit]
     torque_limits: Mapping[str, float]
+    file: str = ""
+    palm: str | None = None
 
     @property
     def at_rest(self) -> FloatArray:
@@ -52,8 +59,7 @@ class Inspected:
     @property
     def leaves(self) -> tuple[str, ...]:
         """Links that no other link hangs from: where fingertips often are."""
-        parents = set(self.tree.robot.parents.values())
-        return tuple(link for link in self.tree.robot.links if link not in parents)
+        return leaves(self.tree.robot)
 
 
 def inspected(hand: Hand) -> Inspected:
@@ -81,4 +87,4 @@ def without_fingertips(path: str | Path, palm: str | None, approach: ArrayLike) 
     """
     robot = read_robot(path, palm)
     tree = LinkTree(robot, (), approach_of(approach))
-    return Inspected(tree, fits_of(robot, SPHERES), torque_limits_of(robot, None))
+    return Inspected(tree, fits_of(robot, SPHERES), torque_limits_of(robot, None), str(path), palm)

@@ -9,9 +9,10 @@ from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.inspection.findings import Finding, findings
 from nlpgrasp.hands.inspection.inspected import Inspected, inspected
 from nlpgrasp.hands.inspection.opposition import Opposition, opposition
+from nlpgrasp.hands.inspection.stating import LISTED, ends_of, lines_to_paste
+from nlpgrasp.hands.robot.ends import GUESS
 
-GOOD = "All links that are to be seen have collision shapes, all joints have limits, every two fingertips can touch."
-LISTED = 12  # leaf links that are named
+GOOD = "every visible link has a collision shape, every joint has limits, and every two fingertips can touch."
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Inspection:
         if not self.hand.tree.tips:
             return "no fingertips stated"
         count = len(self.findings)
-        return f"{_counted(count, 'thing')} to know" if count else "nothing to remark on"
+        return f"{_counted(count, 'thing')} to know" if count else "no problems found"
 
     @property
     def kind(self) -> str:
@@ -50,13 +51,20 @@ class Inspection:
 
     @property
     def sentences(self) -> tuple[Finding, ...]:
-        """The findings, after what to do where no fingertips are stated; empty where there is nothing to remark on."""
+        """The findings, after what to do where no fingertips are stated; empty where there are no problems."""
         if self.hand.tree.tips:
             return self.findings
-        some, more = self.hand.leaves[:LISTED], len(self.hand.leaves) - LISTED
-        leaves = ", ".join(some) + (f" and {more} more" if more > 0 else "")
-        text = "No fingertips are stated: fingertips={link: radius} or --fingertip LINK=RADIUS states them."
-        return (Finding(f"{text} Links at the ends: {leaves}."), *self.findings)
+        ends, more = ends_of(self.hand), len(self.hand.leaves) - LISTED
+        named = ", ".join(tip.link for tip in ends) + (f" and {more} more" if more > 0 else "")
+        guess = ""
+        if any(tip.guessed for tip in ends):
+            guess = f" A radius of {GUESS:g} m stands for a link without a collision shape."
+        return (Finding(f"No fingertips are stated. Links at the ends: {named}.{guess} To use them:"), *self.findings)
+
+    @property
+    def to_paste(self) -> tuple[str, ...]:
+        """A command and a line of Python that state fingertips, where there are none yet; else empty."""
+        return () if self.hand.tree.tips else lines_to_paste(self.hand)
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -67,9 +75,11 @@ class Inspection:
             follow > 0
         )
         parts = f"{_counted(len(robot.links), 'link')}, {joints}, {_counted(len(self.hand.tree.tips), 'fingertip')}"
-        told = [f"  {'! ' if finding.grave else '- '}{finding.text}" for finding in self.sentences]
-        verdict = [f"{self.verdict}:"] if self.hand.tree.tips else []  # else the first sentence says so
-        return (f"{robot.name}: {parts}", *verdict, *(told or [f"  {GOOD}"]))
+        first = f"{robot.name}: {parts}"
+        told = [f"  {'! ' if f.grave else '- '}{f.command or f.text}" for f in self.sentences]
+        if not self.hand.tree.tips:  # the first sentence says what to do
+            return (first, told[0], *(f"      {line}" for line in self.to_paste), *told[1:])
+        return (first, f"{self.verdict}:{'' if told else f' {GOOD}'}", *told)
 
 
 def inspect(hand: Hand | Inspected) -> Inspection:

@@ -49,7 +49,7 @@ def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: 
             fit = replace(fit, uncovered=_uncovered(tree.robot.shapes[link], fit, beside))
             if fit.uncovered > WORTH_A_WARNING:
                 deep = f"{1e3 * fit.uncovered:.1f} mm"
-                text = f"link {link} is thicker than its fingertip: it may be {deep} deep in the body beside a contact"
+                text = f"link {link} is thicker than its fingertip: beside a contact it may reach {deep} into the body"
                 warn(text)
         if len(fit.radii):
             result[link] = fit

@@ -1,4 +1,4 @@
-"""The fingertip that a link's own collision shape is."""
+"""The fingertip that a link's own collision shape is, or one about as large."""
 
 from __future__ import annotations
 
@@ -25,3 +25,12 @@ def tip_of(shapes: Sequence[Shape]) -> Tip | None:
         start, end = sorted(shape.ends, key=lambda point: float(np.linalg.norm(point)))
         return CapsuleTip(shape.radius, start, end)
     return None if shape.centre is None else SphereTip(shape.radius, shape.centre)
+
+
+def sphere_about(shapes: Sequence[Shape]) -> SphereTip | None:
+    """Return a sphere as thick as the shapes of a link, about their middle; None where there are none."""
+    if not shapes:
+        return None
+    low = np.min([shape.mesh.bounds[0] for shape in shapes], axis=0)
+    high = np.max([shape.mesh.bounds[1] for shape in shapes], axis=0)
+    return SphereTip(float(np.min(high - low)) / 2.0, (low + high) / 2.0)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
 from nlpgrasp.common.rows import PalmPose
+from nlpgrasp.common.shown.notebook import InNotebook
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -15,10 +17,11 @@ from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.reaching import reach
 
+CARD = ("nlpgrasp.report.hand.card", "card")
 NAMED = 6  # fingertips that a line names
 
 
-class LinkedHand(PosedHand):
+class LinkedHand(InNotebook, PosedHand):
     """A hand whose variables are the palm's pose and the joints.
 
     Attributes
@@ -26,6 +29,7 @@ class LinkedHand(PosedHand):
     tree : LinkTree
     """
 
+    _card: ClassVar[tuple[str, str]] = CARD
     tree: LinkTree
 
     @property

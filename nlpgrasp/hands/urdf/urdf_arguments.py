@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.given.lengths import LARGEST_TIP, of_a_hand
-from nlpgrasp.common.given.names import listed
+from nlpgrasp.common.given.names import MOST, listed
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.robot.ends import end, leaves
 from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.tips import SphereTip, Tip
 from nlpgrasp.hands.tips.of_shape import tip_of
@@ -19,8 +20,10 @@ MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # of limits: a full turn, if 
 Fingertips = Mapping[str, float | Tip | Sequence[Tip] | None] | Sequence[str]
 
 
-def tips_of(robot: Robot, fingertips: Fingertips) -> list[tuple[str, Tip]]:
+def tips_of(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]]:
     """Return link and patch of each contact, in the order given."""
+    if fingertips is None:
+        raise InputError("URDFHand.fingertips", "nothing", f"links with their radii, such as {_at_the_ends(robot)}")
     if isinstance(fingertips, list | tuple) and all(isinstance(name, str) for name in fingertips):
         fingertips = dict.fromkeys(fingertips)
     if not isinstance(fingertips, Mapping) or not fingertips:
@@ -47,6 +50,14 @@ def tips_of(robot: Robot, fingertips: Fingertips) -> list[tuple[str, Tip]]:
 def _radius(field: str, given: object) -> float:
     """Return the radius of a fingertip, metres."""
     return of_a_hand(field, number(field, given, above=0.0), LARGEST_TIP)
+
+
+def _at_the_ends(robot: Robot) -> str:
+    """Return the fingertips that links at the ends make, as Python writes them."""
+    names = leaves(robot)
+    each = ", ".join(f'"{link}": {end(robot, link).code}' for link in names[:MOST])
+    more = f" ({len(names) - MOST} more links are at ends)" if len(names) > MOST else ""
+    return f"{{{each}}}{more}"
 
 
 def _own_shape(robot: Robot, link: str) -> Tip:

@@ -82,7 +82,7 @@ class URDFHand(LinkedHand):
     def load(
         cls,
         path: str | Path,
-        fingertips: Fingertips,
+        fingertips: Fingertips | None = None,
         torque_limits: Mapping[str, float] | float | None = None,
         *,
         palm: str | None = None,
@@ -100,8 +100,8 @@ class URDFHand(LinkedHand):
             says which. Bodies of an MJCF are links, hinges and slides are joints.
         fingertips : mapping or sequence of str
             Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips; None, or
-            names alone, take the only sphere or capsule among the link's collision shapes.
-            Contact i belongs to fingertip i, in this order. Inner links and the palm may have tips too.
+            names alone, take the only sphere or capsule among the link's collision shapes. Contact i belongs to
+            fingertip i, in this order. Inner links and the palm may have tips too. Left out, the error names links.
         torque_limits : mapping of joint names to floats, or float, optional
             Newton-metres (newtons for sliding joints), for the force budget ``"hand_torques"``; the URDF's efforts
             when left out.

@@ -1,4 +1,4 @@
-"""The page of a body: its surface to turn, how large it is, and what its faces are called."""
+"""The page of a body: its surface to turn, how large it is and where, and what its faces are called."""
 
 from __future__ import annotations
 
@@ -8,18 +8,26 @@ from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.bodies import Body
+from nlpgrasp.bodies import Body, Implicit
 from nlpgrasp.bodies.mesh.mesh import Mesh
+from nlpgrasp.bodies.mesh.offset import MOST_OF_IT
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.shown.numbers import rounded, typeset, vector
+from nlpgrasp.common.shown.numbers import percent, rounded, typeset, vector
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.report.body.scene import scene
 from nlpgrasp.report.frame import ICON, page, style, viewer
+from nlpgrasp.report.scene.axes import has_origin
+from nlpgrasp.report.scene.switches import switches
 from nlpgrasp.report.solution.panel import Fact
 
 LARGE = 1.0  # metres: above, a body is no thing for a hand, and most often one in millimetres
 SMALL = 1e-3  # metres
 LISTED = 12  # faces whose names are listed
+NOTHING = 1e-4  # of the size: coordinates below are 0
+UNBROKEN = "\N{NO-BREAK SPACE}"
+UNDER = "ng.Table.under(body)"
+EXACT = 4  # digits of a table's height
+SWITCHES = (("triad", "Axes", True), ("through", "See through", False))
 
 
 def write_body(body: Body, path: str | Path) -> Path:
@@ -51,19 +59,40 @@ def facts(body: Body) -> list[Fact]:
     extents = np.ptp(body.bounds, axis=0)
     names = body.face_names
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    listed = f'<p class="note"><code>{escape(", ".join(names[:LISTED]))}</code>{more}</p>'
-    centre = vector(1e3 * body.centroid)
+    each = ", ".join(f"<code>{escape(name)}</code>" for name in names[:LISTED])
+    listed = f'<p class="note">{each}{more}</p>'
+    centre, of_what = vector(1e3 * body.centroid), "volume" if body.space == 3 else "area"
+    about = "body.centroid; torques are about it, unless the problem has a torque_origin"
     found = [
         Fact("Size", _size(body), (_doubt(extents),), "weak" if _odd(extents) else "", broad=True),
-        Fact("Faces", str(len(names)), ("names for a contact's faces",), more=listed),
-        Fact("Centre", f"{centre} mm", ("in the body's frame; moments are about it, unless torque_origin is stated",)),
+        _bounds(body),
+        Fact("Faces", str(len(names)), ("names for the faces of a contact",), more=listed),
+        Fact(f"Centre of {of_what}", f"{centre} mm", (about,)),
     ]
     if isinstance(body, Mesh):
         found.append(Fact("Mesh", f"{len(body.mesh.faces)} triangles", body.repairs or ("used as it is",), broad=True))
-        off = f"up to {rounded(1e3 * body.offset.most, 2)} mm off four fifths of the mesh"
+        off = f"within {rounded(1e3 * body.offset.most, 2)} mm of the mesh over {percent(MOST_OF_IT)} of it"
         walls = f"walls: {rounded(1e3 * body.wall, 2)} mm; smoothing={body.smoothing:g}, resolution={body.resolution}"
-        found.append(Fact("Smooth surface", off, ("the solver works on it", walls), broad=True))
+        found.append(Fact("Smooth surface", off, ("the surface that the solver works on", walls), broad=True))
     return found
+
+
+def _bounds(body: Body) -> Fact:
+    """Return where the body is along each axis, and what to write for a table under it."""
+    bounds = 1e3 * body.bounds
+    least = NOTHING * float(np.max(np.ptp(bounds, axis=0)))
+    ends = [[rounded(v, least=least) for v in column] for column in bounds.T]
+    each = [f"{axis} {low} to {high} mm" for axis, (low, high) in zip("xyz", ends, strict=False)]
+    value = ", ".join(text.replace(" ", UNBROKEN) for text in each)
+    low, high = (np.pad(end, (0, 3 - body.space)) for end in body.bounds)
+    near = has_origin(low, high, float(np.linalg.norm(high - low)) / 2.0)
+    drawn = "whose axes are drawn" if near else "whose axes are drawn at the body's corner, as its origin is far away"
+    height = rounded(float(body.bounds[0, -1]), EXACT, 1e-3 * least)
+    under = f'<p class="note">A table under it: <code>ng.Table({height})</code>, or <code>{UNDER}</code></p>'
+    if isinstance(body, Implicit):
+        under = '<p class="note">of the box that was stated, in which the body may be smaller</p>'
+    more = f'<p class="note">in the body\'s frame, {drawn}</p>{under}'
+    return Fact("Bounds", value, more=more, broad=True)
 
 
 def _odd(extents: FloatArray) -> bool:
@@ -90,11 +119,7 @@ def _opening(body: Body, beside: str = "") -> str:
 
 def _stage(body: Body) -> str:
     aria = f"The body, {_name(body)}; turn it with the mouse, a finger or the arrow keys."
-    switch = '<label class="switch"><input type="checkbox" data-show="through"><span>See through</span></label>'
-    return (
-        f'<div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}"></div>'
-        f'<div class="switches">{switch}</div>'
-    )
+    return f'<div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}"></div>{switches(SWITCHES)}'
 
 
 def _data(body: Body) -> str:

@@ -9,6 +9,7 @@ from nlpgrasp.bodies.mesh.triangles import triangles
 from nlpgrasp.common.shown.drawing import CONE, NORMAL, Drawing, Triangles, drawn_size
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.report.scene.axes import body_axes
 from nlpgrasp.report.scene.camera import FROM_ABOVE, FROM_ASIDE, framed
 from nlpgrasp.report.scene.surfaces import cut, surface
 
@@ -22,11 +23,13 @@ DIGITS = 7  # after the point, metres: what is for looking at
 def scene(body: Body) -> Json:
     """Return what the viewer draws of a body; metres, body frame: as ``report.scene`` does of a grasp.
 
-    The names of the faces stand at ``contacts``.
+    The names of the faces stand at ``contacts``; ``axes`` are those of the frame.
     """
     shape = Triangles(*triangles(body, MOST))
     size = drawn_size(Drawing(shape), None)
-    middle = (shape.vertices.min(axis=0) + shape.vertices.max(axis=0)) / 2.0
+    low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+    axes = body_axes(low, high, size, body.space)
+    seen = [framed(shape.vertices, (low + high) / 2.0, size), [axes["at"]], axes["ends"]]
     flat = body.space == 2
     return {
         "size": size,
@@ -38,7 +41,8 @@ def scene(body: Body) -> Json:
         "palm": None,
         "arrows": [],
         "lengths": {"normal": NORMAL * size, "cone": CONE * size, "disc": DOT * size, "shaft": DOT * size, "pad": 0.0},
-        "frame": np.round(framed(shape.vertices, middle, size), DIGITS).tolist(),
+        "axes": axes,
+        "frame": np.round(np.concatenate(seen), DIGITS).tolist(),
         "view": list(FROM_ABOVE if flat else FROM_ASIDE),
     }
 

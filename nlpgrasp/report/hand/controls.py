@@ -1,4 +1,4 @@
-"""What moves the hand on its page: switches, postures and sliders, those of a finger together."""
+"""What moves the hand on its page: postures and sliders, those of a finger together; switches of what is shown."""
 
 from __future__ import annotations
 
@@ -14,23 +14,15 @@ from nlpgrasp.hands.inspection.opposition import Opposition
 from nlpgrasp.report.hand.tree import listed
 
 ONE_DIGIT = 100.0  # degrees or millimetres below which a tenth is shown
+GENERAL = ("relaxed", "zero", "lower limits", "upper limits")
 SWITCHES = (
     ("links", "Links", True),
     ("spheres", "Spheres", False),
     ("tips", "Fingertips", True),
-    ("approach", "Palm faces", True),
+    ("approach", "Palm direction", True),
+    ("triad", "Palm axes", True),
     ("axes", "Joint axes", False),
 )
-
-
-def switches() -> str:
-    """Return the switches of what the scene shows."""
-    boxes = "".join(
-        f'<label class="switch"><input type="checkbox" data-show="{key}"{" checked" if on else ""}>'
-        f"<span>{escape(text)}</span></label>"
-        for key, text, on in SWITCHES
-    )
-    return f'<div class="switches">{boxes}</div>'
 
 
 def postures(hand: Inspected, met: Opposition | None) -> Json:
@@ -58,14 +50,18 @@ def posture_button(name: str, text: str, pressed: bool = False) -> str:
     )
 
 
+def general_postures() -> str:
+    """Return the buttons of the postures that every hand has."""
+    named = "".join(posture_button(name, name.capitalize(), name == "relaxed") for name in GENERAL)
+    return f'<div class="postures">{named}</div>'
+
+
 def sliders(hand: Inspected) -> str:
     """Return the sliders of all free joints, by finger, with what follows them."""
-    general = ("relaxed", "zero", "lower limits", "upper limits")
-    named = "".join(posture_button(name, name.capitalize(), name == "relaxed") for name in general)
     groups = "".join(_group(hand, finger) for finger in fingers(hand.tree))
     if not groups:
         return '<aside class="sliders"><p class="note">No joint moves.</p></aside>'
-    return f'<aside class="sliders" aria-label="Joints"><div class="postures">{named}</div>{groups}</aside>'
+    return f'<aside class="sliders" aria-label="Joints">{general_postures()}{groups}</aside>'
 
 
 def _group(hand: Inspected, finger: Finger) -> str:

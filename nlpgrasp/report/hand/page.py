@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from html import escape
 from pathlib import Path
 
@@ -12,10 +11,9 @@ from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.hands.inspection.inspection import Inspection, inspect
 from nlpgrasp.report.frame import ICON, page, style, viewer
 from nlpgrasp.report.hand import controls, tables
-from nlpgrasp.report.hand.scene import scene
-from nlpgrasp.report.hand.tree import joint_tree
+from nlpgrasp.report.hand.scene import ALL
+from nlpgrasp.report.hand.stage import VIEWER, data, palm_words, stage
 
-VIEWER = ("shapes.js", "renderer.js", "view.js", "kinematics.js", "hand.js")
 KEY = (("link", "collision shapes"), ("finger", "fingertips"), ("task", "where the palm faces"))
 
 
@@ -37,22 +35,18 @@ def write_hand(hand: Hand | Inspected | Inspection, path: str | Path) -> Path:
     found = hand if isinstance(hand, Inspection) else inspect(hand)
     shown, met = found.hand, found.met
     robot = shown.tree.robot
-    data = {"tree": joint_tree(shown), "drawn": scene(shown), "postures": controls.postures(shown, met)}
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    count = len(shown.tree.tips)
-    aria = f"The hand with {len(robot.links)} links and {count} fingertips; turn it with the mouse or the arrow keys."
     colours = "".join(f'<span><b style="background:var(--{name})"></b>{words}</span>' for name, words in KEY)
     pill = f'<span class="pill {found.kind}">{escape(found.verdict)}</span>'
     body = [
         f'<section aria-labelledby="name"><header><h1 id="name">{escape(robot.name)}</h1>{pill}'
-        f'<span class="file">{escape(robot.source)}, from link {escape(robot.root)} on</span></header>',
-        f'<div class="hand"><div class="stage"><div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}">'
-        f'</div>{controls.switches()}<p class="key">{colours}</p></div>{controls.sliders(shown)}</div>',
+        f'<span class="file">{escape(robot.source)}: {escape(palm_words(shown))}</span></header>',
+        f'<div class="hand"><div class="stage">{stage(shown)}<p class="key">{colours}</p></div>'
+        f"{controls.sliders(shown)}</div>",
         tables.told(found),
         f'<div class="two"><div>{tables.fingertips(shown)}</div><div>{tables.meetings(met)}</div></div>',
         tables.joints(shown),
         tables.links(shown),
-        f'<script type="application/json">{text}</script></section>',
+        f'<script type="application/json">{data(shown, met, ALL)}</script></section>',
     ]
     title = f"{robot.name}: the hand"
     return write_text(path, page(title, style("report.css", "hand.css"), body, ICON, viewer(VIEWER)))

@@ -12,19 +12,27 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.report.hand.tree import listed
+from nlpgrasp.report.scene.axes import frame_axes
 from nlpgrasp.report.scene.camera import TILTS, TURNS
 from nlpgrasp.report.scene.surfaces import surface
 
 MOST, FEWEST, ALL = 3000, 200, 60_000  # triangles of a collision shape, and of all together
 DIGITS = 7  # after the point, metres: what is for looking at
+AXIS = 0.2  # length of the palm's axes, of the hand's size
 DOT = 0.012  # of the hand's size: a frame that may become a fingertip
 ABOVE = 0.05  # how much a view from above counts against one from below
 FACED = 0.35  # how much a view into the palm counts against one that shows the hand at its broadest
 PADS = 1.5  # how much a view at the fingertips' patches counts
 
 
-def scene(hand: Inspected) -> Json:
+def scene(hand: Inspected, most: int = ALL) -> Json:
     """Return what is drawn of a hand; metres, each in its link's frame.
+
+    Parameters
+    ----------
+    hand : Inspected
+    most : int
+        Triangles of all links together, about.
 
     Returns
     -------
@@ -32,8 +40,9 @@ def scene(hand: Inspected) -> Json:
         ``surfaces``: each once. ``parts``: number of link and surface. ``spheres``: number of link, and centre and
         radius of each ball. ``tips``: number of link, name, surface, centre. ``leaves``: numbers of the links that may
         have a fingertip, where none are stated. ``corners``: number of link and corners of the box around its shapes,
-        for the frame. ``approach``: from where and along which unit direction, palm frame. ``size``, ``dot``: of the
-        hand and of a leaf's mark. ``view``: turn and tilt of the camera, degrees.
+        for the frame. ``approach``: from where and along which unit direction, palm frame. ``axes``: of the
+        palm's frame. ``size``, ``dot``: of the hand and of a leaf's mark. ``view``: of the camera, turn and tilt,
+        degrees.
     """
     robot = hand.tree.robot
     index = {name: i for i, name in enumerate(robot.links)}
@@ -47,11 +56,11 @@ def scene(hand: Inspected) -> Json:
         return known[key]
 
     parts, corners = [], []
-    most = max(FEWEST, min(MOST, ALL // max(1, sum(map(len, robot.shapes.values())))))
+    each = max(FEWEST, min(MOST, most // max(1, sum(map(len, robot.shapes.values())))))
     for link, shapes in robot.shapes.items():
         for shape in shapes:
             vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
-            drawn = Triangles(*simplified(vertices, faces, most))
+            drawn = Triangles(*simplified(vertices, faces, each))
             parts.append({"link": index[link], "surface": kept(shape.fingerprint, drawn)})
             corners.append({"link": index[link], "at": _corners(vertices)})
     tips = []
@@ -75,6 +84,7 @@ def scene(hand: Inspected) -> Json:
         "leaves": leaves,
         "corners": corners,
         "approach": {"at": _palm(hand), "along": listed(hand.tree.approach)},
+        "axes": frame_axes(np.zeros(3), np.full(3, AXIS * size)),
         "size": size,
         "dot": DOT * size,
         "view": _view(points, hand),

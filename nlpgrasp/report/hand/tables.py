@@ -20,8 +20,14 @@ from nlpgrasp.report.table import Html, table
 
 def told(found: Inspection) -> str:
     """Return what is to be known, as a list."""
-    items = [(finding.text, "grave" if finding.grave else "some") for finding in found.sentences] or [(GOOD, "good")]
-    entries = "".join(f'<li class="{kind}">{escape(typeset(text))}</li>' for text, kind in items)
+    good = (f"{GOOD[0].upper()}{GOOD[1:]}", "good")
+    # what is to be pasted keeps its minus signs
+    said = [(f.text if f.command else typeset(f.text), "grave" if f.grave else "some") for f in found.sentences]
+    paste = f"<pre>{escape(chr(10).join(found.to_paste))}</pre>" if found.to_paste else ""  # of the first sentence
+    entries = "".join(
+        f'<li class="{kind}">{escape(text)}{paste if i == 0 else ""}</li>'
+        for i, (text, kind) in enumerate(said or [good])
+    )
     return f'<h3>What to know</h3><ul class="findings">{entries}</ul>'
 
 
@@ -61,9 +67,9 @@ def meetings(met: Opposition | None) -> str:
     mark = [Html(f'<span class="number">{i}</span>') for i in range(count)]
     rows = [[mark[i], *(_cell(by_pair.get((i, j))) for j in range(1, count))] for i in range(count - 1)]
     text = (
-        "Least distance between the surfaces of two fingertips that face each other, over the joint ranges; a button "
-        f"shows the posture. Found by a search from {SAMPLES} postures, with links let through each other: other links "
-        "may be in the way of what meets here."
+        "The least distance between the surfaces of two fingertips that face each other, over the joint ranges; each "
+        f"button sets the posture. A search from {SAMPLES} postures finds it and lets links pass through each other: "
+        "other links may prevent this posture."
     )
     made = table("", ["", *map(str, range(1, count))], rows)
     note = f'<p class="note">{escape(text)}</p>'
@@ -77,7 +83,7 @@ def _sets(met: Opposition) -> str:
     buttons = "".join(
         posture_button(posture_name(m.fingers), f"{', '.join(map(str, m.fingers))}: {_far(m)}") for m in met.apart
     )
-    text = f"Not all at once within {millimetres(met.together)} of each other, although each smaller set is."
+    text = f"These never come within {millimetres(met.together)} of each other all at once, although smaller sets do."
     return f'<p class="note">{escape(typeset(text))}</p><div class="postures apart">{buttons}</div>'
 
 
@@ -114,13 +120,13 @@ def joints(hand: Inspected) -> str:
         open_ended = not np.isfinite(upper - lower)
         cells = [joint.name, joint.kind, "" if open_ended else ends, _effort(joint, joint.effort)]
         rows.append([*cells, _effort(joint, limit) if joint.mimic is None else "", typeset(follows)])
-    heads = ["Joint", "Type", "Range", "Effort in the file", "Limit here", "Follows"]
+    heads = ["Joint", "Type", "Range", "Effort in the file", "Limit used", "Follows"]
     return f'<h3>Joints</h3><div class="tight">{table("", heads, rows)}</div>' if rows else ""
 
 
 def _effort(joint: Joint, effort: float | None) -> str:
     if not effort:
-        return "none" if effort is None else "0, as good as none"
+        return "none" if effort is None else "0 (counts as none)"
     return typeset(f"{rounded(effort)}\N{NO-BREAK SPACE}{'N m' if joint.turns else 'N'}")
 
 
@@ -132,10 +138,10 @@ def links(hand: Inspected) -> str:
         kinds = [shape.kind for shape in robot.shapes.get(link, ())]
         counted = [f"{kinds.count(k)} {k}{_plural(k, kinds.count(k))}" for k in dict.fromkeys(kinds)]
         fit = hand.fits.get(link)
-        what = ", ".join(counted) or ("none, although it is to be seen" if link in robot.bare else "none")
+        what = ", ".join(counted) or ("none, although the link is visible" if link in robot.bare else "none")
         fitted = ["", ""] if fit is None else [str(len(fit.radii)), typeset(millimetres(fit.error))]
         rows.append([link, what, *fitted])
-    heads = ["Link", "Collision shape", "Spheres", "They reach beyond it"]
+    heads = ["Link", "Collision shape", "Spheres", "Spheres reach beyond it"]
     made = table("", heads, rows)
     return f'<details><summary>Links ({len(rows)})</summary><div class="tight">{made}</div></details>'
 

@@ -14,6 +14,7 @@ from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.types import Json
 from nlpgrasp.experiments.found.compare import Comparison
 from nlpgrasp.experiments.found.result import NOT_COMPARABLE
+from nlpgrasp.report.scene.switches import switches
 from nlpgrasp.report.solution.chosen_wrenches import FingerForce
 from nlpgrasp.report.solution.gauge import axis_end, gauge
 from nlpgrasp.report.solution.panel import facts
@@ -109,16 +110,11 @@ def _switches(solution: GraspSolution, worth: bool) -> str:
     shown = [s for s in SWITCHES if s[0] != "hand" or has_hand]
     if worth:
         shown.append(("worth", "Where a contact is worth most", False))
-    boxes = "".join(
-        f'<label class="switch"><input type="checkbox" data-show="{key}"{" checked" if on else ""}>'
-        f"<span>{escape(text)}</span></label>"
-        for key, text, on in shown
-    )
     scale = (
         f'<p class="scale note" hidden><b style="background:linear-gradient(90deg,{",".join(SCALE)})"></b>'
         "nothing to most, of what a contact adds to mu at most; grey where none may be</p>"
     )
-    return f'<div class="switches">{boxes}</div>{scale if worth else ""}'
+    return f"{switches(shown)}{scale if worth else ''}"
 
 
 def contacts(solution: GraspSolution) -> str:

@@ -8,7 +8,7 @@ const RAISED = 0.002; // of the hand's size, that fingertips are drawn above the
 class HandScene {
   constructor(tree, drawn, positions) {
     [this.tree, this.drawn, this.made, this.axis] = [tree, drawn, new Map(), null];
-    this.data = { size: 0.5 * drawn.size, view: drawn.view, contacts: [], frame: [] };
+    this.data = { size: 0.5 * drawn.size, view: drawn.view, contacts: [], axes: drawn.axes, frame: [] };
     this.move(positions);
     this.reframe();
   }
@@ -24,9 +24,9 @@ class HandScene {
 
   /** Points of the hand where it is now. */
   outline() {
-    const { corners, approach, size } = this.drawn;
+    const { corners, approach, axes, size } = this.drawn;
     const end = approach.at.map((v, i) => v + 0.3 * size * approach.along[i]);
-    return [end, ...corners.flatMap((corner) => corner.at.map((p) => moved(this.poses[corner.link], p)))];
+    return [end, ...axes.ends, ...corners.flatMap((corner) => corner.at.map((p) => moved(this.poses[corner.link], p)))];
   }
 
   reframe() {
@@ -56,6 +56,7 @@ class HandScene {
     if (shown.approach) {
       add("approach", "task", 1, 0, () => rod(drawn.approach.at, drawn.approach.along, 0, 0.3 * size, 0.007 * size), { mark: true });
     }
+    if (shown.triad) found.push(...triad(this, drawn.axes, 0.005 * size, colours));
     tree.joints.forEach((joint, i) => {
       const lit = this.axis !== null && joint.driver === this.axis;
       if (joint.kind === "fixed" || !(shown.axes || lit)) return;

@@ -12,6 +12,7 @@ for (const section of document.querySelectorAll("section[data-grasp]")) {
   views.push(view);
   if (!renderer.gl) element.append("This browser draws no three-dimensional graphics (WebGL 2); everything else is below.");
   for (const toggle of section.querySelectorAll("input[data-show]")) {
+    view.shown[toggle.dataset.show] = toggle.checked;
     toggle.addEventListener("change", () => {
       view.set(toggle.dataset.show, toggle.checked);
       const scale = section.querySelector(".scale");

@@ -1,5 +1,5 @@
 "use strict";
-// A view of one scene at a time, out of a list: what is shown of it, from where, and the fingers' numbers on top.
+// A view of one scene at a time, out of a list: what is shown of it, from where, and labels on top.
 
 const FIELD = (26 * Math.PI) / 180; // angle of view, upright
 const MARGIN = 1.2; // around what has to be in the frame
@@ -60,6 +60,7 @@ class Scene {
         add(`arrows${shown.wrench}`, "force", 1, () => together(arrows[shown.wrench].map(([a, b]) => arrow(a, b, lengths.shaft))), mark);
       }
     }
+    if (shown.triad && this.data.axes) found.push(...triad(this, this.data.axes, 0.009 * size, colours));
     tables.forEach((table, i) => {
       const [[x, y, z], r] = [table.at, table.half];
       const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].flatMap(([a, b]) => [x + a * r, y + b * r, z]);
@@ -68,6 +69,11 @@ class Scene {
     });
     return found.sort((a, b) => (b.grid ? 1 : 0) - (a.grid ? 1 : 0));
   }
+}
+
+/** Layers of a frame's axes: an arrow each, in its own colour. */
+function triad(scene, { at, ends }, width, colours) {
+  return ends.map((end, i) => ({ shape: scene.shape(`triad${i}`, () => together([arrow(at, end, width)])), colour: colours["xyz"[i]], alpha: 1, mark: true }));
 }
 
 /** Where the eye is, from turn and tilt (radians): as near as the frame's points allow. */
@@ -100,7 +106,7 @@ class View {
     this.canvas = element.appendChild(document.createElement("canvas"));
     this.labels = element.appendChild(document.createElement("div"));
     this.labels.className = "labels";
-    this.shown = { hand: true, forces: true, normals: false, cones: false, through: false, worth: false, wrench: 0 };
+    this.shown = { hand: true, forces: true, normals: false, cones: false, through: false, worth: false, triad: false, wrench: 0 };
     this.show(0);
     new ResizeObserver(() => this.draw()).observe(element);
     handled(this);
@@ -111,8 +117,11 @@ class View {
     if (this.scene) renderer.drop(this.scene.made.values());
     this.scene = this.scenes[i];
     this.reset();
-    const { contacts } = this.scene.data;
-    this.labels.replaceChildren(...contacts.map((c, k) => Object.assign(document.createElement("span"), { textContent: c.label ?? k, title: c.face })));
+    const { contacts, axes } = this.scene.data;
+    const label = (known) => Object.assign(document.createElement("span"), known);
+    const named = contacts.map((c, k) => label({ textContent: c.label ?? k, title: c.face }));
+    const ends = (axes?.ends ?? []).map((_, i) => label({ textContent: "xyz"[i], className: `axis ${"xyz"[i]}` }));
+    this.labels.replaceChildren(...named, ...ends);
     this.later();
   }
 
@@ -142,30 +151,37 @@ class View {
     this.element.dataset.ready ||= String(Math.round(performance.now()));
   }
 
-  /** Put each finger's number beside its contact, no two on each other. */
+  /** Put each finger's number beside its contact, and each axis' name at its end, no two on each other. */
   label(width, height) {
-    const { contacts, size } = this.scene.data;
+    const { contacts, axes, size } = this.scene.data;
     const places = contacts.map((c) => {
       const at = this.eye.project(c.at), out = this.eye.project(c.at.map((v, i) => v - (2 * c.tip + 0.06 * size) * c.inward[i]));
       const [x, y] = [out[0] - at[0], out[1] - at[1]], length = Math.hypot(x, y) || 1, aside = Math.sign(x) || 1;
       return [out[0] + (aside * 18 * y) / length, out[1] - (aside * 18 * x) / length]; // above the arrow, which comes from there
     });
+    for (const end of (this.shown.triad && axes?.ends) || []) {
+      const at = this.eye.project(axes.at), tip = this.eye.project(end), [x, y] = [tip[0] - at[0], tip[1] - at[1]];
+      const length = Math.hypot(x, y) || 1;
+      places.push([tip[0] + (7 * x - 15 * y) / length, tip[1] + (7 * y + 15 * x) / length]); // beside what lies along the axis
+    }
+    const half = places.map((_, i) => [Math.max(12, this.labels.children[i].offsetWidth / 2 + 1), 12]);
     for (let round = 0; round < 20; round++) {
       places.forEach((p, i) =>
-        places.slice(0, i).forEach((q) => {
-          const [x, y] = [p[0] - q[0], p[1] - q[1] || 0.1], apart = Math.hypot(x, y);
-          if (apart >= 24) return;
-          const push = (24 - apart) / (2 * apart);
-          [p[0], p[1], q[0], q[1]] = [p[0] + push * x, p[1] + push * y, q[0] - push * x, q[1] - push * y];
+        places.slice(0, i).forEach((q, j) => {
+          const over = [0, 1].map((k) => half[i][k] + half[j][k] - Math.abs(p[k] - q[k]));
+          if (over[0] <= 0 || over[1] <= 0) return;
+          const k = over[0] < over[1] ? 0 : 1, push = (p[k] < q[k] ? -0.5 : 0.5) * over[k];
+          [p[k], q[k]] = [p[k] + push, q[k] - push];
         }),
       );
     }
     places.forEach((p, i) => {
-      const at = [Math.min(Math.max(p[0], 12), width - 12), Math.min(Math.max(p[1], 12), height - 12)];
+      const at = [Math.min(Math.max(p[0], half[i][0]), width - half[i][0]), Math.min(Math.max(p[1], 12), height - 12)];
       const label = this.labels.children[i];
-      label.classList.toggle("behind", dot(contacts[i].inward, this.eye.back) > 0.05);
+      if (contacts[i]) label.classList.toggle("behind", dot(contacts[i].inward, this.eye.back) > 0.05);
       label.style.transform = `translate(${at[0]}px, ${at[1]}px) translate(-50%, -50%)`;
     });
+    for (const label of this.labels.querySelectorAll(".axis")) label.hidden = !this.shown.triad;
   }
 }
 
@@ -209,7 +225,7 @@ function handled(view) {
 /** The page's colours, light or dark as it is now. */
 function themeColours() {
   const style = getComputedStyle(document.documentElement);
-  const names = ["body", "link", "finger", "normal", "cone", "force", "task", "obstacle", "table"];
+  const names = ["body", "link", "finger", "normal", "cone", "force", "task", "obstacle", "table", "x", "y", "z"];
   return Object.fromEntries(names.map((name) => [name, colourOf(style.getPropertyValue(`--${name}`))]));
 }
 

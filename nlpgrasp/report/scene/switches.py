@@ -1,0 +1,24 @@
+"""The switches below a scene, of what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+Switch = tuple[str, str, bool]
+
+
+def switches(entries: Sequence[Switch]) -> str:
+    """Return switches as HTML.
+
+    Parameters
+    ----------
+    entries : sequence of (str, str, bool) tuples
+        What the viewer calls it, its name for people, and whether it is on at first.
+    """
+    boxes = "".join(
+        f'<label class="switch"><input type="checkbox" data-show="{key}"{" checked" if on else ""}>'
+        f"<span>{escape(text)}</span></label>"
+        for key, text, on in entries
+    )
+    return f'<div class="switches">{boxes}</div>'

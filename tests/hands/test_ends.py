@@ -1,0 +1,86 @@
+"""Links at the ends, the fingertips that their shapes make, and the lines that state them."""
+
+import re
+import shlex
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.hands.inspection.inspected import without_fingertips
+from nlpgrasp.hands.inspection.inspection import inspect
+from nlpgrasp.hands.robot.ends import End, end, leaves
+from nlpgrasp.hands.robot.robot_file import read_robot
+from tests.hands.urdf import FOUR, FOUR_TIPS
+
+SPHERE = '<collision><origin xyz="{}"/><geometry><sphere radius="0.008"/></geometry></collision>'
+BOX = '<collision><origin xyz="0 0 0.01"/><geometry><box size="0.02 0.012 0.03"/></geometry></collision>'
+CAPSULE = '<collision><geometry><capsule radius="0.005" length="0.02"/></geometry></collision>'
+SHAPES = {"ball": SPHERE.format("0 0 0"), "off": SPHERE.format("0 0 0.02"), "block": BOX, "rod": CAPSULE, "bare": ""}
+
+
+def written(folder):
+    """Write a hand with one finger of each shape, a camera fixed to the palm and a sensor fixed to a fingertip."""
+    joint = '<joint name="{0}_{1}" type="{2}"><parent link="{1}"/><child link="{0}"/>{3}</joint>'
+    limits = '<axis xyz="0 1 0"/><limit lower="0" upper="1" effort="1" velocity="1"/>'
+    text = "".join(
+        f'<link name="{n}">{s}</link>{joint.format(n, "palm", "revolute", limits)}' for n, s in SHAPES.items()
+    )
+    for name, parent in (("camera", "palm"), ("sensor", "last"), ("last", "bare")):
+        text += f'<link name="{name}"/>{joint.format(name, parent, "fixed", "")}'
+    text += f'<link name="pad">{SHAPES["ball"]}</link>{joint.format("pad", "bare", "fixed", "")}'
+    path = folder / "mixed hand.urdf"
+    path.write_text(f'<robot name="mixed"><link name="palm"/>{text}</robot>')
+    return path
+
+
+def test_one_link_each_of_those_that_move(tmp_path):
+    robot = read_robot(written(tmp_path))
+    assert leaves(robot) == ("ball", "off", "block", "rod", "pad")  # no camera; of sensor and pad the one with a shape
+
+
+def test_all_ends_of_a_robot_that_never_moves(tmp_path):
+    path = tmp_path / "fist.urdf"
+    path.write_text('<robot name="fist"><link name="palm"/></robot>')
+    assert leaves(read_robot(path)) == ("palm",)
+
+
+def test_fingertips_are_those_of_the_shapes(tmp_path):
+    robot = read_robot(written(tmp_path))
+    assert [end(robot, link) for link in SHAPES] == [
+        End("ball", "ball=0.008", "0.008"),
+        End("off", "off", "None"),  # its own sphere, where it is
+        End("block", "block", "ng.SphereTip(0.006, [0, 0, 0.01])"),
+        End("rod", "rod", "None"),
+        End("bare", "bare=0.01", "0.01", guessed=True),
+    ]
+
+
+def test_the_lines_to_paste_state_the_same_hand(tmp_path):
+    found = inspect(without_fingertips(written(tmp_path), "palm", [0.0, -1.0, 0.0]))
+    command, line = found.to_paste
+    hand = eval(line, {"ng": ng})  # noqa: S307
+    assert [link for link, _ in hand.tips] == ["ball", "off", "block", "rod", "pad"]
+    assert hand.tree.approach.tolist() == [0.0, -1.0, 0.0]
+    kinds = {link: (tip.kind, tip.standoff, tip.centre.tolist()) for link, tip in hand.tips}
+    assert kinds["off"] == ("sphere", 0.008, [0.0, 0.0, 0.02])
+    assert kinds["block"] == ("sphere", 0.006, [0.0, 0.0, 0.01])
+    assert kinds["rod"][:2] == ("capsule", 0.005)
+    words = shlex.split(command)
+    assert words[:7] == [
+        "nlpgrasp",
+        "hand",
+        str(tmp_path / "mixed hand.urdf"),
+        "--palm",
+        "palm",
+        "--approach",
+        "0,-1,0",
+    ]
+    assert words[7::2] == ["--fingertip"] * 5
+    assert words[8::2] == ["ball=0.008", "off", "block", "rod", "pad=0.008"]
+
+
+def test_without_fingertips_the_error_names_those_at_the_ends():
+    expected = ", ".join(f'"{link}": {radius}' for link, radius in FOUR_TIPS.items())
+    said = f"URDFHand.fingertips: got nothing, expected links with their radii, such as {{{expected}}}"
+    with pytest.raises(ng.InputError, match=f"^{re.escape(said)}$"):
+        ng.URDFHand.load(FOUR)

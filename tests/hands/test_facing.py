@@ -1,0 +1,86 @@
+"""Whether a palm faces where it is said to, by where its fingers lie: no question where it does."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.hands.inspection.facing import better_approach, direction_words, fingers_lie
+from nlpgrasp.hands.inspection.findings import findings
+from nlpgrasp.hands.inspection.fingers import knuckles
+from nlpgrasp.hands.inspection.inspected import inspected
+from tests.hands.robots import SHADOW, model, robot
+from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER, PADS, THREE, THREE_TIPS, four_finger_hand, gripper
+from tests.hands.urdf import three_finger_hand as three
+
+ALLEGRO = "allegro_hand_description/urdf/allegro_{}_hand.urdf"
+PANDA = "panda_description/urdf/panda.urdf"
+QUIET = ("ignore:.*nothing keeps links", "ignore:.*joints move on their own")
+AXES = [list(sign * axis) for axis in np.eye(3) for sign in (1.0, -1.0)]
+
+
+def degrees(tree, direction):
+    return np.degrees(np.arccos(np.clip(fingers_lie(tree) @ np.array(direction), -1.0, 1.0)))
+
+
+@pytest.mark.parametrize("hand", [four_finger_hand, three, gripper], ids=["four", "three", "gripper"])
+def test_hands_that_face_where_they_are_said_to_are_not_asked_about(hand):
+    assert better_approach(hand().tree) is None
+    assert degrees(hand().tree, hand().tree.approach) < 35.0
+
+
+def test_a_grippers_fingers_lie_where_it_faces():
+    assert fingers_lie(gripper().tree) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("wrong", AXES)
+@pytest.mark.parametrize(
+    ("path", "tips", "right"),
+    [(FOUR, FOUR_TIPS, [1, 0, 0]), (THREE, THREE_TIPS, [0, 0, 1]), (GRIPPER, PADS, [0, 0, 1])],
+    ids=["four", "three", "gripper"],
+)
+def test_every_other_axis_is_asked_about(path, tips, right, wrong):
+    found = better_approach(ng.URDFHand.load(path, tips, approach=wrong).tree)
+    assert (found is None) if wrong == right else (found.tolist() == right)
+
+
+@pytest.mark.filterwarnings("ignore:link .* is thicker")
+def test_tips_on_inner_links_and_on_the_palm_change_nothing():
+    """As in problems/power_grasp.py; a palm's own tip counts from the palm's origin."""
+    tips = {
+        f"{finger}_{link}": 0.011 for finger in ("index", "ring", "thumb") for link in ("proximal", "middle", "tip")
+    }
+    hand = ng.URDFHand.load(FOUR, {"palm": 0.01, **tips}, approach=[1.0, 0.0, 0.0])
+    assert knuckles(hand.tree)[0] == "palm"
+    assert set(knuckles(hand.tree)[1:]) == {"index_knuckle", "ring_knuckle", "thumb_knuckle"}
+    assert better_approach(hand.tree) is None
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_an_allegro_is_asked_about_where_nothing_is_said(side):
+    right = ng.hands.allegro(robot(ALLEGRO.format(side)))
+    assert better_approach(right.tree) is None
+    unsaid = ng.URDFHand.load(robot(ALLEGRO.format(side)), dict(right.tips))
+    assert better_approach(unsaid.tree).tolist() == [1.0, 0.0, 0.0]
+
+
+@pytest.mark.filterwarnings(*QUIET)
+@pytest.mark.parametrize("palm", ["robot0:palm", "robot0:hand mount"], ids=["hand", "with its wrist"])
+def test_a_wrist_below_the_palm_is_no_finger(palm):
+    assert better_approach(ng.hands.shadow(model(SHADOW), palm=palm).tree) is None
+
+
+def test_a_panda_is_not_asked_about():
+    assert better_approach(ng.hands.panda(robot(PANDA)).tree) is None
+
+
+def test_the_question_is_one_for_python_and_one_for_the_command_line():
+    shown = inspected(ng.URDFHand.load(FOUR, FOUR_TIPS))
+    (found,) = findings(shown, None)
+    said = "The palm is said to face +z, but its fingertips lie towards +x:"
+    assert (found.text, found.command) == (f"{said} approach=[1, 0, 0]?", f"{said} --approach 1,0,0?")
+    assert not found.grave
+
+
+def test_directions_in_words():
+    assert direction_words(np.array([0.0, -1.0, 0.0])) == "-y"
+    assert direction_words(np.array([0.6, 0.0, -0.8])) == "[0.6, 0, -0.8]"
