@@ -113,7 +113,8 @@ def test_constraints_hold_and_are_reported():
             ng.Constraint("level", lambda p, n: p[0][2] - p[1][2], 0.0, 0.0),
         ]
     )
-    solution = ng.solve(problem, starts=2, options=ng.SolveOptions(shadow_prices=False, rtol=0.05))
+    options = ng.SolveOptions(shadow_prices=False, rtol=0.05, workers=1, extras=False, global_bound=False)
+    solution = ng.solve(problem, starts=2, options=options)
     p = solution.grasp.points
     assert np.min(p[:, 2]) >= -0.3 - 1e-4
     assert np.max(p[:, 0]) <= 1.0 + 1e-4
@@ -160,11 +161,11 @@ def test_planar_face_assignments_are_enumerated():
 
 def test_time_limit_is_honoured_and_keeps_the_best():
     begun = time.monotonic()
-    options = ng.SolveOptions(time_limit=6.0, workers=2)
+    options = ng.SolveOptions(time_limit=4.0, workers=2)
     solution = ng.solve(ellipsoid(), starts=200, options=options)
     assert solution.status is ng.Status.TIME_LIMIT
     assert solution.mu.lower > 0.5
-    assert time.monotonic() - begun < 6.0 + 15.0  # the grace of running certificates, on a busy machine
+    assert time.monotonic() - begun < 4.0 + 15.0  # the grace of running certificates, on a busy machine
 
 
 def test_progress_sees_every_start():
