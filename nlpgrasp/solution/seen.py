@@ -26,9 +26,10 @@ class Seen(InNotebook, Several):
         """Show the grasp in a browser, and return where it is.
 
         With the extra ``view`` (viser) a page of this computer alone, with sliders over the task's wrenches, how much
-        of them, and the hand's way to the grasp; a script waits there until Ctrl-C. Without the extra, without a
-        browser or a display for it, or with a port that is taken, a sentence says so, and the report is written to a
-        file and opened where there is a browser.
+        of them, and the hand's way to the grasp; a script waits there until Ctrl-C. Without the extra, with a port that
+        is taken, or without a browser or a display for it, a sentence says so, and the report is written to a file and
+        opened where there is a browser. With a port the page is served without a browser too, for one elsewhere
+        (``ssh -L 8080:127.0.0.1:8080``).
 
         Parameters
         ----------

@@ -16,7 +16,7 @@ def solution():
     body = ng.Sphere(0.03)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=four_finger_hand())
-    return solve_once(problem, 1, options=ng.SolveOptions(workers=1, shadow_prices=False))
+    return solve_once(problem, 1, options=ng.SolveOptions(workers=1, extras=False, global_bound=False))
 
 
 def mujoco_jacobians(solution):

@@ -53,7 +53,11 @@ class TestInstead:
         monkeypatch.setattr(face, "has_display", lambda: False)
         monkeypatch.setattr(face.tempfile, "tempdir", str(tmp_path))
         page = box.show()
-        assert capsys.readouterr().out == f"No browser was opened; the page is {page}\n"
+        assert capsys.readouterr().out == (
+            "The report is written to a file instead: there is no display; "
+            "port=8080 serves sliders all the same, for a browser that is told the address\n"
+            f"No browser was opened; the page is {page}\n"
+        )
 
     def test_a_port_that_is_taken(self, box, monkeypatch, capsys):
         monkeypatch.setattr(show, "has_display", lambda: True)
@@ -64,6 +68,20 @@ class TestInstead:
             port = taken.getsockname()[1]
             assert show.show_live(box, port) is None
         assert capsys.readouterr().out == f"The report is written to a file instead: port {port} is taken\n"
+
+    def test_with_a_port_it_is_served_without_a_display(self, box, monkeypatch, capsys):
+        monkeypatch.setattr(show, "has_display", lambda: False)
+        monkeypatch.setattr(show, "_wait", lambda port: None)
+        pytest.importorskip("viser")
+        port = show._free(0)
+        address = show.show_live(box, port)
+        try:
+            assert capsys.readouterr().out == f"The grasp is shown at {address}\n"
+            assert address.endswith(f":{port}")
+            with socket.create_connection((show.HOST, port), timeout=10.0) as there:
+                assert there.getpeername()[1] == port
+        finally:
+            show.stop(port)
 
     def test_a_path_is_a_report(self, box, tmp_path, monkeypatch):
         monkeypatch.setattr(face, "has_display", lambda: False)

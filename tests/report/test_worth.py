@@ -50,6 +50,7 @@ def test_the_brightest_triangles_are_worth_most(loaded):
     assert np.corrcoef(exact, brightness)[0, 1] > 0.99
 
 
+@pytest.mark.slow
 def test_a_mesh_is_coloured_by_what_is_drawn_of_it(tmp_path):
     """A ball: every place is worth the same to a task without a direction, but for the mesh's own corners."""
     ball = ng.Mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.03))

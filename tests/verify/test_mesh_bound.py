@@ -168,6 +168,7 @@ def test_an_edit_of_a_mesh_bound_fails_at_its_check(name, folder):
     assert check in [c.name for c in verification.checks if c.failed], str(verification)
 
 
+@pytest.mark.slow
 def test_a_constraint_that_leaves_more_fails(folder):
     data = few_pieces(folder, "soft")
     data["problem"]["constraints"][0]["height"] = -2.0

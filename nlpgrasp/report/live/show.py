@@ -38,8 +38,8 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
     Returns
     -------
     str or None
-        None, after a sentence, without the extra, or where the port is taken; None too without a grasp to draw and
-        without a browser or a display for one.
+        None, after a sentence, without the extra, where the port is taken, or without a port and without a display;
+        None too without a grasp to draw, and without a port where no browser opens.
 
     Raises
     ------
@@ -49,7 +49,10 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
     if port is not None:
         integer("show.port", port, at_least=1, at_most=LARGEST_PORT)
     own_hand(solution, hand)
-    if not has_display() or solution.grasp is None or drawn_body(solution) is None:
+    if solution.grasp is None or drawn_body(solution) is None:
+        return None
+    if port is None and not has_display():
+        _instead("there is no display; port=8080 serves sliders all the same, for a browser that is told the address")
         return None
     try:
         viser = import_viser("a view with sliders")
@@ -60,7 +63,7 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
     if viewer is None:
         _instead(f"port {port} is taken")
         return None
-    if not browsed(viewer.address):
+    if not (has_display() and browsed(viewer.address)) and port is None:
         stop(viewer.port)
         return None
     sys.stdout.write(f"The grasp is shown at {viewer.address}\n")
