@@ -108,11 +108,11 @@ def _tell(words: str) -> None:
 def _of_the_scene(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:
     """Say what a scene takes for granted: the object's mass, and how hard the fingers press."""
     from nlpgrasp.mjcf.hand_scene.object_mass import object_mass
-    from nlpgrasp.solution.squeezed.enough import too_weak
+    from nlpgrasp.solution.squeezed.enough import slippery, too_weak
 
     if mass is None:
         found = object_mass(solution, None)
         typer.echo(f"the object weighs {found.kilograms:.3g} kg there, {found.source}: --mass states another")
-    weak = too_weak(solution.squeeze, solution.needed, normal_force)
-    if weak:
-        typer.echo(weak)
+    for line in (too_weak(solution.squeeze, solution.needed, normal_force), slippery(solution.squeeze)):
+        if line:
+            typer.echo(line)

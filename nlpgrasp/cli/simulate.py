@@ -87,7 +87,7 @@ def _through_the_hand(
 ) -> None:
     """Press the grasp through its hand's joints, and tell what became of it."""
     from nlpgrasp.simulation.hand.hand_strip import write_hand_strip
-    from nlpgrasp.solution.squeezed.enough import too_weak
+    from nlpgrasp.solution.squeezed.enough import slippery, too_weak
 
     push = given.pop("push", 1.0)
     options = ng.HandSceneOptions(mass=mass, **given)
@@ -98,7 +98,7 @@ def _through_the_hand(
     else:
         typer.echo(str(found))
         weak = too_weak(solution.squeeze, solution.needed, given.get("normal_force"))
-        for line in (weak, solution.approach_line()):
+        for line in (weak, slippery(solution.squeeze), solution.approach_line()):
             if line:
                 typer.echo(f"  {line}")
         typer.echo(found.verdict)

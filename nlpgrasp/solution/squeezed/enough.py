@@ -1,13 +1,23 @@
-"""Whether a squeeze presses as hard as the task needs."""
+"""Whether a squeeze presses as hard as the task needs, and leaves friction for pushes."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from nlpgrasp.common.shown.numbers import percent
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 
+SPENT = 0.9  # of the friction there is: a squeeze that needs more of it leaves next to nothing
 RESERVE = 1.5  # times the largest normal force that the task needs: balanced forces come beside those of the task
+
+
+def slippery(squeeze: Squeeze | None) -> str:
+    """Return in words that a squeeze needs nearly all of the friction; empty where it leaves some, or none is known."""
+    if squeeze is None or squeeze.share <= SPENT:
+        return ""
+    used = f"{percent(squeeze.share)} of the friction there is"
+    return f"the squeeze alone needs {used}: little is left against pushes, however hard the fingers press"
 
 
 def too_weak(squeeze: Squeeze | None, needed: ForcesNeeded | None, normal_force: float | None = None) -> str:
