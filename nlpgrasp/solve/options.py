@@ -49,9 +49,9 @@ class SolveOptions:
     rank : {"robust", "mu"}
         Which start is the answer. ``"mu"``: the one with the best mu. ``"robust"``: the same, but where less than a
         fifth of that mu is left at the worst placement, the best of the next two grasps that is not so fragile, has at
-        least half its mu and leaves more. Where the joints of a hand cannot squeeze the best, grasps that they can go
-        before it, with half its mu. Takes ``extras``; without them, with a ``gap`` asked for, with
-        ``maximise_robust``, or with the time limit over, mu alone counts.
+        least half its mu and leaves more; where less than half is left, one with 0.95 of its mu. Where the joints of a
+        hand cannot squeeze the best, grasps that they can go before it, with half its mu. Takes ``extras``; without
+        them, with a ``gap`` asked for, with ``maximise_robust``, or with the time limit over, mu alone counts.
     joint_margin : float
         How far the joints of a hand with links are to be from their limits, radians, 0 for anywhere in their ranges: a
         tenth of a joint's range at most, and that of joints that slide. The answer is looked for again near the

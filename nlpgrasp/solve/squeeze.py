@@ -23,6 +23,7 @@ from nlpgrasp.tasks.tools import WEIGHT
 
 NORMAL_FORCE = 2.0  # newtons
 MOST_EFFORT = 0.98  # of the weakest joint's limit, that the squeeze of a solution takes
+EASY_EFFORT = 0.6  # of the same, that it takes to press harder than the usual force: what is left holds against pushes
 
 
 def squeeze(
@@ -112,11 +113,17 @@ def with_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
 
 
 def _within_limits(solution: GraspSolution, hand: PosedHand, gain: Gain) -> Squeeze:
-    """Return the squeeze with the usual force, or what weak joints or ``max_force`` allow: balanced forces scale."""
-    found = squeeze(solution, gain=gain, hand=hand)
-    effort = 0.0 if found.joints is None or found.joints.worst is None else found.joints.worst[1] / MOST_EFFORT
-    most = max(effort, 0.0 if solution.max_force is None else found.largest / solution.max_force)
-    return found if most <= 1.0 else squeeze(solution, NORMAL_FORCE / most, gain=gain, hand=hand)
+    """Return the squeeze with the usual force, or as hard as a finger has to press for the task if that is more.
+
+    It stays within ``max_force`` and the joints' efforts. Balanced forces scale, and so do joint torques.
+    """
+    usual = squeeze(solution, gain=gain, hand=hand)
+    wanted = NORMAL_FORCE if solution.needed is None else max(NORMAL_FORCE, float(np.max(solution.needed.normal)))
+    effort = 0.0 if usual.joints is None or usual.joints.worst is None else usual.joints.worst[1]
+    spent = 0.0 if solution.max_force is None else usual.largest / solution.max_force
+    times = min(wanted / NORMAL_FORCE, max(1.0, EASY_EFFORT / effort) if effort > 0.0 else np.inf)
+    times /= max(1.0, times * effort / MOST_EFFORT, times * spent)
+    return usual if times == 1.0 else squeeze(solution, times * NORMAL_FORCE, gain=gain, hand=hand)
 
 
 def _carried(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> FloatArray:

@@ -21,10 +21,15 @@ def squeeze(worst=None, normal_force=2.0):
         (
             None,
             None,
-            "presses with up to 12.2 N of a finger, this squeeze with 2 N at least: --normal-force 18 presses",
+            "up to 12.2 N at a finger, but this squeeze presses with 2 N at least: --normal-force 18 presses",
         ),
-        (("index_joint", 0.1), 5.0, "this squeeze with 5 N at least: --normal-force 18 presses for all of it"),
-        (("index_joint", 0.25), None, "with 2 N at least; joint index_joint is strong enough for 8 N"),
+        (("index_joint", 0.1), 5.0, "presses with 5 N at least: --normal-force 18 presses for all of it"),
+        (
+            ("index_joint", 0.25),
+            None,
+            "with 2 N at least: --normal-force 7.6 is what joint index_joint is strong enough",
+        ),
+        (("index_joint", 1.0), None, "with 2 N at least, the most that joint index_joint is strong enough for"),
     ],
 )
 def test_what_would_do(worst, pressed, words):

@@ -9,6 +9,7 @@ from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 
 SPENT = 0.9  # of the friction there is: a squeeze that needs more of it leaves next to nothing
+FULL = 0.95  # of a joint's effort
 RESERVE = 1.5  # times the largest normal force that the task needs: balanced forces come beside those of the task
 
 
@@ -38,8 +39,11 @@ def too_weak(squeeze: Squeeze | None, needed: ForcesNeeded | None, normal_force:
     if most <= pressed:
         return ""
     wanted = float(f"{RESERVE * most:.2g}")
-    told = f"the task as given presses with up to {most:.3g} N of a finger, this squeeze with {pressed:.3g} N at least"
+    told = f"the task needs up to {most:.3g} N at a finger, but this squeeze presses with {pressed:.3g} N at least"
     worst = None if squeeze.joints is None else squeeze.joints.worst
     if worst is not None and wanted * worst[1] > squeeze.normal_force:
-        return f"{told}; joint {worst[0]} is strong enough for {squeeze.normal_force / worst[1]:.3g} N"
+        able = squeeze.normal_force / worst[1]
+        if able <= pressed:
+            return f"{told}, the most that joint {worst[0]} is strong enough for"
+        return f"{told}: --normal-force {FULL * able:.2g} is what joint {worst[0]} is strong enough for"
     return f"{told}: --normal-force {wanted:g} presses for all of it"

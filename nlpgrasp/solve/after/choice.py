@@ -17,7 +17,8 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
 MOST = 3  # grasps looked at, the best one among them
-HALF = 0.5  # of the best mu: less is too much to give up
+HALF = 0.5  # of the best mu: less is too much to give up for a grasp that is not fragile
+WEAK, TIE = 0.5, 0.95  # a grasp that keeps a smaller share of its mu loses to one of nearly the same mu that keeps more
 APART = 0.1  # of the body's size: how far a contact is from all of another grasp's, where two grasps count as two
 
 
@@ -25,7 +26,8 @@ def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], s
     """Return the start that is the answer, with its robustness where that was looked at.
 
     That is the best one, unless it is fragile: then the first in the order of mu that is not, that has at least half
-    its mu and leaves more at its worst placement. Two others are looked at. Of a hand with joints only starts count
+    its mu and leaves more at its worst placement. One that is not fragile, but keeps less than half of its mu, loses so
+    to one with 0.95 of it. Two others are looked at. Of a hand with joints only starts count
     whose contacts can press against each other, as long as one of them has at least half the best one's mu: others hold
     the task only while it pushes into the fingers.
 
@@ -41,9 +43,10 @@ def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], s
     with one_thread():
         best, results = _pressing(bench, best, results)
         first = _looked_at(bench, best)
-        if first.robust is None or not first.robust.is_fragile(first.record.mu):
+        if first.robust is None or first.robust.share(first.record.mu) >= WEAK:
             return first
-        for other in _others(bench, best, results):
+        share = HALF if first.robust.is_fragile(first.record.mu) else TIE
+        for other in _others(bench, best, results, share):
             if stop.requested():
                 break
             found = _looked_at(bench, other)
@@ -76,9 +79,9 @@ def _looked_at(bench: Workbench, start: StartGrasp) -> StartGrasp:
         return start
 
 
-def _others(bench: Workbench, best: StartGrasp, results: Sequence[StartResult]) -> Iterator[StartGrasp]:
-    """Yield the next best starts that ended with other grasps, the best first."""
-    least, taken = HALF * best.record.mu.upper, [best]
+def _others(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], share: float) -> Iterator[StartGrasp]:
+    """Yield the next best starts that ended with other grasps of at least this share of mu, the best first."""
+    least, taken = share * best.record.mu.lower, [best]
     solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
     for start in sorted(solved, key=lambda r: (-r.record.mu.upper, r.record.index)):
         if len(taken) < MOST and all(_apart(start, other) > APART * bench.scaling.length for other in taken):

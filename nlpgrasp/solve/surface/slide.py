@@ -13,6 +13,7 @@ import numpy as np
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.solve.surface.regained import regained
 from nlpgrasp.solve.surface.scored import Scored
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.surface_samples import plain
@@ -34,8 +35,9 @@ def slide_onto_mesh(
 ) -> Grasp:
     """Return a grasp whose contacts are on the mesh, with the mesh's own normals.
 
-    Every move is to a point of the mesh, keeps the constraints, and raises the least ratio over the weakest
-    directions found so far; these are searched anew after each sweep.
+    Where the mesh's own normals break a constraint, contacts first go to where it is kept. Every move is to a point of
+    the mesh, keeps the constraints, and raises the least ratio over the weakest directions found so far; these are
+    searched anew after each sweep.
 
     Parameters
     ----------
@@ -75,6 +77,8 @@ class _Sliding:
         self.bench, self.start, self.rng, self.constrained = bench, start, rng, constrained
         self.points, self.normals = _nearest_plain(bench, start.points)
         self._scored = Scored(bench, rng)
+        if constrained:
+            self.points, self.normals = regained(bench, start, self.points, self.normals, self._scored)
         self.look()
 
     def contacts(self) -> tuple[FloatArray, FloatArray]:
