@@ -44,9 +44,10 @@ def test_a_grasp_is_required(box, none):
     assert not none.success
     with pytest.raises(ng.InputError, match="solution: got no grasp, expected a solution with a grasp"):
         none.require_grasp()
-    for missing in (none, replace(box, drawing=None)):
-        with pytest.raises(ng.InputError, match="got no grasp with a drawing, expected a solution with a grasp, made"):
-            missing.require_drawing()
+    with pytest.raises(ng.InputError, match=r"got no grasp \(locally infeasible\), expected"):
+        replace(none, status=ng.Status.LOCALLY_INFEASIBLE).require_drawing()
+    with pytest.raises(ng.InputError, match="got a grasp without a drawing, expected one of a solve with extras"):
+        replace(box, drawing=None).require_drawing()
 
 
 STARTS = (

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.squeeze import squeeze
@@ -66,6 +66,8 @@ class HandStates:
             Without a grasp or a hand with a pose; on a joint that the hand does not have.
         """
         hand = solution.hand or {}
+        with within(f"{name}: "):
+            solution.require_grasp()
         if not solution.success or "palm_pose" not in hand:
             found = "a grasp found with an ng.URDFHand or, in space, an ng.ParallelJaw"
             raise InputError(name, "no hand with a palm pose and joints", found)

@@ -71,6 +71,7 @@ def mjcf_with_hand(
     """
     given = HandSceneOptions() if options is None else options
     mujoco = import_mujoco("a scene with the hand")
+    solution.require_grasp()
     hand = solution.hand or {}
     if "palm_pose" not in hand or "joint_positions" not in hand:
         raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import logging
 from types import ModuleType
 from typing import Any
 
@@ -37,6 +38,7 @@ class Viewer:
     """
 
     def __init__(self, viser: ModuleType, host: str, port: int) -> None:
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that goes away is no error
         self.server: Any = viser.ViserServer(host=host, port=port, label="nlpgrasp", verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self.host = host

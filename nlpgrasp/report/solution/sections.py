@@ -80,7 +80,8 @@ def stage(
 ) -> str:
     """Return the picture with its switches, its slider and other grasps; a word where there is nothing to draw."""
     if scene is None:
-        return '<div class="stage"><p class="note">No picture: the body stays in a file of its own.</p></div>'
+        why = "no drawing of the body is in the file, as no grasp was found or extras were left out"
+        return f'<div class="stage"><p class="note">No picture: {why}.</p></div>'
     unseen = scene["unseen"]
     count = 0 if solution.grasp is None else len(solution.grasp)
     links = 0 if solution.drawing is None else len(solution.drawing.links)

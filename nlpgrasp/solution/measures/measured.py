@@ -158,7 +158,8 @@ class Measured(ByHand):
             Where none was found.
         """
         if self.grasp is None:
-            raise InputError("solution", "no grasp", "a solution with a grasp")
+            ended = "" if self.status is Status.NO_GRASP else f" ({self.status.name.lower().replace('_', ' ')})"
+            raise InputError("solution", f"no grasp{ended}", "a solution with a grasp")
         return self.grasp
 
     def require_drawing(self) -> Drawing:
@@ -169,8 +170,9 @@ class Measured(ByHand):
         InputError
             Where no grasp was found, or an earlier version made the file.
         """
-        if self.grasp is None or self.drawing is None:
-            raise InputError("solution", "no grasp with a drawing", "a solution with a grasp, made by this version")
+        self.require_grasp()
+        if self.drawing is None:
+            raise InputError("solution", "a grasp without a drawing", "one of a solve with extras, by this version")
         return self.drawing
 
     @property

@@ -108,7 +108,9 @@ class ForcesNeeded:
     def finger_words(self) -> str:
         """Return what the fingers exert for the hardest wrench, in their order, and together."""
         forces, normal = (", ".join(rounded(f) for f in each) for each in (self.size, self.normal))
-        return f"fingers 0 to {len(self.size) - 1} exert {forces} {FORCE_UNIT} (normal {normal})"
+        last = len(self.size) - 1
+        which = "finger 0 exerts" if last == 0 else f"fingers 0 {'and' if last == 1 else 'to'} {last} exert"
+        return f"{which} {forces} {FORCE_UNIT} (normal {normal})"
 
     def too_much_words(self, max_force: float) -> str:
         """Return which finger is to press more than a limit of each finger's force, newtons, and how much."""

@@ -43,6 +43,10 @@ class WrenchRecording:
     dropped: NDArray[np.intp]
     source: str
 
+    def __repr__(self) -> str:
+        left = f", {len(self.dropped)} lines left out" if len(self.dropped) else ""
+        return f"WrenchRecording({len(self.wrenches)} wrenches from {self.source}{left})"
+
     @classmethod
     def read(
         cls,

@@ -60,9 +60,10 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
         return [*checks, Check.not_made("way in", str(reason))]
     off = CLOSE * placement.size + (0.0 if surface is None else surface.rough)
     stated = number("hand.approach.depth", hand["approach"]["depth"])
-    told = f"{1e3 * stated:.3g} mm deep in something"
     same = abs(stated - depth) <= off
-    return [*checks, Check("way in", same, told if same else f"{told} stated, {1e3 * depth:.3g} mm found")]
+    told = f"leads {1e3 * stated:.3g} mm deep into what is beside it" if depth > off else "free"
+    wrong = f"stated to lead {1e3 * stated:.3g} mm deep into what is beside it, {1e3 * depth:.3g} mm found"
+    return [*checks, Check("way in", same, told if same else wrong)]
 
 
 def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
