@@ -16,6 +16,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import Fingertips, ParallelJaw
 from nlpgrasp.report.scene.camera import first_view, framed
+from nlpgrasp.report.scene.jaws import jaws
 from nlpgrasp.report.scene.surfaces import surface
 from nlpgrasp.report.scene.surroundings import WIDE, Surroundings, slab, surroundings
 from nlpgrasp.report.solution.chosen_wrenches import ChosenWrench
@@ -111,6 +112,7 @@ def _shapes(solution: GraspSolution, body: Triangles | None, around: Surrounding
     tips = () if solution.hand is None else solution.hand.get("fingertips", ())
     links = () if solution.drawing is None else solution.drawing.links
     hand = [("tip" if name in tips else "link", name, shape) for name, shape in links if len(shape.faces)]
+    hand += [("link", name, shape) for name, shape in jaws(solution)]
     obstacles = [("obstacle", name, shape) for name, shape in around.obstacles]
     return [*([] if body is None else [("body", "body", body)]), *hand, *obstacles]
 

@@ -1,0 +1,46 @@
+"""The gripper that a page draws: fingers from the palm to the contacts, outside the body."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.common.spatial import in_space
+from nlpgrasp.report.scene.jaws import jaws
+
+CONTACTS = np.array([[0.01, -0.02, 0.0], [0.01, 0.02, 0.005]])
+HAND = ng.ParallelJaw(opening=0.08, finger_length=0.1, finger_thickness=0.012)
+
+
+def held(hand=HAND, posture=None):
+    """What a solution states of a gripper whose jaws are at two contacts, far from everything."""
+    found = hand.at_contacts(CONTACTS, 0.05, lambda points: np.full(len(points), 1.0))
+    return SimpleNamespace(problem={"hand": hand.to_dict()}, hand=found if posture is None else posture)
+
+
+def test_fingers_end_at_the_contacts_and_the_palm_is_behind():
+    drawn = dict(jaws(held()))
+    approach = np.array(held().hand["approach"]["direction"])
+    closing = (CONTACTS[1] - CONTACTS[0]) / np.linalg.norm(CONTACTS[1] - CONTACTS[0])
+    for name, point, out in (("jaw 0", CONTACTS[0], -closing), ("jaw 1", CONTACTS[1], closing)):
+        beside = (in_space(drawn[name].vertices) - point) @ out
+        assert [beside.min(), beside.max()] == pytest.approx([0.0, 0.012], abs=1e-12)
+        along = (drawn[name].vertices - point) @ approach
+        assert [along.min(), along.max()] == pytest.approx([-0.1, 0.006], abs=1e-12)
+    behind = (drawn["palm"].vertices - CONTACTS.mean(axis=0)) @ approach
+    assert behind.max() == pytest.approx(-0.1, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "solution",
+    [
+        held(ng.ParallelJaw(opening=0.08)),
+        held(posture={"opening": 0.04}),
+        SimpleNamespace(problem={"hand": ng.Fingertips(2).to_dict()}, hand=None),
+        SimpleNamespace(problem={"hand": None}, hand=None),
+    ],
+    ids=["no length", "no pose", "no gripper", "no hand"],
+)
+def test_what_is_not_stated_is_not_drawn(solution):
+    assert jaws(solution) == []
