@@ -128,6 +128,17 @@ MISTAKES = {
         "gravity: mass: got '300 g'",
         "a number greater than 0",
     ),
+    "a mass in grams": (lambda f: ng.lift([0, 0, 0], 400), "mass: 400 kg", "if grams were meant, 0.4"),
+    "a table through the body": (
+        lambda f: problem(constraints=[ng.Table(0.0)]),
+        "constraints[0]: the body reaches 20 mm below the table",
+        "ng.Table.under(body)",
+    ),
+    "a link's name with a slip": (
+        lambda f: ng.URDFHand.load(written(f, "hand.urdf", ROBOT), {"tpi": 0.01}),
+        "URDFHand.fingertips: got tpi",
+        "did you mean tip?",
+    ),
     "a hand's file that is not there": (
         lambda f: ng.URDFHand.load(f / "hand.urdf", {"tip": 0.01}),
         "URDFHand.path: got",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.common.given.angles import angle as radians
+from nlpgrasp.common.given.masses import kilograms
 from nlpgrasp.common.validation import FloatArray, array, number, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
@@ -137,7 +138,7 @@ def insert(point: ArrayLike, direction: ArrayLike, force: float, jam: float, dep
 def lift(
     center_of_mass: ArrayLike, mass: float, up: ArrayLike = (0.0, 0.0, 1.0), acceleration: float = 2.0
 ) -> TaskEllipsoid:
-    """Return: carry a body upright and move it about.
+    """Return: carry a body's weight upright, and accelerate it in any direction.
 
     Parameters
     ----------
@@ -148,9 +149,9 @@ def lift(
     up : (3,) array
         In the body frame.
     acceleration : float
-        In any direction, m / s^2.
+        The largest, in any direction, m / s^2.
     """
-    above, mass = _direction("up", up), number("mass", mass, above=0.0)
+    above, mass = _direction("up", up), kilograms(mass)
     shaking = number("acceleration", acceleration, above=0.0)
     return _at_point(center_of_mass, mass * shaking * np.eye(3), mass * WEIGHT * above, name="center_of_mass")
 
@@ -166,8 +167,7 @@ def gravity(center_of_mass: ArrayLike, mass: float) -> TaskEllipsoid:
     mass : float
         Kilograms.
     """
-    weight = number("mass", mass, above=0.0) * WEIGHT
-    return _at_point(center_of_mass, weight * np.eye(3), np.zeros(3), name="center_of_mass")
+    return _at_point(center_of_mass, kilograms(mass) * WEIGHT * np.eye(3), np.zeros(3), name="center_of_mass")
 
 
 @within("pour: ")
@@ -191,7 +191,7 @@ def pour(
     """
     above, about = _direction("up", up), _direction("axis", axis)
     angle = radians("angle", angle, np.pi, "pi")
-    weight, where = number("mass", mass, above=0.0) * WEIGHT, array("center_of_mass", center_of_mass, (3,))
+    weight, where = kilograms(mass) * WEIGHT, array("center_of_mass", center_of_mass, (3,))
     t = np.linspace(0.0, angle, TILTS)[:, None]
     # the body turns by t, so that in its frame up turns by -t (Rodrigues)
     turned = np.cos(t) * above - np.sin(t) * np.cross(about, above) + (1.0 - np.cos(t)) * (about @ above) * about
