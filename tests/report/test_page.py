@@ -60,7 +60,7 @@ def browser():
         options.add_argument(f"--{flag}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
-    driver.set_window_size(1600, 1000)
+    driver.set_window_size(1000, 700)
     yield driver
     driver.quit()
 
