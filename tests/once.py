@@ -8,6 +8,7 @@ from pathlib import Path
 import nlpgrasp as ng
 
 ALONE = ng.SolveOptions(workers=1)
+GRASP = ng.SolveOptions(workers=1, shadow_prices=False, global_bound=False)  # where no bound or price is looked at
 
 
 def solve_once(problem, starts, options=ALONE, **more):

@@ -1,5 +1,6 @@
 """The documentation: every code block runs, the site builds without a warning, no link is broken."""
 
+import fcntl
 import os
 import re
 import shutil
@@ -103,12 +104,17 @@ def test_every_block_says_what_it_is():
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("site")
+def site():
+    """The site's folder: one process of a run builds it, the others wait for it."""
+    folder = Path(os.environ["NLPGRASP_CACHE"]) / "site"
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "true"}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=ROOT, env=environment)
-    assert done.returncode == 0, done.stdout + done.stderr
+    with folder.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.with_suffix(".built").exists():
+            done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=ROOT, env=environment)
+            assert done.returncode == 0, done.stdout + done.stderr
+            folder.with_suffix(".built").touch()
     return folder
 
 

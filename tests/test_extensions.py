@@ -248,7 +248,8 @@ def test_unknown_kinds_in_a_file_are_named(change, message, tmp_path, solved):
 @pytest.fixture(scope="module")
 def solved(tmp_path_factory):
     problem = ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, BALL)
-    return ng.solve(problem, starts=1).save(tmp_path_factory.mktemp("solved") / "friction.json")
+    options = ng.SolveOptions(workers=1, extras=False, global_bound=False)
+    return ng.solve(problem, starts=1, options=options).save(tmp_path_factory.mktemp("solved") / "friction.json")
 
 
 # A format to export to and a format to read from, in a module of somebody else's.
@@ -302,6 +303,7 @@ def test_the_command_line_lists_a_toy_format(toy):
     assert done.stderr.endswith(", faces\n")
 
 
+@pytest.mark.slow
 def test_a_toy_format_needs_a_grasp_unless_it_says_otherwise(toy):
     done = toy("export", FILES / "none.json", "--to", "faces", "--out", "x.faces")
     assert done.returncode == 2

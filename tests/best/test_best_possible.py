@@ -91,7 +91,11 @@ def test_an_easy_grasp_that_starts_used_to_miss():
 
 
 @pytest.mark.parametrize(
-    ("body", "roots"), [(ng.Cylinder(1.0, 2.0), [3] * 4), (ng.Prism(2 * np.array(SQUARE), 2.0), [1] * 4)]
+    ("body", "roots"),
+    [
+        (ng.Cylinder(1.0, 2.0), [3] * 4),
+        pytest.param(ng.Prism(2 * np.array(SQUARE), 2.0), [1] * 4, marks=pytest.mark.slow),
+    ],
 )
 def test_contacts_that_all_differ_begin_with_few_nodes(body, roots):
     """Of a cell for each part of each face there would be 160,000 and 1,296."""

@@ -136,7 +136,11 @@ def test_unknown_unit_lists_the_known(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "unit"),
-    [("ycb_048_hammer.stl", "m"), ("angle_block.stl", "in"), ("ycb_012_strawberry.stl", "m")],
+    [
+        pytest.param("ycb_048_hammer.stl", "m", marks=pytest.mark.slow),
+        ("angle_block.stl", "in"),
+        ("ycb_012_strawberry.stl", "m"),
+    ],
 )
 def test_shared_meshes_load(shared_meshes, name, unit, rng):
     body = ng.Mesh.load(shared_meshes / name, unit=unit)

@@ -74,7 +74,7 @@ def test_resume_does_only_what_is_missing(finished, tmp_path):
     (folder / "solves" / ".nlpgrasp-half.tmp").write_text("half a fi")
     asked = experiment({"rough": {"friction": 0.8}, "smooth": {}, "new": {"friction": 0.6}}, seeds=[0, 1])
     seen = []
-    result = ng.run_experiment(asked, folder, resume=True, progress=seen.append)
+    result = ng.run_experiment(asked, folder, workers=1, resume=True, progress=seen.append)
     assert {(s.variation, s.seed) for s in seen[:2]} == {("rough", 0), ("smooth", 0)}
     assert len(seen) == 6
     assert {p: p.stat().st_mtime_ns for p in kept} == kept

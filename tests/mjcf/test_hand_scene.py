@@ -18,8 +18,9 @@ from nlpgrasp.mjcf import mjcf_with_hand
 from nlpgrasp.mjcf.hand_scene.object_mass import ANY_WAY, OF_WATER, UPRIGHT, ObjectMass, object_mass
 from nlpgrasp.mjcf.hand_scene.object_shape import DECOMPOSING, convex_pieces
 from nlpgrasp.mjcf.hand_scene.tip_geoms import tip_geom
+from tests.cli.test_cli import run_here
 from tests.hands.urdf import three_finger_hand
-from tests.once import solve_once
+from tests.once import GRASP, solve_once
 
 HAND = "problems/hands/three_finger_hand.urdf"
 
@@ -29,7 +30,7 @@ def held():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     body = ng.Ellipsoid([0.05, 0.03, 0.03])
     problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand(), name="a <hand> & more")
-    return solve_once(problem, starts=2)
+    return solve_once(problem, starts=1, options=GRASP)
 
 
 def loaded(text, key):
@@ -263,8 +264,7 @@ def test_from_the_command_line(held, tmp_path):
     held.save(tmp_path / "held.json")
 
     def run(*arguments):
-        command = [sys.executable, "-m", "nlpgrasp", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=120)
+        return run_here(*arguments, cwd=Path.cwd())
 
     scene = tmp_path / "hand.xml"
     done = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--mass", 0.3, "--out", scene)

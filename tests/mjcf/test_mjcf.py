@@ -14,7 +14,7 @@ from nlpgrasp.mjcf import SceneOptions, mjcf
 from nlpgrasp.tasks.mass import mass_of
 from tests.hands.urdf import three_finger_hand
 from tests.images import panels_drawn
-from tests.once import solve_once
+from tests.once import GRASP, solve_once
 
 HAND = "problems/hands/three_finger_hand.urdf"
 
@@ -35,7 +35,7 @@ def held():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     body = ng.Ellipsoid([0.05, 0.03, 0.03])
     problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand(), name="a <hand> & more")
-    return solve_once(problem, starts=2)
+    return solve_once(problem, starts=1, options=GRASP)
 
 
 def loaded(text):

@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.best.worth import ContactWorth
-from tests.cli.test_cli import SMALL, run
+from tests.cli.test_cli import SMALL, run_here
 
 SQUARE = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 
@@ -71,10 +71,10 @@ def test_worth_is_convex_along_an_edge_and_most_at_its_ends():
 def test_the_command_draws_a_search(tmp_path):
     pytest.importorskip("matplotlib")
     (tmp_path / "square.py").write_text(SMALL)
-    done = run("bound", "square.py", "--gap", "0.1", "--picture", "square.png", cwd=tmp_path)
+    done = run_here("bound", "square.py", "--gap", "0.1", "--picture", "square.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "picture written to square.png" in done.stdout
     assert (tmp_path / "square.png").read_bytes().startswith(b"\x89PNG")
-    missing = run("bound", "square.py", "--picture", "no/square.png", cwd=tmp_path)
+    missing = run_here("bound", "square.py", "--picture", "no/square.png", cwd=tmp_path)
     assert missing.returncode == 2
     assert "no/square.png" in missing.stderr

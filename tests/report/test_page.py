@@ -60,7 +60,7 @@ def browser():
         options.add_argument(f"--{flag}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
-    driver.set_window_size(1600, 1000)
+    driver.set_window_size(1000, 700)
     yield driver
     driver.quit()
 
@@ -79,7 +79,10 @@ def drawn(browser, index=0):
     script = """
         const canvas = document.querySelectorAll('.scene canvas')[arguments[0]];
         const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
-        return [canvas.width, canvas.height, btoa(Array.from(data, (v) => String.fromCharCode(v)).join(''))];
+        let text = '';
+        for (let i = 0; i < data.length; i += 16384)
+            text += String.fromCharCode.apply(null, data.subarray(i, i + 16384));
+        return [canvas.width, canvas.height, btoa(text)];
     """
     width, height, data = browser.execute_script(script, index)
     return np.frombuffer(base64.b64decode(data), np.uint8).reshape(height, width, 4).astype(int)

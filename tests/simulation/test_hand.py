@@ -18,7 +18,7 @@ from nlpgrasp.simulation.hand.table import result, row
 from nlpgrasp.simulation.hand.world import HandWorld
 from tests.hands.urdf import three_finger_hand
 from tests.images import panels_drawn
-from tests.once import solve_once
+from tests.once import GRASP, solve_once
 
 HAND = "problems/hands/three_finger_hand.urdf"
 
@@ -28,7 +28,7 @@ def held():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     body = ng.Ellipsoid([0.05, 0.03, 0.03])
     problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=three_finger_hand(), name="a <hand> & more")
-    return solve_once(problem, starts=2)
+    return solve_once(problem, starts=1, options=GRASP)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.once import solve_once
 
-ONE = ng.SolveOptions(workers=1, shadow_prices=False)
+ONE = ng.SolveOptions(workers=1, shadow_prices=False, global_bound=False)
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
 
 

@@ -7,7 +7,7 @@ import nlpgrasp as ng
 
 BODY = ng.Ellipsoid([0.06, 0.03, 0.03])
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-OPTIONS = ng.SolveOptions(workers=1)
+OPTIONS = ng.SolveOptions(workers=1, global_bound=False)
 
 
 def solve(contacts, starts=2, body=BODY, **fields):
