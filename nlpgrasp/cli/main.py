@@ -176,7 +176,11 @@ def _where_to_look(error: typer.BadParameter) -> str:
     context = getattr(error, "ctx", None)
     if named is None or context is None or getattr(error, "possibilities", None):
         return ""
-    return f"; `{context.command_path} --help` lists those there are"
+    words: list[str] = []
+    while context.parent is not None:
+        words.insert(0, str(context.info_name))
+        context = context.parent
+    return f"; `{' '.join(['nlpgrasp', *words, '--help'])}` lists those there are"
 
 
 def _warning(
