@@ -242,7 +242,7 @@ def test_bad_input(box, monkeypatch):
         simulate(replace(box, mu=Bounds(box.mu.lower, 2.0 * box.mu.upper)))
     with pytest.raises(InputError, match="wrenches"):
         simulate(box, wrenches=0)
-    with pytest.raises(InputError, match="a solution with a grasp"):
+    with pytest.raises(InputError, match="a grasp without a drawing"):
         simulate(replace(box, drawing=None))
     with pytest.raises(InputError, match="a solution with a grasp"):
         simulate(ng.GraspSolution(ng.Status.NO_GRASP, "none", {"task": {}, "force_budget": "l2"}))
