@@ -85,7 +85,7 @@ EXPECTED = {
     "data_sets": ("2 problems",),
     "how_close": ("mu at most 0.4", "ok   leaves: "),
     "hands": ("mu certified in [0.4", "spread, fingers", "confirmed: held as solved, lost without the squeeze"),
-    "tasks": ("of 2000 wrenches inside", "less friction leave"),
+    "tasks": ("of 2000 wrenches inside", "less friction, [0."),
     "experiments": ("plate: 8 of 8 solves done", "1 free, rough [0.8"),
     "interop": ("stable: True [0.",),
     "measures": ("True True", "False ["),
