@@ -95,7 +95,18 @@ def test_what_staying_would_give(cup):
     orders = permutations(range(len(after))) if step.regrasp else [range(len(after))]  # any finger to any place then
     went = [np.linalg.norm(after - before.points[list(order)], axis=1) for order in orders]
     np.testing.assert_allclose(sorted(step.moved), sorted(min(went, key=np.sum)))
-    assert "slide by at most" in str(cup)
+    for line, each in zip(str(cup).splitlines()[1:], cup.steps, strict=True):
+        assert f" in {each.solution.mu}, {each.how}; staying would give at most {each.stayed:.4g}" in line
+
+
+@pytest.mark.slow
+def test_what_the_fingers_do_in_words(cup):
+    """Which of them a step is depends on which optimum the ascent is nearest to; the words are those of the step."""
+    step = replace(cup.steps[4], regrasp=False, cold=False)
+    assert replace(step, moved=np.array([0.0, 0.0012, 0.0004])).how == "slide by at most 1.2 mm"
+    assert replace(step, moved=np.zeros(3)).how == "stay"
+    assert replace(step, regrasp=True).how == "regrasp"
+    assert replace(step, cold=True).how == "found by a cold solve, as none that was followed held"
 
 
 def turning(share):
