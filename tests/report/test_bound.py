@@ -68,6 +68,7 @@ def test_worth_is_convex_along_an_edge_and_most_at_its_ends():
     assert np.all(np.diff(found, 2) >= -1e-12)
 
 
+@pytest.mark.slow
 def test_the_command_draws_a_search(tmp_path):
     pytest.importorskip("matplotlib")
     (tmp_path / "square.py").write_text(SMALL)

@@ -106,6 +106,7 @@ def test_contacts_with_moments(name, tmp_path):
     assert total > 0.0
 
 
+@pytest.mark.slow
 def test_bilateral_optimum_is_the_singular_value(tmp_path):
     problem = ng.GraspProblem(
         ng.Ellipsoid([2.0, 1.0, 1.0]), [ng.BilateralContact(ng.FrictionContact(0.5))] * 3, ng.TaskEllipsoid([1.0] * 6)

@@ -122,6 +122,7 @@ def test_a_mesh_is_surveyed(tmp_path):
     assert not {check.name: check for check in ng.verify(path).checks}["bound, leaves"].passed
 
 
+@pytest.mark.slow
 def test_a_mesh_is_only_bounded_where_time_is_short(tmp_path):
     """A survey of it cannot be interrupted in the middle: a second's solve would end before its first start."""
     trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
@@ -191,6 +192,7 @@ def test_the_same_seed_gives_the_same_answer_with_the_look_remembered():
     assert first.best_possible == again.best_possible
 
 
+@pytest.mark.slow
 def test_beside_a_hand_placements_are_bounded_and_no_grasps_looked_for():
     """The bound is that of a search with as many nodes, but for what its grasps let it close."""
     problem = ng.GraspProblem(

@@ -39,6 +39,7 @@ def test_ellipsoid_with_four_fingers_beats_the_best_known(four_fingers):
     assert all(start.mu.lower > 0.69 for start in four_fingers.starts)
 
 
+@pytest.mark.slow
 def test_ellipsoid_with_three_fingers():
     solution = ng.solve(ellipsoid(3), starts=4, options=ng.SolveOptions(workers=1, extras=False, global_bound=False))
     assert solution.mu.upper > 0.4869

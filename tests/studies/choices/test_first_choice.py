@@ -79,6 +79,7 @@ def test_too_heavy_for_any_hand_is_said():
     assert "even 12 contacts need more" in str(choice)
 
 
+@pytest.mark.slow
 def test_its_problem_is_solved_and_says_the_force():
     choice = ng.first_choice(BRICK, mass=0.2, friction=0.5)
     options = ng.SolveOptions(workers=1, shadow_prices=False, rtol=0.05, final_rtol=0.02, exchange=False)
