@@ -41,10 +41,11 @@ class ByHand(Asked):
     def squeeze_line(self) -> str:
         """Return in words what the squeeze needs, or why there is none; empty where neither is known."""
         if self.squeeze is not None:
-            most = self.max_force
-            above = most is not None and self.squeeze.largest > (1.0 + ROUNDING) * most
-            return self.squeeze.line() + (f"; ABOVE max_force = {rounded(most)} N" if most and above else "")
-        why = ((self.hand or {}).get("no_squeeze") or {}).get("reason")
+            line, most = self.squeeze.line(), self.max_force
+            if most is None or self.squeeze.largest <= (1.0 + ROUNDING) * most:
+                return line
+            return f"{line}; ABOVE max_force = {rounded(most)} N"
+        why = self._why_no_squeeze
         return f"the hand cannot squeeze the body: {why}; {MORE}" if why else ""
 
     def require_squeeze(self) -> Squeeze:
@@ -57,7 +58,7 @@ class ByHand(Asked):
         """
         if self.squeeze is not None:
             return self.squeeze
-        why = ((self.hand or {}).get("no_squeeze") or {}).get("reason")
+        why = self._why_no_squeeze
         given = f"a grasp without a squeeze: {why}" if why else "a grasp without a squeeze"
         raise InputError(
             "solution",
@@ -81,3 +82,8 @@ class ByHand(Asked):
         turning = np.zeros((len(needed.forces), joints.jacobians.shape[1] - needed.forces.shape[1]))
         moments = turning if needed.moments is None else needed.moments
         return f"these forces take {joints.under(np.concatenate([needed.forces, moments], axis=1)).words()}"
+
+    @property
+    def _why_no_squeeze(self) -> str | None:
+        """Why the hand cannot squeeze the body, as ``hand`` states it; None where it does not."""
+        return ((self.hand or {}).get("no_squeeze") or {}).get("reason")
