@@ -7,6 +7,8 @@ READY := $(VENV)/.ready
 
 # one thread for linear algebra: the tests run on all cores already
 test test-all bench: export OMP_NUM_THREADS = 1
+# compiled modules are kept, also where the machine says otherwise: the tests start some hundred commands
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-all bench lint types docs gallery picture dist browser robots lock clean
 

@@ -38,6 +38,7 @@ SLOW = (
     "gripper_and_part",
     "data_sets",
     "05_delta",
+    "08_mu",
     "10_optimal_grasp",
 )
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")

@@ -50,6 +50,7 @@ SLOW_SCRIPTS = {
     "pencil",
     "hexagon",
     "cube",
+    "fingers_and_bodies",
 }
 SCRIPTS = [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW_SCRIPTS else []) for n in VALUES]
 
@@ -98,6 +99,7 @@ def test_rougher_fingertips_hold_the_pencil_better(problems_folder, tmp_path):
     assert result["friction 0.2"].mu.upper < 0.6 * result["friction 0.6"].mu.lower
 
 
+@pytest.mark.slow
 def test_a_script_runs_by_itself(problems_folder):
     done = subprocess.run(
         [sys.executable, str(problems_folder / "rectangle.py")], capture_output=True, text=True, timeout=120

@@ -9,7 +9,7 @@ from nlpgrasp.best.bound.measure import Measure
 from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.budgets import force_budget
 from tests.best.samples import CELLS, points_of
-from tests.quick import every
+from tests.quick import every, first
 
 CONTACTS = {
     "point": ng.PointContact(),
@@ -49,7 +49,7 @@ def test_rows_bound_all_points_of_the_cell(kind, contact, budget):
             assert np.all(true @ mixture <= bound * (1 + 1e-9) + 1e-12)
 
 
-@pytest.mark.parametrize("budget", ["l2", "per_finger"])
+@pytest.mark.parametrize("budget", first(1, ["l2", "per_finger"]))
 @pytest.mark.parametrize("kind", ["ellipsoid", "side", "torus"])
 def test_a_closer_look_is_close(kind, budget):
     """The bound over a small curved cell is near the largest of many points."""

@@ -85,7 +85,7 @@ def test_halved_triangles_are_the_surface_again():
 def test_no_placement_is_above_the_bound_of_a_mesh(make, contacts, more, seed):
     rng = np.random.default_rng(seed)
     asked = problem(make(rng), contacts, **more)
-    search = searched(asked, 200)
+    search = searched(asked, 80)
     upper, data = search.certificate()
     assert upper <= search.tree.upper * (1 + 1e-5)
     assert upper == max(leaf[2] for leaf in data["leaves"])

@@ -17,6 +17,7 @@ from tests.hands.urdf import (
     solution_links,
     three_finger_hand,
 )
+from tests.once import solve_once
 
 OPTIONS = ng.SolveOptions(workers=1)
 
@@ -28,7 +29,7 @@ def task(body):
 def solved(body, hand, contact=None, starts=1, seed=0, **fields):
     contact = ng.FrictionContact(0.7) if contact is None else contact
     problem = ng.GraspProblem(body, contact, task(body), hand=hand, **{"edge_margin": 0.0, **fields})
-    return ng.solve(problem, starts=starts, seed=seed, options=OPTIONS)
+    return solve_once(problem, starts, OPTIONS, seed=seed)
 
 
 def tip_gaps(solution, path, tips, key=None):

@@ -5,18 +5,15 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from tests.hands.test_grasps import solved
 from tests.hands.urdf import FOUR, FOUR_TIPS, Mujoco, body_frame, four_finger_hand
-from tests.once import solve_once
 
 LINKS = list(FOUR_TIPS)
 
 
 @pytest.fixture(scope="module")
 def solution():
-    body = ng.Sphere(0.03)
-    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-    problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=four_finger_hand())
-    return solve_once(problem, 1, options=ng.SolveOptions(workers=1, extras=False, global_bound=False))
+    return solved(ng.Box([0.08, 0.04, 0.04]), four_finger_hand())
 
 
 def mujoco_jacobians(solution):

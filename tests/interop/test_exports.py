@@ -12,7 +12,7 @@ import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import contacts_csv, glb, isaac_grasp, read_contacts_csv, read_isaac_grasps
 from tests.hands.urdf import GRIPPER, gripper, solution_links
-from tests.once import solve_once
+from tests.once import GRASP, solve_once
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def box():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="box",
     )
-    return solve_once(problem, starts=1)
+    return solve_once(problem, starts=1, options=GRASP)
 
 
 @pytest.fixture(scope="module")

@@ -49,7 +49,7 @@ def test_planar_volume_is_certified_and_agrees_with_a_hull(budget):
     assert hull <= found.upper * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("seed", first(2, range(6)))
+@pytest.mark.parametrize("seed", first(1, range(6)))
 def test_certified_bounds_contain_the_estimate_and_a_hull(seed):
     rng = np.random.default_rng(seed)
     grasp = closed_ellipsoid_grasp(rng, k=3 + seed % 3) if seed % 2 else ellipsoid_grasp(rng)
@@ -64,6 +64,7 @@ def test_certified_bounds_contain_the_estimate_and_a_hull(seed):
     assert inner.volume <= found.upper
 
 
+@pytest.mark.slow
 def test_hit_and_miss_agrees(rng):
     """A box around the set, uniform points in it, and the least force that each needs."""
     grasp = closed_ellipsoid_grasp(rng, k=5, friction=0.8)

@@ -126,6 +126,7 @@ def test_rows_of_what_was_lost(simulated):
     assert result(kept) == "lost in 0 of 7, although it should be"
 
 
+@pytest.mark.slow
 def test_the_object_weighs_what_the_task_carries(held):
     """Of a lift of 0.4 kg about the torque origin: the mass simulated, and the line that says where it comes from."""
     carrying = replace(held, problem={**held.problem, "task": ng.lift([0.0, 0.0, 0.0], 0.4).to_dict()})

@@ -46,6 +46,7 @@ def test_the_winner_is_recorded():
     assert winner.mu.upper == max(s.mu.upper for s in found.starts if s.status is Status.SOLVED)
 
 
+@pytest.mark.slow
 def test_extras_can_be_left_out(tmp_path):
     problem = ng.GraspProblem(
         ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])

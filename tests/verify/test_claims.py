@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.verify.claims.outcome import outcome_checks
-from tests.quick import every
+from tests.quick import first
 from tests.verify import honest
 from tests.verify.edits import failed, put, together, unbounded, verified
 from tests.verify.stated import edited
@@ -57,7 +57,7 @@ WIDE = {
 }
 
 
-@pytest.mark.parametrize("name", every(3, WIDE))
+@pytest.mark.parametrize("name", first(1, WIDE))
 def test_an_interval_that_is_too_wide_fails(name):
     change, where = WIDE[name]
     assert set(failed(verified(honest.solved(), change))) >= set(where)
