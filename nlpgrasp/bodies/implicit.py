@@ -56,6 +56,9 @@ class Implicit(Body):
             )
         self._check_closed()
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(h={getattr(self.h, '__name__', 'h')}, bounds={self._box.tolist()})"
+
     @property
     def bounds(self) -> FloatArray:
         """The box as it was given, (2, 3), or (2, 2) in the plane, metres."""

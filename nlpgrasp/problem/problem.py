@@ -21,6 +21,7 @@ from nlpgrasp.hands import Hand
 from nlpgrasp.problem.check import body_words, check_placements, check_size, warn_of_friction
 from nlpgrasp.problem.faces import allowed_faces
 from nlpgrasp.problem.margin import margin_of
+from nlpgrasp.problem.shown.seen import SeenProblem
 from nlpgrasp.problem.surroundings import warn_of_surroundings
 from nlpgrasp.problem.task_point import warn_of_point
 from nlpgrasp.problem.usual_lengths import warn_of_lengths
@@ -29,8 +30,8 @@ from nlpgrasp.tasks import Task
 MOST_CONTACTS = 32
 
 
-@dataclass(frozen=True)
-class GraspProblem:
+@dataclass(frozen=True, repr=False)
+class GraspProblem(SeenProblem):
     """Find where to hold a body, with which contacts, for which task.
 
     Parameters

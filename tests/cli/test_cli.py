@@ -286,7 +286,7 @@ def test_bad_experiments_are_one_line_and_write_nothing(tmp_path, variations, me
         (["experiment", "square.py"], "Missing option '--out'"),
         (["report", "none.json"], "a solution file that exists"),
         (["report"], "Missing argument"),
-        (["report", "square.py"], "got a Python script"),
+        (["export", "square.py", "--to", "csv"], "got a Python script"),
         (["report", "none.json", "--out", "none/x.html"], "a file in a folder that exists"),
         (["solve", "none.py"], "a Python file that exists"),
         (["solve", "square.py", "--starts", "0"], "--starts"),

@@ -1,8 +1,9 @@
-"""What stands around the body: tables and obstacles, from what a solution file says of its problem."""
+"""What stands around the body: tables and obstacles, of a problem or of what a solution file says of it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from nlpgrasp.bodies import Body, Box
 from nlpgrasp.bodies.mesh.triangles import triangles
 from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.constraints import Obstacle, Table
+from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -39,14 +40,30 @@ class Surroundings:
 
 def surroundings(solution: GraspSolution) -> Surroundings:
     """Return the tables and obstacles of a solution's problem."""
-    stated = solution.problem.get("constraints", [])
-    heights = [float(c["height"]) for c in stated if c.get("type") == Table.kind]
-    seen, unseen = [], []
-    for data in (c for c in stated if c.get("type") == Obstacle.kind):
-        try:
-            seen.append((str(data.get("name", Obstacle.name)), placed(Obstacle.from_dict(data))))
-        except InputError:
-            unseen.append(str(data.get("name", Obstacle.name)))
+    kinds = {kind.kind: kind for kind in (Table, Obstacle)}
+    read: list[PlacementConstraint] = []
+    unread = []
+    for data in solution.problem.get("constraints", []):
+        if (kind := kinds.get(data.get("type"))) is not None:
+            try:
+                read.append(kind.from_dict(data))
+            except InputError:
+                unread.append(str(data.get("name", kind.kind)))
+    found = around(read)
+    return replace(found, unseen=(*unread, *found.unseen))
+
+
+def around(constraints: Iterable[PlacementConstraint]) -> Surroundings:
+    """Return the tables and obstacles among the constraints of a problem."""
+    heights, seen, unseen = [], [], []
+    for constraint in constraints:
+        if isinstance(constraint, Table):
+            heights.append(constraint.height)
+        elif isinstance(constraint, Obstacle):
+            try:
+                seen.append((constraint.name, placed(constraint)))
+            except InputError:
+                unseen.append(constraint.name)
     return Surroundings(tuple(heights), tuple(seen), tuple(unseen))
 
 

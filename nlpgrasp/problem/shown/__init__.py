@@ -1,0 +1,1 @@
+"""A problem as people see it before it is solved."""

@@ -1,0 +1,35 @@
+"""What the page draws of a problem: the body, the faces that contacts may use, tables and obstacles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.bodies.mesh.triangles import triangles
+from nlpgrasp.common.types import Json
+from nlpgrasp.problem import GraspProblem
+from nlpgrasp.problem.shown.in_words import usable_faces
+from nlpgrasp.report.body import scene as of_body
+from nlpgrasp.report.scene.camera import framed
+from nlpgrasp.report.scene.surfaces import surface
+from nlpgrasp.report.scene.surroundings import WIDE, around, slab
+
+
+def scene(problem: GraspProblem) -> Json:
+    """Return what the viewer draws of a problem; metres, body frame: the body's scene with what is around it."""
+    drawn, usable = of_body.scene(problem.body), usable_faces(problem)
+    size, flat = drawn["size"], drawn["flat"]
+    vertices, found = triangles(problem.body, of_body.MOST)[0], around(problem.constraints)
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+    shapes = [("obstacle", name, shape) for name, shape in found.obstacles]
+    seen = framed(np.concatenate([vertices, *(shape.vertices for _, _, shape in shapes)]), middle, size)
+    if flat:
+        shapes += [("table", "table", slab(height, vertices, size)) for height in found.heights]
+    tables = [{"at": [*middle[:2].tolist(), h], "half": WIDE * size} for h in found.heights]
+    return {
+        **drawn,
+        "parts": [*drawn["parts"], *({"group": g, "name": n, **surface(s).to_dict()} for g, n, s in shapes)],
+        "tables": [] if flat else tables,
+        "unseen": list(found.unseen),
+        "contacts": [label for label in drawn["contacts"] if label["label"] in usable],
+        "frame": [*drawn["frame"], *np.round(seen, of_body.DIGITS).tolist()],
+    }
