@@ -11,6 +11,7 @@ import numpy as np
 
 from nlpgrasp.common.extras.pyplot import pyplot, write_figure
 from nlpgrasp.common.shown.palette import COLOURS
+from nlpgrasp.common.shown.words import measure_word
 from nlpgrasp.experiments.found.result import ExperimentResult
 from nlpgrasp.experiments.found.variation_result import VariationResult
 
@@ -138,7 +139,7 @@ def _written(path: Path, draw: Draw, variations: Sequence[VariationResult]) -> P
 
 def _label(variations: Sequence[VariationResult]) -> str:
     kinds = {v.best.kind for v in variations if v.best is not None}
-    return "mu-tilde" if kinds == {"mu_tilde"} else "mu"
+    return measure_word(kinds.pop() if len(kinds) == 1 else "")
 
 
 def _legend(ax: Axes, count: int) -> None:

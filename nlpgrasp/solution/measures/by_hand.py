@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from functools import cached_property
 
-import numpy as np
-
 from nlpgrasp.common.shown.numbers import rounded
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
@@ -13,7 +11,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.asked import Asked
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.phases.phase import Phase, phases_from
-from nlpgrasp.solution.squeezed.squeeze import Squeeze
+from nlpgrasp.solution.squeezed.squeeze import Squeeze, finger_wrenches
 
 MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
 ROUNDING = 1e-6  # relative
@@ -79,9 +77,7 @@ class ByHand(Asked):
         joints, needed = None if self.squeeze is None else self.squeeze.joints, self.needed
         if needed is None or joints is None or joints.worst is None or self.budget.absolute:
             return ""
-        turning = np.zeros((len(needed.forces), joints.jacobians.shape[1] - needed.forces.shape[1]))
-        moments = turning if needed.moments is None else needed.moments
-        return f"these forces take {joints.under(np.concatenate([needed.forces, moments], axis=1)).words()}"
+        return f"these forces take {joints.under(finger_wrenches(needed.forces, needed.moments)).words()}"
 
     @property
     def _why_no_squeeze(self) -> str | None:

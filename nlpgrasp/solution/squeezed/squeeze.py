@@ -74,9 +74,7 @@ class Squeeze:
     @property
     def wrenches(self) -> FloatArray:
         """Force and moment of each finger about its contact, (k, d), newtons and newton-metres."""
-        count, space = self.forces.shape
-        turn = np.zeros((count, 3 if space == 3 else 1)) if self.moments is None else self.moments
-        return np.concatenate([self.forces, turn], axis=1)
+        return finger_wrenches(self.forces, self.moments)
 
     @property
     def largest(self) -> float:
@@ -185,3 +183,10 @@ class Squeeze:
             number(f"{name}.residual", data["residual"], at_least=0.0),
             joints,
         )
+
+
+def finger_wrenches(forces: FloatArray, moments: FloatArray | None) -> FloatArray:
+    """Return forces (k, space) and moments (k, d - space), None where there are none, beside each other, (k, d)."""
+    count, space = forces.shape
+    turn = np.zeros((count, 3 if space == 3 else 1)) if moments is None else moments
+    return np.concatenate([forces, turn], axis=1)
