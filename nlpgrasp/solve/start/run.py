@@ -18,6 +18,7 @@ from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.screen import candidates
+from nlpgrasp.solve.surface.facing import has_jaws
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
@@ -27,6 +28,7 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
 KNOWN = "from the search of all placements"  # message of a start
+FACING = "from a pair of places that face each other"  # the same
 SLOWEST = 0.01  # relative gain over some rounds, below which the exchange from a grasp that was climbed to ends
 SLOWEST_BEFORE = 0.03  # the same where contacts climb over the mesh itself afterwards
 GRACE = 1.0  # seconds a certificate may still take once a stop was requested
@@ -66,9 +68,10 @@ class _Attempts:
     def __iter__(self) -> Iterator[StartGrasp]:
         """Yield the grasp from the known placement, then one for each first program that ends with one."""
         bench, known = self.bench, self._known
-        if known is not None and bench.violation(known) <= FEASIBLE:
+        facing = known is not None and isinstance(bench.problem.body, Mesh) and has_jaws(bench.problem)
+        if known is not None and (facing or bench.violation(known) <= FEASIBLE):
             state = AscentState(known, multipliers=np.zeros(len(bench.rows.named)))
-            yield self._finished(FirstResult(state, np.nan, np.nan, KNOWN), self.rng)
+            yield self._finished(FirstResult(state, np.nan, np.nan, FACING if facing else KNOWN), self.rng)
             known = None
         begins = bench if self._plain is None else self._plain
         drawn = chain([] if known is None else [known], candidates(begins, self.rng, self.stop))
@@ -113,6 +116,11 @@ class _Attempts:
         bench, state, stop = self.bench, first.state, self.stop
         if not bench.options.exchange or _is_on_mesh(bench, first):
             return [(bench, state)]
+        if first.message == FACING:
+            return [
+                (bench, state),
+                (bench, exchange(bench, replace(state, placed=bench.snapped(state.placed)), rng, stop)),
+            ]
         slowest = _slowest(bench, first)
         if slowest > 0.0:
             rules = replace(exchange_rules(bench), slowest=slowest)

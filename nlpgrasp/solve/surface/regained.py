@@ -76,13 +76,13 @@ def _candidates(
         many.append(moved)
         turned.append(own)
         if k == 2:
-            facing = _opposite(bench, moved, own, i)
+            facing = opposite(bench, moved, own, i)
             many.append(facing[0])
             turned.append(facing[1])
     return np.concatenate(many), np.concatenate(turned)
 
 
-def _opposite(bench: Workbench, points: FloatArray, normals: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
+def opposite(bench: Workbench, points: FloatArray, normals: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
     """Return pairs (b, 2, 3) whose other contact than i is opposite it: nearest to where its normal leads as far."""
     other, problem = 1 - i, bench.problem
     apart = np.linalg.norm(points[:, other] - points[:, i], axis=1, keepdims=True)

@@ -13,14 +13,15 @@ import numpy as np
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.solve.surface.regained import regained
+from nlpgrasp.hands import ParallelJaw
+from nlpgrasp.solve.surface.regained import opposite, regained
 from nlpgrasp.solve.surface.scored import Scored
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.surface_samples import plain
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 FIRST_REACH, LAST_REACH = 0.12, 0.01  # of the body's size: how far a contact may slide in one move
-TRIALS = 48
+TRIALS, OF_JAWS = 48, 128  # points that a contact is tried at in one move; of jaws, where few of them face each other
 SWEEPS = 12
 GAIN = 1e-3  # relative: a sweep that gains less is undone
 
@@ -75,6 +76,7 @@ class _Sliding:
 
     def __init__(self, bench: Workbench, start: Placed, rng: np.random.Generator, constrained: bool) -> None:
         self.bench, self.start, self.rng, self.constrained = bench, start, rng, constrained
+        self.jaws = constrained and isinstance(bench.problem.hand, ParallelJaw)
         self.points, self.normals = _nearest_plain(bench, start.points)
         self._scored = Scored(bench, rng)
         if constrained:
@@ -98,24 +100,33 @@ class _Sliding:
         moved = False
         for i in range(len(self.points)):
             moved |= self._move(i, reach)
+            if self.jaws:
+                moved |= self._move(i, reach, both=True)
         return moved
 
-    def _move(self, i: int, reach: float) -> bool:
-        """Move contact i to the best of the nearby mesh points, if one is better; return whether it was."""
+    def _move(self, i: int, reach: float, both: bool = False) -> bool:
+        """Move contact i to the best of the nearby mesh points, if one is better; return whether it was.
+
+        Of jaws ``both`` move: the other one to where the surface is opposite.
+        """
         cloud = self.bench.surface.mesh_cloud
         near = np.array(cloud.tree.query_ball_point(self.points[i], reach), dtype=int)
         if not near.size:
             return False
-        if near.size > TRIALS:
-            near = self.rng.choice(near, TRIALS, replace=False)
+        trials = OF_JAWS if self.jaws else TRIALS
+        if near.size > trials:
+            near = self.rng.choice(near, trials, replace=False)
         points, normals = (np.repeat(v[None], near.size + 1, axis=0) for v in (self.points, self.normals))
         points[1:, i], normals[1:, i] = cloud.points[near], cloud.normals[near]
+        if both:
+            facing = opposite(self.bench, points[1:], normals[1:], i)
+            points, normals = (np.concatenate([v[:1], w]) for v, w in zip((points, normals), facing, strict=True))
         score = self._scored.of(points, normals)
         if self.constrained:
-            broken = self.bench.rows.violations(points, normals, self.start.repeated_hand(near.size + 1))
+            broken = self.bench.rows.violations(points, normals, self.start.repeated_hand(len(points)))
             score = np.where(broken <= max(FEASIBLE, broken[0]), score, -np.inf)
         best = int(np.argmax(score))
-        self.points[i], self.normals[i] = points[best, i], normals[best, i]
+        self.points, self.normals = points[best].copy(), normals[best].copy()
         return best != 0
 
 

@@ -27,6 +27,7 @@ from nlpgrasp.solve.outlook.outlook import Outlook, outlook
 from nlpgrasp.solve.posture.roomy import with_room
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
+from nlpgrasp.solve.surface.facing import facing_pairs, has_jaws
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import follows_contacts
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -102,7 +103,7 @@ class Runner:
 
         The first three quarters of them begin from the best grasps that the outlook met, as many as there are; the
         first half where it left something out, which those grasps may break, and on a mesh, where a look is short and
-        what it met climbs from there alone.
+        what it met climbs from there alone. Those of jaws on a mesh begin from pairs of places that face each other.
         """
         begin = self._known(stop)
         if self.workers == 1:
@@ -112,9 +113,10 @@ class Runner:
 
     def _known(self, stop: Stop) -> list[Placed | None]:
         """Return what each start begins from, None where it draws for itself."""
-        seen = self.outlook(stop) if follows_contacts(self.problem) else None
         known: list[Placed | None] = []
-        if seen is not None:
+        if isinstance(self.problem.body, Mesh) and has_jaws(self.problem):
+            known += facing_pairs(self.bench, (3 * self.count + 3) // 4)
+        elif follows_contacts(self.problem) and (seen := self.outlook(stop)) is not None:
             most = seen.complete and not isinstance(self.problem.body, Mesh)
             known += seen.placements((3 * self.count + 3) // 4 if most else (self.count + 1) // 2)
         return known + [None] * (self.count - len(known))
