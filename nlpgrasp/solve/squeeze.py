@@ -88,6 +88,34 @@ def squeeze(
     return replace(result, joints=joints)
 
 
+def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gain: Gain | None = None) -> Squeeze:
+    """Return the squeeze with the usual force, or as hard as a finger has to press for the task if that is more.
+
+    It stays within ``max_force`` and the joints' efforts. Balanced forces scale, and so do joint torques.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With a grasp.
+    hand : PosedHand, optional
+        Whose joints exert it; forces alone without one, as of parallel jaws.
+    gain : float or mapping of str to float, optional
+        Of the joints' position control.
+
+    Raises
+    ------
+    InputError
+        As ``squeeze``.
+    """
+    usual = squeeze(solution, gain=gain, hand=hand)
+    wanted = NORMAL_FORCE if solution.needed is None else max(NORMAL_FORCE, float(np.max(solution.needed.normal)))
+    effort = 0.0 if usual.joints is None or usual.joints.worst is None else usual.joints.worst[1]
+    spent = 0.0 if solution.max_force is None else usual.largest / solution.max_force
+    times = min(wanted / NORMAL_FORCE, max(1.0, EASY_EFFORT / effort) if effort > 0.0 else np.inf)
+    times /= max(1.0, times * effort / MOST_EFFORT, times * spent)
+    return usual if times == 1.0 else squeeze(solution, times * NORMAL_FORCE, gain=gain, hand=hand)
+
+
 def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     """Return a solution whose ``hand`` states a squeeze, or why there is none; one that does as it is.
 
@@ -96,7 +124,7 @@ def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or solution.grasp is None or solution.squeeze:
         return solution
     try:
-        found = _within_limits(solution, hand, usual_gain(hand.sliding_joints))
+        found = squeeze_for_task(solution, hand, usual_gain(hand.sliding_joints))
     except NoBalanceError as none:
         why = {"reason": none.reason, **({} if none.friction is None else {"friction": none.friction})}
         return replace(solution, hand={**(solution.hand or {}), "no_squeeze": why})
@@ -110,20 +138,6 @@ def with_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     """Return a solution whose other grasps, those kept beside the answer, state a squeeze where the hand can."""
     others = [replace(found, hand=with_squeeze(solution.with_answer(found), hand).hand) for found in solution.others]
     return replace(solution, others=tuple(others))
-
-
-def _within_limits(solution: GraspSolution, hand: PosedHand, gain: Gain) -> Squeeze:
-    """Return the squeeze with the usual force, or as hard as a finger has to press for the task if that is more.
-
-    It stays within ``max_force`` and the joints' efforts. Balanced forces scale, and so do joint torques.
-    """
-    usual = squeeze(solution, gain=gain, hand=hand)
-    wanted = NORMAL_FORCE if solution.needed is None else max(NORMAL_FORCE, float(np.max(solution.needed.normal)))
-    effort = 0.0 if usual.joints is None or usual.joints.worst is None else usual.joints.worst[1]
-    spent = 0.0 if solution.max_force is None else usual.largest / solution.max_force
-    times = min(wanted / NORMAL_FORCE, max(1.0, EASY_EFFORT / effort) if effort > 0.0 else np.inf)
-    times /= max(1.0, times * effort / MOST_EFFORT, times * spent)
-    return usual if times == 1.0 else squeeze(solution, times * NORMAL_FORCE, gain=gain, hand=hand)
 
 
 def _carried(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> FloatArray:

@@ -62,7 +62,7 @@ def held():
 def jaws():
     """The same between parallel jaws with fingers of 60 mm."""
     hand = ng.ParallelJaw(0.06, 0.002, finger_length=0.06)
-    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
+    task = ng.TaskEllipsoid([4.0, 4.0, 4.0, 0.08, 0.08, 0.08])
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.06]), ng.SoftContact(0.6, 0.005), task, hand=hand)
     options = ng.SolveOptions(workers=1, exchange=False, extras=False, final_rtol=0.05)
     return solve_once(problem, starts=1, options=options)
@@ -115,10 +115,21 @@ def test_jaws_close_with_what_the_pads_press(jaws):
         assert tuple(posture["joint_names"]) == names
         assert sum(point["positions"]) == pytest.approx(jaws.hand["opening"])
         assert sum(message["pre_grasp_posture"]["points"][0]["positions"]) == pytest.approx(0.06)
-        forces = ng.squeeze(jaws.grasp).forces
+        forces = ng.squeeze(jaws.grasp, np.max(jaws.needed.normal)).forces
         change = 1e-3 / len(names)
         closing = np.array([[-0.5e-3], [0.5e-3]]) * (np.diff(jaws.grasp.points, axis=0) / jaws.hand["opening"])
         assert sum(e * change for e in point["effort"]) == pytest.approx(float(np.sum(forces * closing)), rel=2e-3)
+
+
+def test_jaws_press_as_hard_as_the_task_needs_and_the_gripper_can(jaws):
+    """Balanced forces of pads that face each other: each finger presses with what the hardest wrench needs."""
+    most = float(np.max(jaws.needed.normal))
+    assert most > 4.0
+    for limit in (None, 0.5 * most, 1.0):
+        limited = replace(jaws, problem={**jaws.problem, "max_force": limit})
+        (message,) = yaml.safe_load(moveit(limited))
+        (effort,) = message["grasp_posture"]["points"][0]["effort"]
+        assert effort == pytest.approx(-most if limit is None else -limit, rel=0.02)
 
 
 def test_jaws_of_an_isaac_grasp_are_on_the_contacts(jaws, tmp_path):

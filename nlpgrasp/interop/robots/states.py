@@ -11,7 +11,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.squeeze import squeeze
+from nlpgrasp.solve.squeeze import squeeze_for_task
 
 FINGER_JOINT = "finger_joint"  # of parallel jaws where none is named: its position is the opening
 JAWS = "parallel_jaw"
@@ -133,7 +133,7 @@ def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> Ha
     """
     asked = solution.problem["hand"]
     try:
-        force = float(np.mean(squeeze(solution).normal))
+        force = float(np.mean(squeeze_for_task(solution).normal))
     except InputError:  # contacts that cannot press
         efforts = {}
     else:
