@@ -204,6 +204,8 @@ class Placement:
         What else there is of the hand.
     palm : PalmPose, optional
         Where the hand has one.
+    closing : column, optional
+        From one jaw to the other, metres, of a gripper that may be turned about this line.
     """
 
     positions: Sequence[Expression]
@@ -212,6 +214,7 @@ class Placement:
     size: float
     spheres: Sequence[LinkSphere] = ()
     palm: PalmPose | None = None
+    closing: Expression | None = None
 
     @property
     def links(self) -> list[LinkSphere]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.frozen import unchecked
 from nlpgrasp.common.given.angles import angle
 from nlpgrasp.common.rows import Placement, Row
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import array
 from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.errors import InputError
@@ -21,6 +21,9 @@ from nlpgrasp.errors import InputError
 @dataclass(frozen=True)
 class Approach(PlacementConstraint):
     """The palm faces a direction to within an angle: the approach cone.
+
+    Parallel jaws may be turned about the line c between their contacts: some approach across it is within the angle of
+    d if ``(c . d)^2 <= sin(angle)^2 |c|^2``, and always from a right angle on.
 
     Parameters
     ----------
@@ -48,11 +51,21 @@ class Approach(PlacementConstraint):
             raise InputError("Approach.direction", "a planar body", "a body in space")
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return ``a . d >= cos(angle)`` with the palm's direction a."""
+        """Return ``a . d >= cos(angle)`` with the palm's direction a; of jaws that they can be turned so."""
+        if placement.palm is None and placement.closing is not None:
+            return self._across(placement.closing, placement.size)
         if placement.palm is None:
-            raise InputError("Approach", "no palm", "a hand with a palm, such as ng.URDFHand")
+            raise InputError("Approach", "no palm", "a hand with a palm, such as ng.URDFHand, or ng.ParallelJaw")
         along = ca.dot(placement.palm.approach, ca.DM(np.asarray(self.direction)))
         return [Row("approach", along, float(np.cos(self.angle)), unit="cos", link="palm")]
+
+    def _across(self, closing: Expression, size: float) -> list[Row]:
+        """Return that some direction across the closing line is within the cone."""
+        if self.angle >= np.pi / 2.0:
+            return []
+        along = ca.dot(closing, ca.DM(np.asarray(self.direction)))
+        beyond = along**2 - float(np.sin(self.angle)) ** 2 * ca.sumsqr(closing)
+        return [Row("approach", beyond, upper=0.0, scale=size**2, unit="m2", link="palm")]
 
     def to_dict(self) -> Json:
         """Return direction and angle."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -111,7 +111,17 @@ class Hand(StatedPart):
         """Return the palm's pose, where the hand has one."""
         return None
 
-    def at_contacts(self, points: FloatArray, size: float, distance: Callable[[FloatArray], FloatArray]) -> Json:
+    def closing(self, positions: Sequence[Expression]) -> Expression | None:
+        """Return the line from one jaw to the other, metres, of a gripper that may be turned about it; else None."""
+        return None
+
+    def at_contacts(
+        self,
+        points: FloatArray,
+        size: float,
+        distance: Callable[[FloatArray], FloatArray],
+        cones: Sequence[tuple[FloatArray, float]] = (),
+    ) -> Json:
         """Return what the contacts say of the hand, as JSON data of a solution; by default nothing.
 
         Parameters
@@ -123,6 +133,8 @@ class Hand(StatedPart):
         distance : callable
             Points (m, space) to their distances (m,), metres, from what the hand has to keep away from: the body,
             tables, obstacles.
+        cones : sequence of (array, float)
+            Unit directions, (space,), and the angles, radians, that the approach is to be within.
         """
         return {}
 

@@ -2,7 +2,7 @@
 
 The gripper's frame has x along the closing direction, from contact 0 to contact 1, and z along the approach, in which
 the gripper moves to the body; y completes them. The approach is the clearest of those at right angles to the closing
-direction.
+direction, within the cones that are asked for.
 
 What is looked at are the middle lines of both fingers and, where a finger's length is stated, the palm across their
 ends, on the straight way in: from where they are in the grasp back by twice the body's size. The pads' breadth, the
@@ -21,11 +21,13 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
 Distance = Callable[[FloatArray], FloatArray]
+Cone = tuple[FloatArray, float]  # a unit direction, and the largest angle to it, radians
 TURNS = 36  # directions about the closing line that are looked at
 STEPS = 24  # points of each line
 ACROSS = 5  # lines of the palm
 WAY = 2.0  # of the body's size: how far back the way in is looked at
 NEAR = 0.02  # of the body's size: what is in the way by less than this is not, pads on tilted faces for example
+ALONG = 1e-9  # part of a unit direction across the closing line: a cone about this line has no middle across it
 SAME = 1e-6  # of the body's size: directions as clear as each other
 
 
@@ -41,11 +43,14 @@ class Jaws:
         From the pads back to the gripper's frame, metres; 0 where none is stated.
     thickness : float
         Of a finger in the closing direction, metres.
+    cones : tuple of (array, float)
+        That the approach is to be within.
     """
 
     points: FloatArray
     length: float
     thickness: float
+    cones: tuple[Cone, ...] = ()
 
     @property
     def opening(self) -> float:
@@ -58,7 +63,21 @@ class Jaws:
         return np.asarray((self.points[1] - self.points[0]) / self.opening)
 
     def approaches(self) -> FloatArray:
-        """Return unit directions at right angles to the closing line, (m, space), the steepest down first."""
+        """Return unit directions at right angles to the closing line, (m, space), the steepest down first.
+
+        Of these the ones in all cones, or the nearest to them: the middle of each cone is looked at too.
+        """
+        found = self._around()
+        if not self.cones:
+            return found
+        middles = [direction - (direction @ self.closing) * self.closing for direction, _ in self.cones]
+        lengths = [float(np.linalg.norm(middle)) for middle in middles]
+        found = np.concatenate([found, *(m[None] / n for m, n in zip(middles, lengths, strict=True) if n > ALONG)])
+        excess = [np.arccos(np.clip(found @ direction, -1.0, 1.0)) - angle for direction, angle in self.cones]
+        beyond = np.maximum(np.max(excess, axis=0), 0.0)
+        return np.asarray(found[beyond <= float(beyond.min()) + 1e-9])
+
+    def _around(self) -> FloatArray:
         line, space = self.closing, self.points.shape[1]
         if space == 2:
             across = np.array([[-line[1], line[0]], [line[1], -line[0]]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -14,7 +15,7 @@ from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.hands.base import Hand, HandVariable
-from nlpgrasp.hands.jaw_pose import Distance, Jaws
+from nlpgrasp.hands.jaw_pose import Cone, Distance, Jaws
 
 MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)
 
@@ -29,7 +30,7 @@ class ParallelJaw(Hand):
     A solution states the gripper's pose in ``hand``: ``palm_pose`` (x from contact 0 to contact 1, z along the
     approach), ``opening``, and ``approach``: its ``direction``, and the ``depth`` to which this way in leads into
     something. The contacts leave free how the gripper is turned about the closing line: of 36 directions the clearest
-    of the body, of tables and of obstacles is taken (docs/hands.md says what is looked at).
+    of the body, of tables and of obstacles is taken, within the cones of ``Approach`` (docs/hands.md).
 
     Parameters
     ----------
@@ -84,9 +85,13 @@ class ParallelJaw(Hand):
             Row("facing", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size, part="jaw 1"),
         ]
 
-    def at_contacts(self, points: FloatArray, size: float, distance: Distance) -> Json:
+    def closing(self, positions: Sequence[Expression]) -> Expression:
+        """Return the line from one contact to the other."""
+        return positions[1] - positions[0]
+
+    def at_contacts(self, points: FloatArray, size: float, distance: Distance, cones: Sequence[Cone] = ()) -> Json:
         """Return pose, opening and approach of the gripper, as JSON data."""
-        return Jaws(points, self.finger_length, self.finger_thickness).posture(size, distance)
+        return Jaws(points, self.finger_length, self.finger_thickness, tuple(cones)).posture(size, distance)
 
     def to_dict(self) -> Json:
         """Return limits and fingers as JSON data."""

@@ -48,7 +48,8 @@ def placement_of(
     """Return what constraints are written in, for symbols of the contacts and of the hand's variables."""
     if hand is None:
         return Placement(positions, normals, (0.0,) * len(positions), size)
-    return Placement(positions, normals, hand.tip_radii, size, hand.spheres(variables), hand.palm(variables))
+    palm, closing = hand.palm(variables), hand.closing(positions)
+    return Placement(positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing)
 
 
 def placement_rows(

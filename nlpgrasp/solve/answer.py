@@ -15,6 +15,7 @@ import scipy
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import Approach
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.fields import distance_to_all, fields_of
@@ -194,7 +195,8 @@ def hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json | 
     if hand is None:
         return None
     data = dict(hand.describe(found.placed.hand)) if found.placed.hand else {}
-    data |= hand.at_contacts(found.grasp.points, problem.body.size, lambda points: _distance(problem, points))
+    cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
+    data |= hand.at_contacts(found.grasp.points, problem.body.size, lambda points: _distance(problem, points), cones)
     if not data:
         return None
     if after.pregrasp is not None:

@@ -11,6 +11,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError
+from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.hands.free import FreeHand
 from nlpgrasp.verify.placement import Ball, StatedPlacement, Surface
 from nlpgrasp.verify.registry import CONSTRAINTS
@@ -18,6 +19,7 @@ from nlpgrasp.verify.rows import RowValue
 
 UNIT = 1e-9  # of a direction or a quaternion
 CLOSE = 1e-6  # of the body's size
+TURNED = 1e-3  # radians beyond a cone: what the tolerance of its row leaves
 POINTS, PALM = 24, 5  # of a line on the way in; lines of the palm
 WAY = 2.0  # of the body's size
 DIRECTION = "hand.approach.direction"
@@ -52,7 +54,7 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     asked, hand = solution.problem.get("hand") or {}, solution.hand or {}
     if asked.get("type") != "parallel_jaw" or "opening" not in hand:
         return []
-    wrong = "; ".join(_pose(asked, hand, placement))
+    wrong = "; ".join([*_pose(asked, hand, placement), *_cones(solution, hand, placement.points.shape[1])])
     checks = [Check("gripper", not wrong, wrong or f"opening {1e3 * hand['opening']:.4g} mm, pose of the contacts")]
     try:
         depth = _depth(solution, asked, hand, placement, surface)
@@ -90,6 +92,18 @@ def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
         yield "the quaternion is not of unit length"
     if not (np.linalg.norm(along - closing) <= CLOSE and np.linalg.norm(forward - approach) <= CLOSE):
         yield "the pose has other axes than x along the closing line and z along the approach"
+
+
+def _cones(solution: GraspSolution, hand: Json, space: int) -> Iterator[str]:
+    """Yield which cones of ``Approach`` the approach is not within."""
+    for data in solution.problem["constraints"]:
+        if data["type"] == "approach":
+            approach = array(DIRECTION, hand["approach"]["direction"], (space,))
+            along = float(approach @ unit("direction", data["direction"], space))
+            off, angle = float(np.arccos(np.clip(along, -1.0, 1.0))), number("angle", data["angle"])
+            if not off <= angle + TURNED:
+                told = f"{np.degrees(off):.3g} degrees off a direction that allows {np.degrees(angle):.3g}"
+                yield f"the approach is {told}"
 
 
 def _depth(

@@ -11,6 +11,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.constraints.regions import corners, inside, unit
+from nlpgrasp.verify.hands.free import JawNumbers
 from nlpgrasp.verify.placement import StatedPlacement
 from nlpgrasp.verify.rows import RowValue
 
@@ -69,7 +70,17 @@ def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
 
 
 def approach(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the cosine between the direction in which the palm faces and the one asked for."""
+    """Yield the cosine between the direction in which the palm faces and the one asked for.
+
+    Of jaws, which may be turned about the line between their contacts: how far that line is from leaving room for one.
+    """
+    if isinstance(placement.hand, JawNumbers):
+        wanted, angle = unit("direction", data["direction"], 3), number("angle", data["angle"])
+        if angle < np.pi / 2.0:
+            line = placement.points[1] - placement.points[0]
+            beyond = float(line @ wanted) ** 2 - float(np.sin(angle)) ** 2 * float(line @ line)
+            yield RowValue("approach, palm", beyond, upper=0.0, scale=placement.size**2)
+        return
     palm = placement.palm
     if palm.approach is None:
         raise NotMadeError("the file does not record in which direction the palm faces")
