@@ -161,6 +161,16 @@ def test_approach_and_palm_workspace_are_about_the_palm():
     assert [float(ca.DM(r.expression)) for r in above] == pytest.approx([0.05])
 
 
+@pytest.mark.parametrize(("rise", "allowed"), [(0.0, True), (0.5, True), (0.6, False)])
+def test_jaws_leave_room_for_an_approach_across_their_closing_line(rise, allowed):
+    """A line that leans out of the level by less than the angle: atan(0.5) is 26.6 degrees, atan(0.6) 31."""
+    line = ca.SX([1.0, 0.0, rise])
+    placement = Placement([ca.SX([0, 0, 0]), line], [ca.SX(n) for n in NORMALS[:2]], [0.0] * 2, 1.0, closing=line)
+    (row,) = ng.Approach([0.0, 0.0, -1.0], np.radians(28.0)).rows(placement)
+    assert (float(ca.DM(row.expression)) <= row.upper) is allowed
+    assert ng.Approach([0.0, 0.0, -1.0], np.pi / 2.0).rows(placement) == []
+
+
 def test_table_sees_the_links_and_a_fingertip_once():
     spheres = [LinkSphere("finger/0", ca.SX([0, 0, 0.5]), 0.1), LinkSphere("tip", ca.SX([0, 0, 0.4]), 0.1, finger=0)]
     placement = Placement([ca.SX(POSITIONS[0])], [ca.SX(NORMALS[0])], [0.1], 1.0, spheres)

@@ -15,10 +15,10 @@ PADS = np.array([[0.0, 0.02, 0.0], [0.0, -0.02, 0.0]])
 ABOVE = ng.Obstacle(ng.Box([0.2, 0.2, 0.02]), 0.0, [0.0, 0.0, 0.06], name="shelf")
 
 
-def posture(hand=None, constraints=(), body=BODY, points=PADS):
+def posture(hand=None, constraints=(), body=BODY, points=PADS, cones=()):
     """The pose of a gripper whose pads are at some points of a body."""
     distance = distance_to_all(fields_of(body, constraints, 2))
-    return (hand or ng.ParallelJaw(0.05)).at_contacts(np.asarray(points), body.size, distance)
+    return (hand or ng.ParallelJaw(0.05)).at_contacts(np.asarray(points), body.size, distance, cones)
 
 
 @pytest.mark.parametrize("turn", [[0.0, 0.0, 0.0], [0.4, -0.3, 0.7], [0.0, np.pi, 0.0]])
@@ -109,3 +109,60 @@ def test_a_solution_states_the_pose_of_its_grasps(tmp_path):
     checks = {check.name: check for check in ng.verify(again).checks}
     assert checks["gripper"].passed
     assert checks["way in"].passed
+
+
+@pytest.mark.parametrize("wanted", [[0.6, 0.0, -0.8], [-0.28, 0.0, 0.96], [0.6, 0.48, -0.64]])
+def test_the_way_in_is_within_the_cone_that_is_asked_for(wanted):
+    """However narrow: of a direction that leans along the closing line the nearest across it."""
+    for angle in (0.01, 0.2, 1.0):
+        found = np.array(posture(cones=[(np.array(wanted), angle)])["approach"]["direction"])
+        assert abs(found[1]) < 1e-9
+        off = np.arccos(np.clip(found @ wanted, -1.0, 1.0))
+        assert off <= max(angle, np.arcsin(abs(wanted[1]))) + 1e-6
+
+
+OPTIONS = ng.SolveOptions(workers=1, extras=False, global_bound=False)
+SOFT = [ng.SoftContact(0.6, 0.005)] * 2
+
+
+def test_contacts_leave_room_for_a_gripper_from_above():
+    """Flat, the box is best held by top and bottom; jaws that come down can hold its sides alone."""
+    body = ng.Box([0.06, 0.06, 0.04])
+    task = ng.TaskEllipsoid([1.0, 1.0, 0.2, 0.03, 0.03, 0.03])
+    free, above = (
+        ng.solve(ng.GraspProblem(body, SOFT, task, hand=ng.ParallelJaw(0.08), constraints=more), 4, options=OPTIONS)
+        for more in ([], [ng.Approach([0, 0, -1], 0.3)])
+    )
+    closing = np.diff(above.grasp.points, axis=0)[0]
+    assert abs(closing[2]) <= np.sin(0.3) * np.linalg.norm(closing) + 1e-6
+    assert above.hand["approach"]["direction"][2] <= -np.cos(0.3) + 1e-6
+    assert free.mu.upper >= above.mu.lower
+    found = ng.verify(above)
+    assert found.passed, str(found)
+    data = json.loads(json.dumps(above.to_dict()))
+    data["hand"]["approach"]["direction"] = (-np.array(data["hand"]["approach"]["direction"])).tolist()
+    lied = ng.verify(ng.GraspSolution.from_dict(data))
+    assert not lied.passed
+    assert "degrees off a direction that allows 17.2" in str(lied)
+
+
+def test_a_cone_about_the_closing_line_allows_no_way_in_but_half_a_turn_does():
+    task, hand = ng.TaskEllipsoid([1.0] * 3 + [0.03] * 3), ng.ParallelJaw(0.08)
+    body = ng.Box([0.06, 0.2, 0.2])  # two sides alone are near enough to each other
+    for angle, success in ((1.6, True), (0.3, False)):
+        asked = ng.GraspProblem(body, SOFT, task, hand=hand, constraints=[ng.Approach([1, 0, 0], angle)])
+        assert ng.solve(asked, 2, options=OPTIONS).success is success
+
+
+def test_how_the_gripper_comes_is_said_and_first_of_all_a_way_that_is_not_free():
+    body, task = ng.Box([0.06, 0.04, 0.06]), ng.TaskEllipsoid([1.0] * 3 + [0.02] * 3)
+    hand = ng.ParallelJaw(0.05, finger_length=0.06, finger_thickness=0.02)
+    low = [ng.Workspace(ng.BoxRegion([-1, -1, -1], [1, 1, -0.025])), ng.Table(-0.03)]
+    free, stuck = (
+        ng.solve(ng.GraspProblem(body, SOFT, task, hand=hand, constraints=more), 1, options=OPTIONS)
+        for more in ([], low)
+    )
+    assert "the jaws are 40 mm apart and come in along [" in str(free)
+    assert "way in" not in free.title
+    assert "but the gripper's way in leads " in stuck.title
+    assert " mm deep into the body, a table or an obstacle" in str(stuck)

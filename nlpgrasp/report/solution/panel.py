@@ -8,6 +8,7 @@ from html import escape
 
 from nlpgrasp.common.shown.numbers import at_most, outwards, percent, rounded, typeset
 from nlpgrasp.report.solution.gauge import gauge, legend, share_left
+from nlpgrasp.solution.measures.by_hand import FREE
 from nlpgrasp.solution.measures.quality import held_words
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -60,7 +61,7 @@ class Fact:
 def facts(solution: GraspSolution) -> list[Fact]:
     """Return the facts of a solution, the most telling first."""
     found = [] if solution.grasp is None else [_quality(solution), *_left(solution), _effort(solution)]
-    found += [*_squeeze(solution), *_approach(solution), *_best(solution)]
+    found += [*_squeeze(solution), *_approach(solution), *_gripper(solution), *_best(solution)]
     found = [_verdict(solution), *found] if verdict(solution)[1] == "bad" else [*found, _verdict(solution)]
     if sum(not fact.broad for fact in found) % 2:  # two a row
         found[-1] = replace(found[-1], broad=True)
@@ -73,6 +74,10 @@ def verdict(solution: GraspSolution) -> tuple[str, str]:
         return solution.status.value.split(":")[0], "bad"
     if solution.is_fragile:
         return "Fragile", "bad"
+    if solution.is_too_weak:
+        return "Above max_force", "bad"
+    if solution.caveats:
+        return f"{solution.status.value.split(':')[0]}, with a caveat", "weak"
     return solution.status.value.split(":")[0], "good" if solution.status is Status.OPTIMAL else ""
 
 
@@ -81,9 +86,8 @@ def _verdict(solution: GraspSolution) -> Fact:
     sentence = solution.status.value.partition(": ")[2]
     why = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
     lines = (f"{sentence[:1].upper()}{sentence[1:]}", *why)
-    if solution.robust is not None and solution.is_fragile:
-        words = solution.robust.fragile_words(solution.mu, solution.label)
-        lines = (f"{words[:1].upper()}{words[1:]}.", *lines)
+    if solution.success:
+        lines = (*(f"{words[:1].upper()}{words[1:]}." for words in solution.caveats), *lines)
     return Fact("Status", told, lines, tone, broad=tone == "bad")
 
 
@@ -122,6 +126,15 @@ def _approach(solution: GraspSolution) -> list[Fact]:
     """Return why the palm does not come straight to the grasp, where it does not."""
     line = solution.approach_line()
     return [Fact("Straight way to the grasp", "none", (f"{line[:1].upper()}{line[1:]}",), "weak")] if line else []
+
+
+def _gripper(solution: GraspSolution) -> list[Fact]:
+    """Return how parallel jaws come to the grasp."""
+    line, hand = solution.gripper_line(), solution.hand or {}
+    if not line:
+        return []
+    tone = "weak" if solution.way_depth > FREE else ""
+    return [Fact("Gripper", f"open {rounded(1e3 * hand['opening'])} mm", (f"{line[:1].upper()}{line[1:]}",), tone)]
 
 
 def _left(solution: GraspSolution) -> list[Fact]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from nlpgrasp.common.shown.numbers import rounded
+import numpy as np
+
+from nlpgrasp.common.shown.numbers import rounded, vector
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
@@ -15,6 +17,7 @@ from nlpgrasp.solution.squeezed.squeeze import Squeeze, finger_wrenches
 
 MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
 ROUNDING = 1e-6  # relative
+FREE = 1e-3  # metres: a way in that leads no deeper into anything counts as free
 
 
 class ByHand(Asked):
@@ -35,6 +38,30 @@ class ByHand(Asked):
         """Return in words why the palm does not come straight to the grasp; empty where it does, or none is known."""
         reason = ((self.hand or {}).get("approach") or {}).get("reason")
         return f"no free straight way of the palm to the grasp: {reason}" if reason else ""
+
+    def lines_by_hand(self) -> list[str]:
+        """Return what is known of the hand's joints, squeeze and way to the grasp, in words."""
+        return list(filter(None, (self.effort_line(), self.squeeze_line(), self.approach_line(), self.gripper_line())))
+
+    @property
+    def way_depth(self) -> float:
+        """How deep the straight way of parallel jaws leads into what is beside it, metres; 0 where none is stated."""
+        return float(((self.hand or {}).get("approach") or {}).get("depth", 0.0))
+
+    def gripper_line(self) -> str:
+        """Return in words how parallel jaws come to the grasp; empty of other hands."""
+        hand = self.hand or {}
+        if "opening" not in hand or "direction" not in (hand.get("approach") or {}):
+            return ""
+        direction = np.asarray(hand["approach"]["direction"], dtype=float)
+        down = float(np.degrees(np.arccos(np.clip(-direction[-1], -1.0, 1.0))))
+        along = f"[{vector(direction)}], {rounded(down, 2, 0.5)} degrees off straight down"
+        told = f"the jaws are {rounded(1e3 * hand['opening'])} mm apart and come in along {along}"
+        if self.way_depth <= FREE:
+            return told
+        return (
+            f"{told}; that way leads {rounded(1e3 * self.way_depth, 2)} mm deep into the body, a table or an obstacle"
+        )
 
     def squeeze_line(self) -> str:
         """Return in words what the squeeze needs, or why there is none; empty where neither is known."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from nlpgrasp.common.shown.drawing import Drawing
-from nlpgrasp.common.shown.numbers import at_most
+from nlpgrasp.common.shown.numbers import at_most, rounded
 from nlpgrasp.common.shown.words import measure_word
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
@@ -14,7 +14,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.joint_room import room_lines
-from nlpgrasp.solution.measures.by_hand import ByHand
+from nlpgrasp.solution.measures.by_hand import FREE, ByHand
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.measures.quality import Quality, held_words
@@ -79,6 +79,11 @@ class Measured(ByHand):
         return self.robust is not None and self.robust.is_fragile(self.mu)
 
     @property
+    def is_too_weak(self) -> bool:
+        """Whether the task as given takes more of a finger than ``max_force``; false where either is not known."""
+        return self.needed is not None and self.needed.is_within(self.max_force) is False
+
+    @property
     def told(self) -> str:
         """The status in words; where the gap is closed, how close, and what is wrong with the grasp."""
         told = self.status.value
@@ -93,10 +98,12 @@ class Measured(ByHand):
         said = []
         if self.robust is not None and self.is_fragile:
             said.append(self.robust.fragile_words(self.mu, self.label))
-        if self.needed is not None and self.max_force is not None and not self.needed.is_within(self.max_force):
+        if self.needed is not None and self.max_force is not None and self.is_too_weak:
             said.append(self.needed.too_much_words(self.max_force))
         if self.squeeze is None and self.squeeze_line():
             said.append("the hand cannot squeeze the body")
+        if self.way_depth > FREE:
+            said.append(f"the gripper's way in leads {rounded(1e3 * self.way_depth, 2)} mm into what is beside it")
         return said
 
     @property
@@ -112,9 +119,8 @@ class Measured(ByHand):
         lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}: {held}"]
         if self.bound is not None:
             lines.append(f"  {self.bound.line(self.mu.lower, self.label)}")
-        by_hand = [line for line in (self.effort_line(), self.squeeze_line(), self.approach_line()) if line]
         room = [] if self._room is None else room_lines(self._room)
-        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *by_hand, *room])]
+        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *self.lines_by_hand(), *room])]
 
     def needed_lines(self) -> list[str]:
         """Return what the fingers press for the task as it was given, in words; nothing where it is not known."""

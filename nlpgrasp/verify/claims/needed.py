@@ -43,7 +43,10 @@ def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: 
     if not (balance <= FORCE_TOLERANCE and cone <= FORCE_TOLERANCE):
         wrong.append(f"relative residual {balance:.1e}, distance to the cones {cone:.1e}")
     wrong += _not_least(solution, stated.wrench, grasp, force_set, amounts, used)
-    told = f"largest {float(np.max(stated.largest)):.6g} N, together {stated.total:.6g} N, of the budget {used:.6g}"
+    above = f", ABOVE max_force = {solution.max_force:g} N" if solution.is_too_weak else ""
+    told = (
+        f"largest {float(np.max(stated.largest)):.6g} N{above}, together {stated.total:.6g} N, of the budget {used:.6g}"
+    )
     return [Check("forces needed", not wrong, "; ".join(wrong) if wrong else f"{told}: least, and in the cones")]
 
 
