@@ -24,9 +24,9 @@ def problem(body=BODY, contacts=THREE, task=TASK, **more):
     return ng.GraspProblem(body, contacts, task, **more)
 
 
-def mesh_in_millimetres(folder):
+def mesh_in_millimetres(folder, size=1.0):
     path = folder / "part.stl"
-    trimesh.creation.box([80.0, 60.0, 40.0]).export(path)
+    trimesh.creation.box([80.0 * size, 60.0 * size, 40.0 * size]).export(path)
     return path
 
 
@@ -85,7 +85,7 @@ MISTAKES = {
     "friction as text": (
         lambda f: ng.FrictionContact("0.6"),
         "FrictionContact.friction: got '0.6'",
-        "a number greater than 0 and at most 1e+100, without quotes",
+        "a number greater than 0, without quotes",
     ),
     "numbers for contacts": (
         lambda f: problem(contacts=[0.6, 0.6]),
@@ -204,6 +204,52 @@ MISTAKES = {
         "today): got no folder",
         "a folder in one that exists",
     ),
+    "tasks in a list": (
+        lambda f: problem(task=[TASK, TASK]),
+        "GraspProblem.task: got [",
+        "tasks add up, such as ng.lift(...) + ng.disturbance(...)",
+    ),
+    "friction where a radius is asked for": (
+        lambda f: problem(contacts=[ng.PlaneContact(0.6)] * 3),
+        "GraspProblem.contacts[0].radius: got 0.6 m",
+        "no more than the body's longest side, 0.08; friction is friction=...",
+    ),
+    "a hand's name": (
+        lambda f: problem(hand="robotiq_2f85"),
+        "GraspProblem.hand: got robotiq_2f85",
+        "ng.hands.robotiq_2f85(...)",
+    ),
+    "jaws that open less than they close": (
+        lambda f: ng.ParallelJaw(0.01, closed=0.02),
+        "ParallelJaw.opening: got 0.01 m",
+        "more than closed, 0.02 m",
+    ),
+    "a gripper's finger in millimetres": (
+        lambda f: ng.ParallelJaw(0.08, finger_length=90),
+        "ParallelJaw.finger_length: got 90 m",
+        "90 mm are 0.09",
+    ),
+    "a point in millimetres": (
+        lambda f: problem(task=ng.lift([31, 20, 16], 0.8)),
+        "task: moments up to ",
+        "on a body of 0.108 m: moments are newton-metres, and points metres",
+    ),
+    "starts in quotes": (lambda f: ng.solve(problem(), starts="2"), "starts: got '2'", "a whole number from 1"),
+    "a CAD file": (
+        lambda f: ng.Mesh.load(written(f, "part.step", "ISO-10303-21;")),
+        "part.step, a CAD file",
+        "export an STL",
+    ),
+    "a part of eight metres": (
+        lambda f: ng.Mesh.load(mesh_in_millimetres(f, 0.1)),
+        "part.stl: 8 m long",
+        'unit="mm" says that its numbers are millimetres',
+    ),
+    "a solution over a mesh": (
+        lambda f: solved().save(mesh_in_millimetres(f)),
+        "GraspSolution.save: got ",
+        "(a mesh that is there), expected another file name",
+    ),
     "options as a dictionary": (
         lambda f: ng.solve(problem(), options={"gap": 0.02}),
         "options: got {'gap': 0.02}",
@@ -316,6 +362,11 @@ COMMANDS = {
         ["report", "{}/part.stl"],
         "part.stl: got a mesh",
         "a solution file (JSON)",
+    ),
+    "an answer over the mesh": (
+        ["solve", "{}/script.py", "--out", "{}/part.stl"],
+        "part.stl (a mesh that is there)",
+        "another file name: it would be overwritten",
     ),
     "a mesh to solve": (
         ["solve", "{}/part.stl"],

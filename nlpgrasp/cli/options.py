@@ -40,8 +40,8 @@ NormalForce = Annotated[
 Rtol = Annotated[float, typer.Option("--rtol", help="Relative gap of the certificate.")]
 
 
-def writable(target: Path, *sources: Path) -> Path:
+def writable(target: Path, *sources: Path, ending: str = "") -> Path:
     """Return the absolute path of a result file, refusing one that could not or should not be written."""
     if target.resolve() in [source.resolve() for source in sources]:
         raise InputError("--out", f"{target} (the script or file itself)", "another file")
-    return writable_place("--out", target)
+    return writable_place("--out", target, ending)

@@ -22,6 +22,9 @@ KINDS = {
 }
 
 
+SOURCES = ("a mesh", "a CAD file", "a hand's file", "a Python script")  # what nobody wants to have overwritten
+
+
 def kind_of(path: str | Path) -> str | None:
     """Return what a file is by the ending of its name, such as ``"a mesh"``; None for other endings."""
     ending = Path(path).suffix.lower()
@@ -60,8 +63,29 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
     return target
 
 
-def writable_place(field: str, target: Path) -> Path:
-    """Return the absolute path of a file that is to be written.
+def spare_sources(field: str, target: Path, ending: str = "") -> None:
+    """Refuse to overwrite a mesh, a hand's file or a script that is there with something else.
+
+    Parameters
+    ----------
+    field : str
+        Shown in the message.
+    target : Path
+    ending : str
+        Of files of the kind that is written: those may be overwritten.
+
+    Raises
+    ------
+    InputError
+        Naming the field.
+    """
+    kind = kind_of(target)
+    if kind in SOURCES and target.suffix.lower() != ending and target.exists():
+        raise InputError(field, f"{target} ({kind} that is there)", "another file name: it would be overwritten")
+
+
+def writable_place(field: str, target: Path, ending: str = "") -> Path:
+    """Return the absolute path of a file that is to be written, with the ending of its kind of files.
 
     Raises
     ------
@@ -75,6 +99,7 @@ def writable_place(field: str, target: Path) -> Path:
         raise InputError(field, f"{target} (no folder {target.parent})", "a file in a folder that exists")
     if place.exists() and not place.is_file():
         raise InputError(field, f"{target} (not a regular file)", "a file name")
+    spare_sources(field, target, ending)
     if not os.access(place.parent, os.W_OK) or (place.exists() and not os.access(place, os.W_OK)):
         raise InputError(field, f"{target} (not writable)", "a file that can be written")
     return place

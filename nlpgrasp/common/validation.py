@@ -31,13 +31,13 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
     """
     allowed = "a finite number"
     if above is not None:
-        allowed = f"a number greater than {above:g} and at most {LARGEST:g}"
+        allowed = f"a number greater than {above:g}"
     if at_least is not None:
         allowed = f"a number of at least {at_least:g}"
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(field, repr(value), allowed + (", without quotes" if isinstance(value, str) else ""))
     if not -LARGEST <= value <= LARGEST:  # false for NaN
-        raise InputError(field, value, allowed)
+        raise InputError(field, value, f"{allowed}, finite and at most {LARGEST:g}")
     result = float(value)
     if above is not None and above < result < above + SMALLEST:
         raise InputError(field, value, f"{allowed}, by at least {SMALLEST:g}")
@@ -83,7 +83,7 @@ def integer(field: str, value: object, *, at_least: int, at_most: int = 10**9) -
     """Return ``value`` as an int within inclusive limits, or raise ``InputError``."""
     allowed = f"a whole number from {at_least} to {at_most}"
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not at_least <= value <= at_most:
-        raise InputError(field, value, allowed)
+        raise InputError(field, repr(value) if isinstance(value, str) else value, allowed)
     return int(value)
 
 

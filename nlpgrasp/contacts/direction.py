@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from nlpgrasp.common.shown.numbers import vector
 from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
+TELLING = 0.1  # sine of the angle to the normal from which starts use a place
 PARALLEL = 1e-6  # sine of the angle to the normal below which a direction says nothing
 
 
@@ -27,6 +29,15 @@ def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | 
 def turned_direction(direction: tuple[float, ...] | None, rotation: FloatArray) -> tuple[float, ...] | None:
     """Return a direction in a turned body frame; as it is where there is none, or in the plane, which needs none."""
     return direction if direction is None or len(rotation) == 2 else tuple((rotation @ direction).tolist())
+
+
+def off_normal(direction: tuple[float, ...], normals: FloatArray) -> NDArray[np.bool_]:
+    """Return at which of the unit normals (b, 3) a direction says well how a line or rectangle lies."""
+    return np.asarray(np.linalg.norm(np.cross(normals, direction), axis=1) >= TELLING * np.linalg.norm(direction))
+
+
+class AlongNormalError(InputError):
+    """A contact's direction that is along the normal of the place it came to, where it says nothing."""
 
 
 def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, name: str) -> FloatArray:
@@ -48,7 +59,9 @@ def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, nam
     first = np.asarray(direction) - (normals @ np.asarray(direction))[:, None] * normals
     size = np.linalg.norm(first, axis=1)
     if np.any(size < PARALLEL):
-        raise InputError(f"{name}.direction", direction, f"a direction off the normal {normals[int(np.argmin(size))]}")
+        raise AlongNormalError(
+            f"{name}.direction", direction, f"one off the normal [{vector(normals[np.argmin(size)])}]"
+        )
     first = first / size[:, None]
     return np.stack([first, np.cross(normals, first)], axis=1)
 

@@ -14,10 +14,14 @@ from nlpgrasp.common.given.lengths import of_a_hand
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.jaw_pose import Cone, Distance, Jaws
 
 MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)
+
+
+LARGEST_PART = 2.0  # metres, of a gripper's finger
 
 
 @dataclass(frozen=True)
@@ -56,11 +60,14 @@ class ParallelJaw(Hand):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "closed", number("ParallelJaw.closed", self.closed, at_least=0.0))
-        opening = of_a_hand("ParallelJaw.opening", number("ParallelJaw.opening", self.opening, above=self.closed))
+        opening = of_a_hand("ParallelJaw.opening", number("ParallelJaw.opening", self.opening, above=0.0))
+        if opening <= self.closed:
+            raise InputError("ParallelJaw.opening", f"{opening:g} m", f"more than closed, {self.closed:g} m")
         object.__setattr__(self, "opening", opening)
         object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", self.tilt, MOST_TILT, "less than a right angle"))
         for name in ("finger_length", "finger_thickness"):
-            object.__setattr__(self, name, number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0))
+            length = number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0)
+            object.__setattr__(self, name, of_a_hand(f"ParallelJaw.{name}", length, LARGEST_PART))
 
     @property
     def tip_radii(self) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
 from nlpgrasp.problem.rows import placement_of
+from nlpgrasp.tasks import Task
 
 MOST_FRICTION = 2.0  # coefficients above are likely typing errors
 SAMPLES = 300  # a face
@@ -93,6 +94,31 @@ def body_words(given: object) -> str:
     if type(given).__module__.split(".")[0] == "trimesh":
         return 'a body: ng.Mesh(mesh, unit="mm"), in the unit of its vertices'
     return "a body such as ng.Box or ng.Mesh"
+
+
+def task_words(given: object) -> str:
+    """Return what to give for a task instead of something that is none: several are added."""
+    if isinstance(given, list | tuple) and given and all(isinstance(part, Task) for part in given):
+        return "one task: tasks add up, such as ng.lift(...) + ng.disturbance(...)"
+    return "a task, such as ng.TaskEllipsoid(semi_axes)"
+
+
+def hand_words(given: object) -> str:
+    """Return what to give for a hand instead of something that is none: a preset is a function of its own."""
+    if isinstance(given, str):
+        return f"a hand: ng.hands.{given}(...) where there is one of that name, or ng.URDFHand.load(path, fingertips)"
+    return "a hand such as ng.Fingertips, or None"
+
+
+def check_patches(models: Sequence[ContactModel], body: Body) -> None:
+    """Refuse the patch of a contact that is longer than the body: most often another number that came first."""
+    longest = float(np.max(body.bounds[1] - body.bounds[0]))
+    for i, model in enumerate(models):
+        for name in ("radius", "extents", "length"):
+            given = getattr(model, name, None)
+            if given is not None and np.max(given) > longest:
+                allowed = f"metres, no more than the body's longest side, {longest:.3g}; friction is friction=..."
+                raise InputError(f"GraspProblem.contacts[{i}].{name}", f"{np.max(given):g} m", allowed)
 
 
 def check_size(body: Body) -> None:

@@ -18,7 +18,15 @@ from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
-from nlpgrasp.problem.check import body_words, check_placements, check_size, warn_of_friction
+from nlpgrasp.problem.check import (
+    body_words,
+    check_patches,
+    check_placements,
+    check_size,
+    hand_words,
+    task_words,
+    warn_of_friction,
+)
 from nlpgrasp.problem.faces import allowed_faces
 from nlpgrasp.problem.margin import margin_of
 from nlpgrasp.problem.shown.seen import SeenProblem
@@ -99,7 +107,7 @@ class GraspProblem(SeenProblem):
         check_size(self.body)
         self._set_contacts()
         if not isinstance(self.task, Task):
-            raise InputError("GraspProblem.task", self.task, "a task, such as ng.TaskEllipsoid(semi_axes)")
+            raise InputError("GraspProblem.task", self.task, task_words(self.task))
         wanted = wrench_dimension(self.body.space)
         if self.task.dimension != wanted:
             components = "f_x, f_y, m_z" if wanted == 3 else "f_x, f_y, f_z, m_x, m_y, m_z"
@@ -124,6 +132,7 @@ class GraspProblem(SeenProblem):
         ):
             raise InputError("GraspProblem.name", repr(self.name), "a name of 1 to 200 printable characters")
         self._check_constraints()
+        check_patches(self.models, self.body)
         warn_of_friction(self.models, "GraspProblem.contacts[{}].friction")
         warn_of_lengths(self.body, self.models, self.constraints, self.hand)
         warn_of_surroundings(self.body, self.constraints, self.hand)
@@ -135,7 +144,7 @@ class GraspProblem(SeenProblem):
     def _set_contacts(self) -> None:
         given = self.contacts
         if self.hand is not None and not isinstance(self.hand, Hand):
-            raise InputError("GraspProblem.hand", self.hand, "a hand such as ng.Fingertips, or None")
+            raise InputError("GraspProblem.hand", self.hand, hand_words(self.hand))
         if isinstance(given, ContactModel):
             if self.hand is None:
                 name = type(given).__name__

@@ -1,4 +1,4 @@
-"""Whether a disturbance acts where its user thinks it does."""
+"""Whether forces act where their user thinks they do."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import parts_of
 
 FAR = 0.1  # of the body's size: from its centroid
+LONG = 100.0  # of the body's size: an arm that no task has
 
 
 def warn_of_point(task: Task, body: Body) -> None:
@@ -24,9 +25,23 @@ def warn_of_point(task: Task, body: Body) -> None:
         As given, before its moments are taken about the problem's torque origin.
     body : Body
     """
+    _warn_of_arm(task, body)
     away = float(np.linalg.norm(body.centroid))
     if away > FAR * body.size and any(part.point_left_out for part in parts_of(task)):
         say_once(
             f"disturbance: without a point its force acts at the origin of the body's frame, {1e3 * away:.3g} mm from "
             "the body's centroid: state point=body.centroid, or point=[0, 0, 0] where that is meant"
         )
+
+
+def _warn_of_arm(task: Task, body: Body) -> None:
+    """Warn, once, of moments that forces of the same task have on no arm of the body's size.
+
+    A point in millimetres does that, and so do moments in newton-millimetres.
+    """
+    axes, space = np.eye(task.dimension), body.space
+    most = np.maximum(task.support(axes)[0], task.support(-axes)[0])
+    force, moment = float(np.max(most[:space])), float(np.max(most[space:]))
+    if 0.0 < LONG * body.size * force < moment:
+        told = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"
+        say_once(f"task: {told} on a body of {2.0 * body.size:.3g} m: moments are newton-metres, and points metres")

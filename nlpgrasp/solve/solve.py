@@ -8,6 +8,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.stopping.interrupt import Interrupt
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
@@ -24,6 +25,7 @@ from nlpgrasp.solve.ascent.steps.registry import check_name
 from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.close_gap import close_gap
+from nlpgrasp.solve.outlook.outlook import why_not_bounded
 from nlpgrasp.solve.progress import Progress, told
 from nlpgrasp.solve.squeeze import with_squeezes
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
@@ -131,7 +133,8 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
         stop = Stop(deadline, Path(folder) / "stop")
         with Interrupt(stop) as interrupt, one_thread():
             runner.check_model()
-            runner.outlook(stop)
+            if runner.outlook(stop) is None and options.gap is not None:
+                warn(f"gap: {why_not_bounded(runner.problem)}; the answer is the best of its starts")
             clock.mark("outlook")
             for result in runner.starts(seed, stop):
                 results.append(result)

@@ -134,6 +134,16 @@ def test_a_mesh_is_only_bounded_where_time_is_short(tmp_path):
     assert 0.3 < solution.best_possible < 2.0
 
 
+def test_a_gap_where_nothing_is_bounded_is_said():
+    pads = [ng.PlaneContact(0.005, friction=0.6)] * 2
+    problem = ng.GraspProblem(ng.Box([0.04, 0.03, 0.05]), pads, ng.TaskEllipsoid([1.0] * 3 + [0.01] * 3))
+    options = ng.SolveOptions(gap=0.2, workers=1, extras=False)
+    with pytest.warns(
+        UserWarning, match=r"^gap: there is no bound .* \(contacts\[0\]: plane\); the answer is the best"
+    ):
+        assert ng.solve(problem, 1, options=options).bound is None
+
+
 def test_no_look_where_none_is_wanted_or_possible():
     without = ng.solve(square(), starts=1, options=ng.SolveOptions(global_bound=False, **QUICK))
     assert (without.best_possible, without.gap) == (math.inf, math.inf)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlpgrasp.common.files import kind_of
 from nlpgrasp.common.given.lengths import metres_per
 from nlpgrasp.common.meshes.outer import outer_surface
 from nlpgrasp.common.meshes.parts import Parts, without_doubles
@@ -40,6 +41,9 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     try:
         loaded = trimesh.load(file, force="mesh", process=False)  # processing drops NaN vertices unseen
     except ImportError:
+        if kind_of(file) == "a CAD file":
+            cure = "a mesh: export an STL from the CAD system; STEP files alone are read with pip install cascadio"
+            raise InputError("Mesh.path", f"{path}, a CAD file", cure) from None
         allowed = "a mesh file trimesh can read (STL, OBJ, PLY, OFF, GLB, ...)"
         raise InputError("Mesh.path", f"{path}, which is not of the format its name says", allowed) from None
     except Exception as error:

@@ -26,7 +26,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.workers.processes import cores
 
 Progress = Callable[[SolveRecord], None]
-INTERRUPTED = "Interrupted: go on with --resume."
+INTERRUPTED = "Interrupted: go on with --resume; in Python with resume=True, of ng.solve_many by calling it again."
 GO_ON = "What was written before is kept; go on with --resume."
 
 

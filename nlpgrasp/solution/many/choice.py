@@ -36,11 +36,16 @@ def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp
     raise InputError("select", f"a function that is true for none of {kept}", "one that accepts a grasp, or more kept")
 
 
-def table(grasps: Sequence[FoundGrasp]) -> list[str]:
-    """Return several grasps in words, one a line: certified quality, what is left of it at worst, faces."""
+def table(grasps: Sequence[FoundGrasp], asked: int = 1) -> list[str]:
+    """Return several grasps in words, one a line: certified quality, what is left of it at worst, faces.
+
+    Where they are fewer than were asked for, the first line says so.
+    """
+    fewer = f"  {len(grasps)} of the {asked} grasps asked for: more starts, or a smaller distinct, may find others"
+    said = [fewer] if 0 < len(grasps) < asked else []
     if len(grasps) < 2:
-        return []
-    lines = [f"  {len(grasps)} grasps kept, best first (certified quality, what is left at worst, faces):"]
+        return said
+    lines = [*said, f"  {len(grasps)} grasps kept, best first (certified quality, what is left at worst, faces):"]
     for i, found in enumerate(grasps):
         left = "" if found.robust is None else f"{found.robust.mu.upper:.4g} left"
         fragile = ", fragile" if found.is_fragile else ""

@@ -66,4 +66,4 @@ class Several(Measured):
         )
 
     def __str__(self) -> str:
-        return "\n".join([super().__str__(), *table(self.grasps)])
+        return "\n".join([super().__str__(), *table(self.grasps, self.solver.get("keep", 1))])

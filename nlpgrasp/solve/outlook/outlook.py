@@ -226,6 +226,15 @@ def unseen(
         return None
 
 
+def why_not_bounded(problem: GraspProblem) -> str:
+    """Return in words why there is no bound over all placements of a problem."""
+    try:
+        scope_of(problem)
+    except InputError as error:
+        return f"there is no bound over all placements of this problem ({error.field}: {error.given})"
+    return "no bound over all placements was looked for"
+
+
 def _wanted(problem: GraspProblem, options: SolveOptions) -> bool:
     """Return whether to look at all: a superquadric is bounded too, but loosely and in ten seconds."""
     return options.global_bound and not isinstance(problem.body, Superquadric)

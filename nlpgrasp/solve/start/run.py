@@ -10,6 +10,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.contacts.direction import AlongNormalError
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
@@ -44,7 +45,7 @@ def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Placed
     with one_thread():
         try:
             found = _best_attempt(_Attempts(bench, index, np.random.default_rng([seed, index]), stop, clock, known))
-        except (RuntimeError, np.linalg.LinAlgError) as error:
+        except (RuntimeError, np.linalg.LinAlgError, AlongNormalError) as error:
             text = f"{type(error).__name__}: {error}"
             return StartResult(StartRecord(index, Status.FAILED, seconds=clock.seconds, message=text))
     return replace(found, record=replace(found.record, seconds=clock.seconds))

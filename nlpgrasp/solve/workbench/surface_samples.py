@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.direction import off_normal
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import FITS
@@ -56,12 +57,29 @@ def plain(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDA
     """
     body, face, hand = mesh_of(problem), problem.body.face_names[0], problem.hand
     kept = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
+    for direction in _directions(problem):
+        kept &= off_normal(direction, outward)
     if problem.margin > 0.0:
         kept &= body.edge_distance(face, points) >= problem.margin
     radius = 0.0 if hand is None or not hand.follows_contacts else max(hand.tip_radii)
     if radius > 0.0:
         kept[kept] = body.clearance((points + radius * outward)[kept]) >= FITS * radius
     return np.asarray(kept)
+
+
+def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
+    """Return the directions of lines and rectangles among the contacts."""
+    each = (getattr(model, "direction", None) for model in problem.models) if problem.body.space == 3 else ()
+    return [direction for direction in each if direction is not None]
+
+
+def _has_tangents(problem: GraspProblem, face: str, points: FloatArray) -> NDArray[np.bool_]:
+    """Return at which points of a face the directions of all contacts that may use it say something."""
+    kept = np.ones(len(points), dtype=bool)
+    if len(points):
+        for direction in _directions(problem):
+            kept &= off_normal(direction, problem.body.evaluate(face, points)[2])
+    return kept
 
 
 class SurfaceSamples:
@@ -83,6 +101,7 @@ class SurfaceSamples:
         names = sorted({n for i in range(k) for n in problem.allowed_faces(i)})
         rng = np.random.default_rng(0)
         found = {name: problem.body.sample(name, CLOUD, rng, problem.margin) for name in names}
+        found = {name: points[_has_tangents(problem, name, points)] for name, points in found.items()}
         found = {name: points for name, points in found.items() if len(points)}
         for i in range(k):
             if not any(n in found for n in problem.allowed_faces(i)):

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 from itertools import combinations, permutations, product
 
 import numpy as np
@@ -184,6 +185,13 @@ def test_the_table_in_print_names_each(solution):
     start = next(i for i, line in enumerate(lines) if "8 grasps kept" in line)
     assert len(lines[start + 1 :]) == KEEP
     assert ", ".join(solution.grasps[-1].faces) in lines[-1]
+
+
+def test_fewer_than_were_asked_for_are_counted(solution):
+    asked = replace(solution, solver={**solution.solver, "keep": 50})
+    told = f"{len(solution.grasps)} of the 50 grasps asked for: more starts, or a smaller distinct, may find others"
+    assert told in str(asked)
+    assert "asked for" not in str(solution)
 
 
 def test_a_contact_table_has_all_of_them(solution):
