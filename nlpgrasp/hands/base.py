@@ -133,8 +133,8 @@ class Hand(StatedPart):
         distance : callable
             Points (m, space) to their distances (m,), metres, from what the hand has to keep away from: the body,
             tables, obstacles.
-        cones : sequence of (array, float)
-            Unit directions, (space,), and the angles, radians, that the approach is to be within.
+        cones : sequence of pairs
+            A unit direction, (space,), and the angle, radians, that the approach is to be within of it.
         """
         return {}
 

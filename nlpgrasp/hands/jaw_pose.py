@@ -43,7 +43,7 @@ class Jaws:
         From the pads back to the gripper's frame, metres; 0 where none is stated.
     thickness : float
         Of a finger in the closing direction, metres.
-    cones : tuple of (array, float)
+    cones : tuple of pairs
         That the approach is to be within.
     """
 

@@ -10,7 +10,7 @@ from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import parts_of
 
 FAR = 0.1  # of the body's size: from its centroid
-LONG = 100.0  # of the body's size: an arm that no task has
+LONG, LONGEST = 100.0, 2.0  # of the body's size, and metres: an arm that no task has
 
 
 def warn_of_point(task: Task, body: Body) -> None:
@@ -42,6 +42,6 @@ def _warn_of_arm(task: Task, body: Body) -> None:
     axes, space = np.eye(task.dimension), body.space
     most = np.maximum(task.support(axes)[0], task.support(-axes)[0])
     force, moment = float(np.max(most[:space])), float(np.max(most[space:]))
-    if 0.0 < LONG * body.size * force < moment:
+    if force > 0.0 and moment / force > max(LONG * body.size, LONGEST):
         told = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"
         say_once(f"task: {told} on a body of {2.0 * body.size:.3g} m: moments are newton-metres, and points metres")

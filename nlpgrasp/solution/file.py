@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import cast
 
-from nlpgrasp.common.files import read_text, write_text
+from nlpgrasp.common.files import read_text, spare_sources, write_text
 from nlpgrasp.common.stored.strict_json import check_schema, read_object
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema import SCHEMA_NAME, solution_schema
@@ -23,8 +23,9 @@ def write(data: SolutionData, path: str | Path) -> Path:
     Raises
     ------
     InputError
-        When the folder does not exist or cannot be written.
+        When the folder does not exist or cannot be written, or a mesh, a hand or a script has that name.
     """
+    spare_sources("GraspSolution.save", Path(path))
     return write_text(path, text_of(data))
 
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from nlpgrasp.common.files import spare_sources
 from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, within
@@ -236,7 +235,6 @@ class GraspSolution(Seen):
         InputError
             When the folder does not exist or cannot be written, or the path is that of a mesh, a hand or a script.
         """
-        spare_sources("GraspSolution.save", Path(path))
         bound = None if self.bound is None else self.bound.saved_beside(self.problem, Path(path))
         return write(replace(self, bound=bound).to_dict(), path)
 

@@ -11,7 +11,7 @@ from nlpgrasp.verify.claims.evidence import force_checks
 from tests.samples import EVERY as CONTACTS
 from tests.verify.stated import stated_file
 
-POINTS, NORMALS = [[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+POINTS, NORMALS = [[0.3, 0.0, 0.0], [-0.3, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
 MODELS = [name for name, contact in CONTACTS.items() if contact.unilateral and not name.endswith("line")]
 
 
@@ -20,8 +20,8 @@ def said(name, forces):
     contact = CONTACTS[name]
     if isinstance(contact, ng.PlaneContact) and contact.extents:
         contact = replace(contact, direction=(0.0, 1.0, 0.0))
-    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])
-    problem = ng.GraspProblem(ng.Box([0.06, 0.04, 0.04]), [contact] * 2, task)
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
+    problem = ng.GraspProblem(ng.Box([0.6, 0.4, 0.4]), [contact] * 2, task)
     solution = ng.GraspSolution.from_dict(stated_file(problem, ["+x", "-x"], POINTS, NORMALS), "file.json")
     along = np.array([[f, 0.0, 0.0] for f in forces])
     wrench = np.append(along.sum(axis=0), [0.0, 0.0, 0.0])

@@ -20,14 +20,12 @@ from nlpgrasp.common.given.lengths import metres_per
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, scaled_mesh, usable_mesh
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.registry import incomplete
-from nlpgrasp.common.shown.once import say_once
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 
 if TYPE_CHECKING:
     import trimesh
 
-LARGE = 1.0  # metres: longer bodies are mostly stated in another unit
 ROOM_SAMPLES = 4000  # points among which the farthest from sharp edges is looked for
 OFFSET_SAMPLES = 300  # points of which it is measured how far the smooth surface is
 CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of links; margin over the size
@@ -110,15 +108,11 @@ class Mesh(Body):
         path : str or Path
             STL, OBJ, PLY, OFF or whatever else ``trimesh`` reads.
         unit : {"m", "dm", "cm", "mm", "in", "ft"}
-            The unit of the file's coordinates. A body longer than a metre is asked about, where that is its unit.
+            The unit of the file's coordinates. A long body in metres is asked about.
         smoothing, resolution
             See the class.
         """
-        mesh = read_mesh(path, unit)
-        longest = float(np.max(np.ptp(mesh.bounds, axis=0)))
-        if unit == "m" and longest > LARGE:
-            say_once(f'{Path(path).name}: {longest:.3g} m long; unit="mm" says that its numbers are millimetres')
-        body = cls(mesh, smoothing, resolution, source=Path(path).name)
+        body = cls(read_mesh(path, unit), smoothing, resolution, source=Path(path).name)
         body.unit = unit
         return body
 

@@ -17,11 +17,15 @@ from nlpgrasp.common.given.lengths import metres_per
 from nlpgrasp.common.meshes.outer import outer_surface
 from nlpgrasp.common.meshes.parts import Parts, without_doubles
 from nlpgrasp.common.meshes.winding import OPEN_SHARE, unclear_share
-from nlpgrasp.common.validation import likely_size
+from nlpgrasp.common.shown.once import say_once
+from nlpgrasp.common.validation import LONGEST_BODY, likely_size
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
     import trimesh
+
+
+LARGE = 3.0  # metres: longer bodies are mostly stated in another unit
 
 
 def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
@@ -51,6 +55,9 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
         raise InputError("Mesh.path", reason, "a mesh file trimesh can read (STL, OBJ, PLY, OFF, GLB, ...)") from None
     if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
         raise InputError("Mesh.path", f"{path} without triangles", "a triangle mesh")
+    longest = _longest_side(loaded)
+    if unit == "m" and LARGE < longest <= LONGEST_BODY:
+        say_once(f'{file.name}: {longest:.3g} m long; unit="mm" says that its numbers are millimetres')
     return scaled_mesh(loaded, factor)
 
 
