@@ -54,8 +54,8 @@ class TestInstead:
         monkeypatch.setattr(face.tempfile, "tempdir", str(tmp_path))
         page = box.show()
         assert capsys.readouterr().out == (
-            "The report is written to a file instead: there is no display; "
-            "port=8080 serves sliders all the same, for a browser that is told the address\n"
+            "The report is written to a file instead: there is no display. "
+            "show(port=8080) serves the page with sliders to a browser elsewhere\n"
             f"No browser was opened; the page is {page}\n"
         )
 

@@ -52,7 +52,7 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
     if solution.grasp is None or drawn_body(solution) is None:
         return None
     if port is None and not has_display():
-        _instead("there is no display; port=8080 serves sliders all the same, for a browser that is told the address")
+        _instead("there is no display. show(port=8080) serves the page with sliders to a browser elsewhere")
         return None
     try:
         viser = import_viser("a view with sliders")
