@@ -11,6 +11,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.common.shown.numbers import rounded
 from nlpgrasp.solution.measures.needed import ForcesNeeded
+from nlpgrasp.solution.squeezed.joints import JointSqueeze
 from nlpgrasp.solve.squeeze import with_squeeze, with_squeezes
 from tests.hands.urdf import FOLDER, THREE, Mujoco, body_frame, solution_links, three_finger_hand
 from tests.verify import honest
@@ -219,3 +220,25 @@ def test_a_file_whose_joints_the_hand_lacks_is_refused():
 def test_a_file_that_makes_no_sense_is_refused(path, wrong, message):
     with pytest.raises(ng.InputError, match=message):
         ng.GraspSolution.from_dict(edited(squeezed().to_dict(), put(path, wrong)), "f.json")
+
+
+def test_joints_that_slide_have_forces_and_those_that_turn_torques():
+    """A joint whose rate turns no contact slides; what is above its limit is counted in newtons."""
+    jacobians = np.zeros((2, 6, 2))
+    jacobians[:, 0, 0] = [1.0, -1.0]  # slides along x
+    jacobians[0, :, 1] = [0.0, 0.05, 0.0, 0.0, 0.0, 1.0]  # turns about z, 50 mm away
+    wrenches = np.array([[3.0, 2.0, 0, 0, 0, 0], [-3.0, 0, 0, 0, 0, 0]])
+    limits, positions = {"slide": 4.0, "turn": 0.01}, {"slide": 0.0, "turn": 0.0}
+    found = JointSqueeze.of(("slide", "turn"), wrenches, jacobians, limits, positions, None)
+    assert found.torques == pytest.approx({"slide": 6.0, "turn": 0.1})
+    assert found.words() == "MORE than the effort of slide (by 2 N), turn (by 0.09 N m)"
+
+
+def test_a_task_beyond_the_joints_effort_is_said_first():
+    """Forces of 3, 2 and 1 N, and of 300 times as much."""
+    grasp, forces = grasped().grasp, grasped().grasp.normals * [[3.0], [2.0], [1.0]]
+    for times, beyond in ((1.0, False), (300.0, True)):
+        needed = ForcesNeeded.of(grasp, np.zeros(6), times * forces, None, [], ng.Bounds(1.0, 1.0))
+        found = replace(squeezed(), needed=needed)
+        assert ("but the task takes MORE than the effort of " in found.title) is beyond
+        assert (" N m)" in found.title) is beyond

@@ -13,6 +13,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.asked import Asked
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.phases.phase import Phase, phases_from
+from nlpgrasp.solution.squeezed.joints import JointSqueeze
 from nlpgrasp.solution.squeezed.squeeze import Squeeze, finger_wrenches
 
 MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
@@ -101,10 +102,25 @@ class ByHand(Asked):
 
         By virtual work, of the finger forces stated: others that hold the same wrench may ask less of the joints.
         """
+        effort = self._effort
+        return "" if effort is None else f"these forces take {effort.words()}"
+
+    @property
+    def beyond_effort(self) -> str:
+        """Which joints the task asks more of than they can do, in words; empty where it asks of none, or none is known.
+
+        Other finger forces for the same wrench may ask less.
+        """
+        effort = self._effort
+        return "" if effort is None or not effort.exceeded else f"the task takes {effort.words()}"
+
+    @property
+    def _effort(self) -> JointSqueeze | None:
+        """What the joints do for the hardest wrench of the task; None where that, or a limit, is not known."""
         joints, needed = None if self.squeeze is None else self.squeeze.joints, self.needed
         if needed is None or joints is None or joints.worst is None or self.budget.absolute:
-            return ""
-        return f"these forces take {joints.under(finger_wrenches(needed.forces, needed.moments)).words()}"
+            return None
+        return joints.under(finger_wrenches(needed.forces, needed.moments))
 
     @property
     def _why_no_squeeze(self) -> str | None:

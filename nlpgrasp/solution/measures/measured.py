@@ -102,6 +102,8 @@ class Measured(ByHand):
             said.append(self.needed.too_much_words(self.max_force))
         if self.squeeze is None and self.squeeze_line():
             said.append("the hand cannot squeeze the body")
+        if self.beyond_effort:
+            said.append(self.beyond_effort)
         if self.way_depth > FREE:
             said.append(f"the gripper's way in leads {rounded(1e3 * self.way_depth, 2)} mm into what is beside it")
         return said

@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nlpgrasp.common.shown.numbers import rounded
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 
 Gain = float | Mapping[str, float]
 GAIN = 5.0  # N m / rad of the joints' position control, where none is stated
+LEAST = 1e-9  # newton-metres, or radians per rate: less is nothing
 LEVER = 0.05  # metres: a sliding joint is taken like a turning one whose force has this lever
 
 
@@ -114,15 +116,20 @@ class JointSqueeze:
         over = {name: abs(self.torques[name]) - limit for name, limit in self.limits.items()}
         return {name: amount for name, amount in over.items() if amount > 0.0}
 
+    def amount(self, name: str, value: float) -> str:
+        """Return a torque of a joint in words; of one that slides, and so turns no contact, a force."""
+        turns = self.jacobians[:, 3:, list(self.torques).index(name)]
+        return f"{rounded(value, least=LEAST)} {'N m' if np.any(np.abs(turns) > LEAST) else 'N'}"
+
     def words(self) -> str:
         """Return the worst joint in words, and what is above its limit."""
         if self.worst is None:
             most = max(self.torques, key=lambda name: abs(self.torques[name]))
-            return f"largest torque {abs(self.torques[most]):.3g} N m, at joint {most}"
+            return f"at most {self.amount(most, abs(self.torques[most]))} at a joint ({most})"
         name, share = self.worst
         if not self.exceeded:
             return f"at most {100.0 * share:.3g} % of a joint's effort ({name})"
-        weak = ", ".join(f"{joint} ({over:.3g} N m)" for joint, over in self.exceeded.items())
+        weak = ", ".join(f"{joint} (by {self.amount(joint, over)})" for joint, over in self.exceeded.items())
         return f"MORE than the effort of {weak}"
 
     def to_dict(self) -> Json:

@@ -126,7 +126,7 @@ class Squeeze:
             shares = self.joints.shares
             for name, tau in self.joints.torques.items():
                 share = f", {percent(shares[name])} of its effort" if name in shares else ""
-                lines.append(f"  joint {name}: {rounded(tau, least=1e-9)} N m{share}")
+                lines.append(f"  joint {name}: {self.joints.amount(name, tau)}{share}")
         return "\n".join(lines)
 
     def to_dict(self) -> Json:
