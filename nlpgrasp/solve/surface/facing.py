@@ -17,12 +17,10 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.solve.surface.regained import ALLOWED, opposite, regained
 from nlpgrasp.solve.surface.scored import Scored
+from nlpgrasp.solve.workbench.across import pairs_across
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-POINTS, BLOCK = 1200, 200  # of the mesh that are paired, and of them at a time
-ASIDE = 1.5  # spacings of these points: how far beside the line along a normal its other end may be
-PARTNERS = 3  # of a point at most, the nearest to its line
 NEARLY = 0.1  # relative to the rows' scales: pairs that break more are not brought back to the constraints
 SCREENED = 1500  # pairs that are compared
 TRIED = 4  # times as many pairs as are wanted that are brought back
@@ -106,24 +104,7 @@ def _apart_from_each_other(bench: Workbench, points: FloatArray, order: NDArray[
 
 def _through(bench: Workbench) -> tuple[FloatArray, FloatArray]:
     """Return pairs of places (b, 2, 3), one at a sample point, the other where its normal leaves the body; normals."""
-    cloud = bench.surface.mesh_cloud
-    some = np.random.default_rng(0).permutation(len(cloud.points))[:POINTS]
-    p, n = cloud.points[some], cloud.normals[some]
-    nearest = np.asarray(cloud.tree.query(p, k=2)[0])[:, 1]
-    spacing = float(np.median(nearest)) * np.sqrt(len(cloud.points) / len(p))
-    pairs, turned = [], []
-    for begin in range(0, len(p), BLOCK):
-        here = slice(begin, begin + BLOCK)
-        between = p[None] - p[here, None]
-        along = np.einsum("ijk,ik->ij", between, n[here])
-        beside = np.sqrt(np.maximum(np.sum(between**2, axis=2) - along**2, 0.0))
-        good = (along > 0.0) & (beside <= ASIDE * spacing) & (n[here] @ n.T < 0.0)
-        order = np.argsort(np.where(good, beside, np.inf), axis=1)[:, :PARTNERS]
-        rows, columns = np.nonzero(np.take_along_axis(good, order, axis=1))
-        ends = order[rows, columns]
-        pairs.append(np.stack([p[here][rows], p[ends]], axis=1))
-        turned.append(np.stack([n[here][rows], n[ends]], axis=1))
-    points, normals = np.concatenate(pairs), np.concatenate(turned)
+    points, normals = pairs_across(bench.surface.mesh_cloud)
     # the other end where the normal leads to, and not at the sample point near it
     lengths = np.einsum("ij,ij->i", points[:, 1] - points[:, 0], normals[:, 0])
     points[:, 1] = points[:, 0] + lengths[:, None] * normals[:, 0]

@@ -1,0 +1,41 @@
+"""Pairs of sample points that face each other across a body: what two fingers press between them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solve.workbench.surface_samples import Cloud
+
+POINTS, BLOCK = 1200, 200  # sample points that are paired, and of them at a time
+ASIDE = 1.5  # spacings of these points: how far beside the line along a normal its other end may be
+PARTNERS = 3  # of a point at most, the nearest to its line
+
+
+def pairs_across(cloud: Cloud) -> tuple[FloatArray, FloatArray]:
+    """Return pairs of points (b, 2, space) of which the second is where the first one's normal leads, and normals.
+
+    A normal may lead out of the body and into it again: each point has up to three partners.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        Of which at most 1200 points are paired, always the same.
+    """
+    some = np.random.default_rng(0).permutation(len(cloud.points))[:POINTS]
+    p, n = cloud.points[some], cloud.normals[some]
+    nearest = np.asarray(cloud.tree.query(p, k=2)[0])[:, 1]
+    spacing = float(np.median(nearest)) * np.sqrt(len(cloud.points) / len(p))
+    pairs, normals = [], []
+    for begin in range(0, len(p), BLOCK):
+        here = slice(begin, begin + BLOCK)
+        between = p[None] - p[here, None]
+        along = np.einsum("ijk,ik->ij", between, n[here])
+        beside = np.sqrt(np.maximum(np.sum(between**2, axis=2) - along**2, 0.0))
+        good = (along > 0.0) & (beside <= ASIDE * spacing) & (n[here] @ n.T < 0.0)
+        order = np.argsort(np.where(good, beside, np.inf), axis=1)[:, :PARTNERS]
+        rows, columns = np.nonzero(np.take_along_axis(good, order, axis=1))
+        ends = order[rows, columns]
+        pairs.append(np.stack([p[here][rows], p[ends]], axis=1))
+        normals.append(np.stack([n[here][rows], n[ends]], axis=1))
+    return np.concatenate(pairs), np.concatenate(normals)
