@@ -132,7 +132,8 @@ def read_text(path: str | Path, what: str, largest: int) -> str:
             raise InputError(str(path), f"{size / 2**20:.0f} MiB", f"at most {largest // 2**20} MiB")
         return file.read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError(str(path), error.strerror or "unreadable", f"{what} that exists") from None
+        given = "no file of that name" if isinstance(error, FileNotFoundError) else error.strerror or "unreadable"
+        raise InputError(str(path), given, f"{what} that exists") from None
     except UnicodeDecodeError:
         raise InputError(str(path), "bytes that are not UTF-8", f"{what} (JSON)") from None
 

@@ -177,7 +177,7 @@ def _check_contact(
         named = ", ".join(dict.fromkeys(rows[j].name for j in np.argmax(excess, axis=0)))
         raise InputError(
             "GraspProblem.constraints",
-            f"{named}, which no point of {_some(list(samples))} keeps{_by(least * size)}",
+            f"{named}: kept nowhere on {_some(list(samples))}{_by(least * size)}",
             f"constraints that leave contact {i} some part of the body",
         )
 

@@ -69,7 +69,7 @@ ALL_FACES = ng.Forbid(["+x", "-x", "+y", "-y", "+z", "-z"])
         (lambda: ng.GraspProblem(BOX, FINGERS, BALL, constraints=["table"]), r"constraints such as ng\.Table"),
         (
             lambda: ng.GraspProblem(BOX, FINGERS, BALL, constraints=[ng.Table(3.0)]),
-            r"got table, finger 0, which no point of faces .* keeps \(the nearest misses by \d+ mm\), .* contact 0",
+            r"got table, finger 0: kept nowhere on faces .* \(the nearest misses by \d+ mm\), .* contact 0",
         ),
         (
             lambda: ng.GraspProblem(BOX, FINGERS, BALL, constraints=[ng.Forbid(ng.HalfSpace([0, 0, 1], -2.0))]),
@@ -98,7 +98,7 @@ ALL_FACES = ng.Forbid(["+x", "-x", "+y", "-y", "+z", "-z"])
             lambda: ng.GraspProblem(
                 BOX, FINGERS, BALL, constraints=[ng.Constraint("nan", lambda p, n: p[0][0] * np.nan)]
             ),
-            "got nan, which no point of faces .* keeps, expected constraints that leave contact 0",
+            "got nan: kept nowhere on faces .*, expected constraints that leave contact 0",
         ),
         (lambda: ng.GraspProblem(BOX, FINGERS, BALL, constraints=5), r"GraspProblem\.constraints: got 5"),
         (lambda: ng.GraspProblem(BOX, ng.FrictionContact(0.5), BALL, hand="hand"), r"GraspProblem\.hand"),
