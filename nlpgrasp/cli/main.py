@@ -91,7 +91,8 @@ def solve_command(
         emit(done(solution, written))
     else:
         typer.echo(str(solution))
-        typer.echo(f"  {solution.solver['seconds']['total']:.1f} s, {len(solution.starts)} starts")
+        count = len(solution.starts)
+        typer.echo(f"  {solution.solver['seconds']['total']:.1f} s, {count} start{'' if count == 1 else 's'}")
         typer.echo(f"  {'written to ' + written if written else f'{target} left as it was'}")
     if not solution.success:
         raise typer.Exit(1)

@@ -16,6 +16,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 NOTHING = Bounds(0.0, 0.0)
 NOT_DONE = "not done"  # the failure of a solve whose turn has not come
+WIDE = 2.0  # relative: a gap that is as wide says next to nothing of a grasp
 HANDED = "from variation "  # begins the message of a start from another variation's grasp
 
 
@@ -160,8 +161,10 @@ class SolveRecord:
 
 
 def percent(gap: float) -> str:
-    """Return a gap in percent, empty where it is infinite."""
-    return f"{gap:.1%}" if math.isfinite(gap) else ""
+    """Return a gap in percent, in words where it says next to nothing, empty where it is infinite."""
+    if gap > WIDE:
+        return "loose" if math.isfinite(gap) else ""
+    return f"{gap:.1%}"
 
 
 def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
