@@ -14,7 +14,7 @@ from nlpgrasp.common.validation import FloatArray
 SHARP = np.radians(30.0)  # between the normals on both sides of an edge: beyond it the edge is a sharp one
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Face:
     """One smooth piece of a body's surface.
 
@@ -38,6 +38,9 @@ class Face:
     extent: Callable[[Expression], Sequence[Expression]] = lambda p: ()
     sharp: Sequence[bool] | None = None
     room: float = np.inf
+
+    def __repr__(self) -> str:
+        return f"Face({self.name!r})"
 
     def limits(self, p: Expression, margin: float) -> list[Expression]:
         """Return the extents of a CasADi point, those of sharp edges drawn back by a margin, metres."""

@@ -131,3 +131,11 @@ def test_bad_bodies_are_refused_in_one_sentence(make, message):
     with pytest.raises(ng.InputError, match=message) as caught:
         make()
     assert "\n" not in str(caught.value)
+
+
+def test_faces_and_bodies_of_expressions_print_in_a_line():
+    """A spline has thousands of numbers, and an expression may be as long."""
+    ball = ng.Implicit(lambda p: p.T @ p - 0.03**2, [[-0.05] * 3, [0.05] * 3])
+    assert repr(ball.faces) == "(Face('surface'),)"
+    assert repr(ball) == "Implicit(h=<lambda>, bounds=[[-0.05, -0.05, -0.05], [0.05, 0.05, 0.05]])"
+    assert repr(ng.Box([1, 1, 1]).faces[0]) == "Face('+x')"
