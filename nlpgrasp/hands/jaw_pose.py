@@ -28,6 +28,7 @@ ACROSS = 5  # lines of the palm
 WAY = 2.0  # of the body's size: how far back the way in is looked at
 NEAR = 0.02  # of the body's size: what is in the way by less than this is not, pads on tilted faces for example
 ALONG = 1e-9  # part of a unit direction across the closing line: a cone about this line has no middle across it
+NEARLY = 0.1  # of the clearest way's mean distance: the steepest way down is taken where it is clear but for so much
 SAME = 1e-6  # of the body's size: directions as clear as each other
 
 
@@ -102,7 +103,8 @@ class Jaws:
         """Return the approach that is clearest, (space,), and how deep its way leads into anything, metres.
 
         Of the directions that are the least deep in anything, to ``NEAR`` of the body's size, the one whose way is
-        farthest from everything on average; of equals the one that comes down the last axis most steeply.
+        farthest from everything on average, of equals the one that comes down the last axis most steeply; the steepest
+        of all directions where it is clear but for a tenth of that.
         """
         directions = self.approaches()
         ways = np.stack([self.way(direction, size) for direction in directions])
@@ -111,7 +113,8 @@ class Jaws:
         free = depth <= max(float(depth.min()), NEAR * size)
         best = float(mean[free].max())
         steepest = np.where(free & (mean >= best - SAME * size), -directions[:, -1], -np.inf)
-        chosen = int(np.argmax(steepest))
+        down = int(np.argmin(directions[:, -1]))
+        chosen = down if free[down] and mean[down] >= (1.0 - NEARLY) * best > 0.0 else int(np.argmax(steepest))
         return directions[chosen], float(depth[chosen])
 
     def posture(self, size: float, distance: Distance) -> Json:

@@ -41,6 +41,14 @@ def test_the_approach_is_the_shortest_way_over_the_body():
     np.testing.assert_allclose(np.abs(lying["approach"]["direction"]), [1.0, 0.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.parametrize(("height", "down"), [(0.05, True), (0.06, False)])
+def test_straight_down_is_taken_where_it_is_nearly_as_clear(height, down):
+    """From aside a gripper is soon clear of a slender box; of one that is a little lower it comes from above."""
+    body = ng.Box([0.04, 0.04, height])
+    found = posture(constraints=[ng.Table.under(body)], body=body, points=[[0.02, 0, 0], [-0.02, 0, 0]])
+    assert (found["approach"]["direction"][2] < -0.999) is down
+
+
 @pytest.mark.parametrize("height", [-0.031, -0.05])
 def test_a_table_is_approached_from_its_free_side(height):
     found = posture(constraints=[ng.Table(height), ng.Spread(0.0, 1.0)])
