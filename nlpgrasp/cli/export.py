@@ -63,7 +63,7 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()), _tell)
         solution = ng.GraspSolution.load(file)
         target = file.with_suffix(chosen.ending) if out is None else out
-        writable(target, file, ending=Path(chosen.ending).suffix or chosen.ending)
+        writable(target, file, ending=Path(f"F{chosen.ending}").suffix)
         write_bytes(target, chosen.export(solution, options))
         typer.echo(f"written to {target}")
         if hand is not None:

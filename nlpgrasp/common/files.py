@@ -20,8 +20,6 @@ KINDS = {
     "a page": (".html",),
     "a table": (".csv",),
 }
-
-
 SOURCES = ("a mesh", "a CAD file", "a hand's file", "a Python script")  # what nobody wants to have overwritten
 
 

@@ -19,8 +19,6 @@ from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.jaw_pose import Cone, Distance, Jaws
 
 MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)
-
-
 LARGEST_PART = 2.0  # metres, of a gripper's finger
 
 

@@ -8,6 +8,7 @@ from nlpgrasp.bodies import Body
 from nlpgrasp.common.shown.once import say_once
 from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import parts_of
+from nlpgrasp.tasks.ranges import component_ranges
 
 FAR = 0.1  # of the body's size: from its centroid
 LONG, LONGEST = 100.0, 2.0  # of the body's size, and metres: an arm that no task has
@@ -39,8 +40,7 @@ def _warn_of_arm(task: Task, body: Body) -> None:
 
     A point in millimetres does that, and so do moments in newton-millimetres.
     """
-    axes, space = np.eye(task.dimension), body.space
-    most = np.maximum(task.support(axes)[0], task.support(-axes)[0])
+    most, space = np.max(np.abs(component_ranges(task)), axis=0), body.space
     force, moment = float(np.max(most[:space])), float(np.max(most[space:]))
     if force > 0.0 and moment / force > max(LONG * body.size, LONGEST):
         told = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"

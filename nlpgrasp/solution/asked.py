@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 
-import numpy as np
-
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
 from nlpgrasp.common.shown.words import range_words
 from nlpgrasp.common.types import Json
@@ -14,6 +12,7 @@ from nlpgrasp.common.validation import within
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.tasks import Task, task_from_dict
+from nlpgrasp.tasks.ranges import component_ranges
 
 
 class Asked:
@@ -28,9 +27,7 @@ class Asked:
 
     def task_line(self) -> str:
         """Return in words what the fingers are to exert: the range of each component of the task's wrenches."""
-        axes = np.eye(self.task.dimension)
-        low, high = -self.task.support(-axes)[0], self.task.support(axes)[0]
-        return f"the task: exert {range_words(low, high)}"
+        return f"the task: exert {range_words(*component_ranges(self.task))}"
 
     @cached_property
     def budget(self) -> ForceBudget:

@@ -24,7 +24,6 @@ from nlpgrasp.errors import InputError
 if TYPE_CHECKING:
     import trimesh
 
-
 LARGE = 3.0  # metres: longer bodies are mostly stated in another unit
 
 

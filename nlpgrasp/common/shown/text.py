@@ -24,6 +24,11 @@ def plain(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in words)[:LONGEST]
 
 
+def capital(text: str) -> str:
+    """Return a text as a sentence begins: with a capital."""
+    return f"{text[:1].upper()}{text[1:]}"
+
+
 def columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Return lines with aligned columns; long entries are cut short, empty columns left out."""
     table = [list(heads), *([_short(entry) for entry in row] for row in rows)]

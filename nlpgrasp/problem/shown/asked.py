@@ -25,7 +25,7 @@ class Asked(Protocol):
 
     @property
     def body(self) -> Body:
-        """What is held."""
+        """What is held, in its own frame."""
 
     @property
     def models(self) -> tuple[ContactModel, ...]:
@@ -37,7 +37,7 @@ class Asked(Protocol):
 
     @property
     def hand(self) -> Hand | None:
-        """What holds."""
+        """What holds it; None where each contact may be anywhere."""
 
     @property
     def constraints(self) -> Sequence[PlacementConstraint]:
@@ -62,10 +62,6 @@ class Asked(Protocol):
     @property
     def max_force(self) -> float | None:
         """Limit of each finger's force, newtons."""
-
-    @property
-    def dimension(self) -> int:
-        """Dimension of wrench space."""
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return names of the faces a contact may use."""

@@ -14,6 +14,7 @@ from nlpgrasp.common.shown.words import range_words
 from nlpgrasp.constraints import Table
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.problem.shown.asked import Asked
+from nlpgrasp.tasks.ranges import component_ranges
 
 LISTED = 8  # faces that are named
 LONGEST = 120  # characters of a part as Python writes it
@@ -44,7 +45,7 @@ def in_words(problem: Asked) -> list[Part]:
     return [
         Part("Body", f"{'' if problem.body.tight else 'within '}{extents} mm", (_short(repr(problem.body)),)),
         Part("Contacts", str(len(problem.models)), tuple(_contacts(problem))),
-        Part("Task", f"exert {task_words(problem)}", (_about(problem),)),
+        Part("Task", f"exert {task_range(problem)}", (_about(problem),)),
         _hand(problem),
         Part("Constraints", str(len(constraints) or "none"), constraints),
         _edges(problem),
@@ -52,10 +53,9 @@ def in_words(problem: Asked) -> list[Part]:
     ]
 
 
-def task_words(problem: Asked) -> str:
+def task_range(problem: Asked) -> str:
     """Return the range of each component of the task's wrenches."""
-    axes = np.eye(problem.dimension)
-    return range_words(-problem.task.support(-axes)[0], problem.task.support(axes)[0])
+    return range_words(*component_ranges(problem.task))
 
 
 def usable_faces(problem: Asked) -> tuple[str, ...]:

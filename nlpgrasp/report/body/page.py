@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from html import escape
 from pathlib import Path
 
@@ -12,12 +11,11 @@ from nlpgrasp.bodies import Body, Implicit
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.bodies.mesh.offset import MOST_OF_IT
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.shown.numbers import percent, rounded, typeset, vector
+from nlpgrasp.common.shown.numbers import percent, rounded, vector
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.report.body.scene import scene
-from nlpgrasp.report.frame import ICON, page, style, viewer
+from nlpgrasp.report.scene.alone import ScenePage
 from nlpgrasp.report.scene.axes import has_origin
-from nlpgrasp.report.scene.switches import switches
 from nlpgrasp.report.solution.panel import Fact
 
 LARGE = 1.0  # metres: above, a body is no thing for a hand, and most often one in millimetres
@@ -27,7 +25,6 @@ NOTHING = 1e-4  # of the size: coordinates below are 0
 UNBROKEN = "\N{NO-BREAK SPACE}"
 UNDER = "ng.Table.under(body)"
 EXACT = 4  # digits of a table's height
-SWITCHES = (("triad", "Axes", True), ("through", "See through", False))
 
 
 def write_body(body: Body, path: str | Path) -> Path:
@@ -43,15 +40,12 @@ def write_body(body: Body, path: str | Path) -> Path:
     InputError
         On a path that cannot be written.
     """
-    panel = f'<aside class="panel">{"".join(fact.html() for fact in facts(body))}</aside>'
-    parts = [_opening(body), f'<div class="first"><div class="stage">{_stage(body)}</div>{panel}</div>', _data(body)]
-    return write_text(path, page(_name(body), style("report.css"), parts, ICON, viewer()))
+    return write_text(path, _shown(body).whole(facts(body)))
 
 
 def card(body: Body) -> str:
     """Return a small page that shows a body, for a notebook's frame."""
-    parts = [_opening(body, typeset(_size(body))), f'<div class="stage">{_stage(body)}</div>', _data(body)]
-    return page(_name(body), style("report.css", "card.css"), parts, ICON, viewer())
+    return _shown(body).small(_size(body))
 
 
 def facts(body: Body) -> list[Fact]:
@@ -110,21 +104,8 @@ def _name(body: Body) -> str:
     return (body.source if isinstance(body, Mesh) else None) or body.shown_name
 
 
-def _opening(body: Body, beside: str = "") -> str:
-    return (
-        f'<section data-grasp aria-labelledby="name"><header><h1 id="name">{escape(_name(body))}</h1>'
-        f'<span class="file">{escape(beside)}</span></header>'
-    )
-
-
-def _stage(body: Body) -> str:
-    aria = f"The body, {_name(body)}; turn it with the mouse, a finger or the arrow keys."
-    return f'<div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}"></div>{switches(SWITCHES)}'
-
-
-def _data(body: Body) -> str:
-    text = json.dumps({"scenes": [scene(body)]}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    return f'<script type="application/json">{text}</script></section>'
+def _shown(body: Body) -> ScenePage:
+    return ScenePage(_name(body), f"The body, {_name(body)}", scene(body))
 
 
 def _size(body: Body) -> str:

@@ -20,12 +20,18 @@ DOT = 0.02  # radius of the mark under a label, of the body's size
 DIGITS = 7  # after the point, metres: what is for looking at
 
 
-def scene(body: Body) -> Json:
+def drawn_shape(body: Body) -> Triangles:
+    """Return the surface that is drawn of a body."""
+    return Triangles(*triangles(body, MOST))
+
+
+def scene(body: Body, shape: Triangles | None = None) -> Json:
     """Return what the viewer draws of a body; metres, body frame: as ``report.scene`` does of a grasp.
 
-    The names of the faces stand at ``contacts``; ``axes`` are those of the frame.
+    The names of the faces stand at ``contacts``; ``axes`` are those of the frame. ``shape`` is ``drawn_shape(body)``,
+    where that is there already.
     """
-    shape = Triangles(*triangles(body, MOST))
+    shape = drawn_shape(body) if shape is None else shape
     size = drawn_size(Drawing(shape), None)
     low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
     axes = body_axes(low, high, size, body.space)

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from html import escape
 from pathlib import Path
 
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.shown.numbers import typeset
 from nlpgrasp.problem import GraspProblem
-from nlpgrasp.problem.shown.in_words import in_words, task_words
-from nlpgrasp.report.frame import ICON, page, style, viewer
+from nlpgrasp.problem.shown.in_words import in_words, task_range
 from nlpgrasp.report.problem.scene import scene
-from nlpgrasp.report.scene.switches import switches
+from nlpgrasp.report.scene.alone import ScenePage
 from nlpgrasp.report.solution.panel import Fact
-
-SWITCHES = (("triad", "Axes", True), ("through", "See through", False))
 
 
 def write_problem(problem: GraspProblem, path: str | Path) -> Path:
@@ -31,17 +26,12 @@ def write_problem(problem: GraspProblem, path: str | Path) -> Path:
     InputError
         On a path that cannot be written.
     """
-    panel = f'<aside class="panel">{"".join(fact.html() for fact in facts(problem))}</aside>'
-    stage, data = _stage(problem)
-    parts = [_opening(problem), f'<div class="first"><div class="stage">{stage}</div>{panel}</div>', data]
-    return write_text(path, page(problem.name, style("report.css"), parts, ICON, viewer()))
+    return write_text(path, _shown(problem).whole(facts(problem), "what is asked"))
 
 
 def card(problem: GraspProblem) -> str:
     """Return a small page that shows a problem, for a notebook's frame."""
-    stage, data = _stage(problem)
-    parts = [_opening(problem, f"exert {task_words(problem)}"), f'<div class="stage">{stage}</div>', data]
-    return page(problem.name, style("report.css", "card.css"), parts, ICON, viewer())
+    return _shown(problem).small(f"exert {task_range(problem)}")
 
 
 def facts(problem: GraspProblem) -> list[Fact]:
@@ -54,18 +44,5 @@ def _as_written(note: str) -> str:
     return f'<p class="note">{escape(note)}</p>'
 
 
-def _opening(problem: GraspProblem, beside: str = "what is asked") -> str:
-    return (
-        f'<section data-grasp aria-labelledby="name"><header><h1 id="name">{escape(problem.name)}</h1>'
-        f'<span class="file">{escape(typeset(beside))}</span></header>'
-    )
-
-
-def _stage(problem: GraspProblem) -> tuple[str, str]:
-    """Return the scene's place on the page with its switches, and its data."""
-    aria = f"The problem {problem.name}; turn it with the mouse, a finger or the arrow keys."
-    drawn = scene(problem)
-    unseen = f'<p class="note">not drawn: {escape(", ".join(drawn["unseen"]))}</p>' if drawn["unseen"] else ""
-    text = json.dumps({"scenes": [drawn]}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    place = f'<div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}"></div>{switches(SWITCHES)}{unseen}'
-    return place, f'<script type="application/json">{text}</script></section>'
+def _shown(problem: GraspProblem) -> ScenePage:
+    return ScenePage(problem.name, f"The problem {problem.name}", scene(problem))

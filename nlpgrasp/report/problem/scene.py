@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.bodies.mesh.triangles import triangles
 from nlpgrasp.common.types import Json
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.problem.shown.in_words import usable_faces
@@ -16,12 +15,13 @@ from nlpgrasp.report.scene.surroundings import WIDE, around, slab
 
 def scene(problem: GraspProblem) -> Json:
     """Return what the viewer draws of a problem; metres, body frame: the body's scene with what is around it."""
-    drawn, usable = of_body.scene(problem.body), usable_faces(problem)
+    shape = of_body.drawn_shape(problem.body)
+    drawn, usable = of_body.scene(problem.body, shape), usable_faces(problem)
     size, flat = drawn["size"], drawn["flat"]
-    vertices, found = triangles(problem.body, of_body.MOST)[0], around(problem.constraints)
+    vertices, found = shape.vertices, around(problem.constraints)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
-    shapes = [("obstacle", name, shape) for name, shape in found.obstacles]
-    seen = framed(np.concatenate([vertices, *(shape.vertices for _, _, shape in shapes)]), middle, size)
+    shapes = [("obstacle", name, obstacle) for name, obstacle in found.obstacles]
+    seen = framed(np.concatenate([vertices, *(obstacle.vertices for _, _, obstacle in shapes)]), middle, size)
     if flat:
         shapes += [("table", "table", slab(height, vertices, size)) for height in found.heights]
     tables = [{"at": [*middle[:2].tolist(), h], "half": WIDE * size} for h in found.heights]

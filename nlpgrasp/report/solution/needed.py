@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from nlpgrasp.common.shown.numbers import rounded
+from nlpgrasp.common.shown.text import capital
 from nlpgrasp.report.table import table
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -15,7 +16,7 @@ def forces_needed(solution: GraspSolution) -> str:
     if needed is None:
         return ""
     over = needed.is_within(solution.max_force) is False
-    first, *_, last = (f"{line[:1].upper()}{line[1:]}." for line in solution.needed_lines())
+    first, *_, last = (f"{capital(line)}." for line in solution.needed_lines())
     kind = ' class="status failed"' if over else ""
     columns = zip(needed.size, needed.normal, needed.largest, strict=True)
     rows = [[f"{i}", *(f"{rounded(force)} N" for force in forces)] for i, forces in enumerate(columns)]

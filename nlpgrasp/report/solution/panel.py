@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from html import escape
 
 from nlpgrasp.common.shown.numbers import at_most, outwards, percent, rounded, typeset
+from nlpgrasp.common.shown.text import capital
 from nlpgrasp.report.solution.gauge import gauge, legend, share_left
-from nlpgrasp.solution.measures.by_hand import FREE
 from nlpgrasp.solution.measures.quality import held_words
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -85,9 +85,9 @@ def _verdict(solution: GraspSolution) -> Fact:
     told, tone = verdict(solution)
     sentence = solution.status.value.partition(": ")[2]
     why = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
-    lines = (f"{sentence[:1].upper()}{sentence[1:]}", *why)
+    lines = (capital(sentence), *why)
     if solution.success:
-        lines = (*(f"{words[:1].upper()}{words[1:]}." for words in solution.caveats), *lines)
+        lines = (*(f"{capital(words)}." for words in solution.caveats), *lines)
     return Fact("Status", told, lines, tone, broad=tone == "bad")
 
 
@@ -116,7 +116,7 @@ def _squeeze(solution: GraspSolution) -> list[Fact]:
     line = solution.squeeze_line()
     if not line:
         return []
-    told = f"{line[:1].upper()}{line[1:]}"
+    told = capital(line)
     if solution.squeeze is None:
         return [Fact("Squeeze", "none", (told,), "bad")]
     return [Fact("Squeeze", f"friction {rounded(solution.squeeze.friction_needed, least=NONE)}", (told,))]
@@ -125,7 +125,7 @@ def _squeeze(solution: GraspSolution) -> list[Fact]:
 def _approach(solution: GraspSolution) -> list[Fact]:
     """Return why the palm does not come straight to the grasp, where it does not."""
     line = solution.approach_line()
-    return [Fact("Straight way to the grasp", "none", (f"{line[:1].upper()}{line[1:]}",), "weak")] if line else []
+    return [Fact("Straight way to the grasp", "none", (capital(line),), "weak")] if line else []
 
 
 def _gripper(solution: GraspSolution) -> list[Fact]:
@@ -133,8 +133,8 @@ def _gripper(solution: GraspSolution) -> list[Fact]:
     line, hand = solution.gripper_line(), solution.hand or {}
     if not line:
         return []
-    tone = "weak" if solution.way_depth > FREE else ""
-    return [Fact("Gripper", f"open {rounded(1e3 * hand['opening'])} mm", (f"{line[:1].upper()}{line[1:]}",), tone)]
+    tone = "weak" if solution.way_blocked else ""
+    return [Fact("Gripper", f"open {rounded(1e3 * hand['opening'])} mm", (capital(line),), tone)]
 
 
 def _left(solution: GraspSolution) -> list[Fact]:

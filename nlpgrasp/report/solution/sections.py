@@ -10,6 +10,7 @@ from html import escape
 import numpy as np
 
 from nlpgrasp.common.shown.numbers import outwards, rounded, typeset, vector
+from nlpgrasp.common.shown.text import capital
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.types import Json
 from nlpgrasp.experiments.found.compare import Comparison
@@ -60,7 +61,7 @@ def asked(solution: GraspSolution) -> str:
     what, *by = [str(part.get("source") or part["type"]).rpartition("/")[2] for part in parts]
     held = f", held by {by[0]}" if by else ""
     task = solution.task_line()
-    return f"{len(problem['contacts'])} contacts on {what}{held}. {task[:1].upper()}{task[1:]}."
+    return f"{len(problem['contacts'])} contacts on {what}{held}. {capital(task)}."
 
 
 def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:

@@ -9,6 +9,7 @@ from html import escape
 import numpy as np
 
 from nlpgrasp.common.shown.numbers import outwards, rounded, typeset
+from nlpgrasp.common.shown.text import capital
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.report.svg import Curve, Mark, chart
@@ -32,7 +33,7 @@ def starts(solution: GraspSolution) -> str:
         return ""
     drawn = [strip(solution), convergence(solution)]
     charts = "".join(f"<figure>{svg}<figcaption>{escape(text)}</figcaption></figure>" for svg, text in drawn if svg)
-    sentences = (f"{line[:1].upper()}{line[1:]}." for line in solution.starts_lines())
+    sentences = (f"{capital(line)}." for line in solution.starts_lines())
     told = "".join(f"<p>{escape(typeset(sentence))}</p>" for sentence in sentences)
     return f'<h3>Starts</h3>{told}<div class="charts two">{charts}</div>{_table(solution)}'
 

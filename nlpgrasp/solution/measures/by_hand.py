@@ -45,9 +45,10 @@ class ByHand(Asked):
         return list(filter(None, (self.effort_line(), self.squeeze_line(), self.approach_line(), self.gripper_line())))
 
     @property
-    def way_depth(self) -> float:
-        """How deep the straight way of parallel jaws leads into what is beside it, metres; 0 where none is stated."""
-        return float(((self.hand or {}).get("approach") or {}).get("depth", 0.0))
+    def way_blocked(self) -> float:
+        """How deep the straight way of parallel jaws leads into what is beside it, metres; 0 where it is free."""
+        depth = float(((self.hand or {}).get("approach") or {}).get("depth", 0.0))
+        return depth if depth > FREE else 0.0
 
     def gripper_line(self) -> str:
         """Return in words how parallel jaws come to the grasp; empty of other hands."""
@@ -58,11 +59,8 @@ class ByHand(Asked):
         down = float(np.degrees(np.arccos(np.clip(-direction[-1], -1.0, 1.0))))
         along = f"[{vector(direction)}], {rounded(down, 2, 0.5)} degrees off straight down"
         told = f"the jaws are {rounded(1e3 * hand['opening'])} mm apart and come in along {along}"
-        if self.way_depth <= FREE:
-            return told
-        return (
-            f"{told}; that way leads {rounded(1e3 * self.way_depth, 2)} mm deep into the body, a table or an obstacle"
-        )
+        deep = f"; that way leads {rounded(1e3 * self.way_blocked, 2)} mm deep into the body, a table or an obstacle"
+        return told + (deep if self.way_blocked else "")
 
     def squeeze_line(self) -> str:
         """Return in words what the squeeze needs, or why there is none; empty where neither is known."""

@@ -14,7 +14,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.joint_room import room_lines
-from nlpgrasp.solution.measures.by_hand import FREE, ByHand
+from nlpgrasp.solution.measures.by_hand import ByHand
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.measures.quality import Quality, held_words
@@ -104,8 +104,8 @@ class Measured(ByHand):
             said.append("the hand cannot squeeze the body")
         if self.beyond_effort:
             said.append(self.beyond_effort)
-        if self.way_depth > FREE:
-            said.append(f"the gripper's way in leads {rounded(1e3 * self.way_depth, 2)} mm into what is beside it")
+        if self.way_blocked:
+            said.append(f"the gripper's way in leads {rounded(1e3 * self.way_blocked, 2)} mm into what is beside it")
         return said
 
     @property

@@ -19,7 +19,7 @@ from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.first_program import FirstResult, solve_first
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.screen import candidates
-from nlpgrasp.solve.surface.facing import has_jaws
+from nlpgrasp.solve.surface.facing import has_jaws_on_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
 from nlpgrasp.solve.surface.reports import constraint_reports
@@ -69,7 +69,7 @@ class _Attempts:
     def __iter__(self) -> Iterator[StartGrasp]:
         """Yield the grasp from the known placement, then one for each first program that ends with one."""
         bench, known = self.bench, self._known
-        facing = known is not None and isinstance(bench.problem.body, Mesh) and has_jaws(bench.problem)
+        facing = known is not None and has_jaws_on_mesh(bench.problem)
         if known is not None and (facing or bench.violation(known) <= FEASIBLE):
             state = AscentState(known, multipliers=np.zeros(len(bench.rows.named)))
             yield self._finished(FirstResult(state, np.nan, np.nan, FACING if facing else KNOWN), self.rng)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.hands import ParallelJaw
@@ -27,9 +28,9 @@ TRIED = 4  # times as many pairs as are wanted that are brought back
 APART = 0.15  # of the body's size: pairs nearer than that, contact by contact, are the same
 
 
-def has_jaws(problem: GraspProblem) -> bool:
-    """Return whether contacts have to face each other, two by two."""
-    return isinstance(problem.hand, ParallelJaw)
+def has_jaws_on_mesh(problem: GraspProblem) -> bool:
+    """Return whether two contacts on a mesh have to face each other."""
+    return isinstance(problem.hand, ParallelJaw) and isinstance(problem.body, Mesh)
 
 
 def facing_pairs(bench: Workbench, count: int) -> list[Placed]:

@@ -13,7 +13,7 @@ import numpy as np
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.hands import ParallelJaw
+from nlpgrasp.solve.surface.facing import has_jaws_on_mesh
 from nlpgrasp.solve.surface.regained import opposite, regained
 from nlpgrasp.solve.surface.scored import Scored
 from nlpgrasp.solve.workbench.placed import Placed
@@ -76,7 +76,7 @@ class _Sliding:
 
     def __init__(self, bench: Workbench, start: Placed, rng: np.random.Generator, constrained: bool) -> None:
         self.bench, self.start, self.rng, self.constrained = bench, start, rng, constrained
-        self.jaws = constrained and isinstance(bench.problem.hand, ParallelJaw)
+        self.jaws = constrained and has_jaws_on_mesh(bench.problem)
         self.points, self.normals = _nearest_plain(bench, start.points)
         self._scored = Scored(bench, rng)
         if constrained:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -57,8 +58,8 @@ def plain(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDA
     """
     body, face, hand = mesh_of(problem), problem.body.face_names[0], problem.hand
     kept = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
-    for direction in _directions(problem):
-        kept &= off_normal(direction, outward)
+    if directions := _directions(problem):
+        kept &= _told(directions, outward)
     if problem.margin > 0.0:
         kept &= body.edge_distance(face, points) >= problem.margin
     radius = 0.0 if hand is None or not hand.follows_contacts else max(hand.tip_radii)
@@ -73,13 +74,9 @@ def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
     return [direction for direction in each if direction is not None]
 
 
-def _has_tangents(problem: GraspProblem, face: str, points: FloatArray) -> NDArray[np.bool_]:
-    """Return at which points of a face the directions of all contacts that may use it say something."""
-    kept = np.ones(len(points), dtype=bool)
-    if len(points):
-        for direction in _directions(problem):
-            kept &= off_normal(direction, problem.body.evaluate(face, points)[2])
-    return kept
+def _told(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> NDArray[np.bool_]:
+    """Return at which unit normals (m, 3) all directions say how a line or rectangle lies."""
+    return np.asarray(np.all([off_normal(direction, outward) for direction in directions], axis=0))
 
 
 class SurfaceSamples:
@@ -101,8 +98,10 @@ class SurfaceSamples:
         names = sorted({n for i in range(k) for n in problem.allowed_faces(i)})
         rng = np.random.default_rng(0)
         found = {name: problem.body.sample(name, CLOUD, rng, problem.margin) for name in names}
-        found = {name: points[_has_tangents(problem, name, points)] for name, points in found.items()}
         found = {name: points for name, points in found.items() if len(points)}
+        if directions := _directions(problem):
+            told = {n: _told(directions, problem.body.evaluate(n, points)[2]) for n, points in found.items()}
+            found = {name: points[told[name]] for name, points in found.items() if np.any(told[name])}
         for i in range(k):
             if not any(n in found for n in problem.allowed_faces(i)):
                 raise InputError(

@@ -27,7 +27,7 @@ from nlpgrasp.solve.outlook.outlook import Outlook, outlook
 from nlpgrasp.solve.posture.roomy import with_room
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
-from nlpgrasp.solve.surface.facing import facing_pairs, has_jaws
+from nlpgrasp.solve.surface.facing import facing_pairs, has_jaws_on_mesh
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import follows_contacts
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -114,7 +114,7 @@ class Runner:
     def _known(self, stop: Stop) -> list[Placed | None]:
         """Return what each start begins from, None where it draws for itself."""
         known: list[Placed | None] = []
-        if isinstance(self.problem.body, Mesh) and has_jaws(self.problem):
+        if has_jaws_on_mesh(self.problem):
             known += facing_pairs(self.bench, (3 * self.count + 3) // 4)
         elif follows_contacts(self.problem) and (seen := self.outlook(stop)) is not None:
             most = seen.complete and not isinstance(self.problem.body, Mesh)

@@ -1,0 +1,14 @@
+"""How large each component of a task's wrenches gets."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.tasks.base import Task
+
+
+def component_ranges(task: Task) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the largest value of each component of a task's wrenches, (d,) each, N and N m."""
+    axes = np.eye(task.dimension)
+    return -task.support(-axes)[0], task.support(axes)[0]
