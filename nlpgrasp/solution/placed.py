@@ -8,6 +8,7 @@ from typing import cast
 
 import numpy as np
 
+from nlpgrasp.common.shown.kept_normals import kept_normals
 from nlpgrasp.common.shown.numbers import vector
 from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.contacts import contact_from_dict
@@ -15,6 +16,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.schema.types import ContactData, GraspData
 
+OWN_NORMAL = 1e-5  # radians: a stated normal so near the mesh's is the mesh's
 FAR = 1e-3  # metres: a contact that moved farther is worth a word
 MISLED = 0.01  # of the contacts' spread: a smooth surface that is farther off the mesh may lead to worse grasps
 
@@ -32,11 +34,15 @@ class SurfaceMatch:
     moved : (k,) array
         From the solver's contact to the final contact, metres: more than the distance where a contact slid
         over the mesh to a better triangle.
+    stated : (k,) array or None
+        Between the normals stated and the mesh's at the final contacts, radians: 0 unless fingertips that are not round
+        keep the normals of the smooth surface. None for files of earlier versions, which do not state it.
     """
 
     distances: FloatArray
     angles: FloatArray
     moved: FloatArray
+    stated: FloatArray | None = None
 
     @property
     def along(self) -> FloatArray:
@@ -44,7 +50,7 @@ class SurfaceMatch:
         return np.sqrt(np.maximum(self.moved**2 - self.distances**2, 0.0))
 
     def lines(self, size: float) -> list[str]:
-        """Return in words how far the smooth surface is off the mesh and how far contacts slid, and what that means.
+        """Return in words how far contacts and normals on the smooth surface and on the mesh differ.
 
         Parameters
         ----------
@@ -56,19 +62,34 @@ class SurfaceMatch:
         lines = []
         if off > min(FAR, MISLED * size):
             better = "a finer or less smoothed surface (Mesh: resolution, smoothing) may lead to a better grasp"
-            says = f"what is stated is of the mesh, but {better}" if off > MISLED * size else "small for this grasp"
+            says = f"{self._of_the_mesh}, but {better}" if off > MISLED * size else "small for this grasp"
             told = f"the solver's smooth surface is up to {1e3 * off:.3g} mm off the mesh at {_which(self.distances)}"
             lines.append(f"  {told}: {says}")
         if slid > FAR:
             told = f"contacts slid up to {1e3 * slid:.3g} mm along the mesh in the last step ({_which(self.along)})"
             lines.append(f"  {told}: this is normal, positions and quality are those after it")
+        if self.kept:
+            lines.append(f"  {kept_normals(self.kept)}; the quality is that of the stated normals")
         return lines
+
+    @property
+    def kept(self) -> dict[int, float]:
+        """Angles off the mesh's normals, radians, of the contacts whose stated normal is not the mesh's."""
+        stated = np.zeros(0) if self.stated is None else self.stated
+        return {i: float(stated[i]) for i in np.flatnonzero(stated > OWN_NORMAL).tolist()}
+
+    @property
+    def _of_the_mesh(self) -> str:
+        if self.stated is None or self.kept:
+            return "the positions stated are of the mesh"
+        return "the positions and normals stated are of the mesh"
 
     def at(self, i: int) -> dict[str, float]:
         """Return what contact ``i``'s entry says of it."""
         return {
             "surface_distance": float(self.distances[i]),
             "surface_angle": float(self.angles[i]),
+            **({} if self.stated is None else {"normal_angle": float(self.stated[i])}),
             "moved": float(self.moved[i]),
         }
 
@@ -81,6 +102,9 @@ class SurfaceMatch:
             np.array([c["surface_distance"] for c in contacts], float),
             np.array([c["surface_angle"] for c in contacts], float),
             np.array([c["moved"] for c in contacts], float),
+            np.array([c["normal_angle"] for c in contacts], float)
+            if all("normal_angle" in c for c in contacts)
+            else None,
         )
 
 

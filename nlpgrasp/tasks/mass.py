@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import QhullError
 
+from nlpgrasp.common.meshes.mass import volume_integrals
 from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -61,7 +62,7 @@ def mass_of(shape: Triangles, density: float) -> Mass:
             volume = 0.0
     if not volume > FLAT * size**3:
         raise InputError("drawing.body", f"{len(shape.faces)} triangles that enclose no volume", "a solid body")
-    mesh.density = density
-    moments, axes = np.linalg.eigh(np.asarray(mesh.moment_inertia))
+    found = volume_integrals(mesh)
+    moments, axes = np.linalg.eigh(density * found.inertia)
     moments = np.maximum(moments, THIN * moments[-1])
-    return Mass(float(mesh.mass), np.asarray(mesh.center_mass), axes @ np.diag(moments) @ axes.T)
+    return Mass(density * found.volume, found.centre, axes @ np.diag(moments) @ axes.T)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.meshes.mass import volume_integrals
 from nlpgrasp.common.validation import FloatArray, array, number, read_only, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.polytope import TaskPolytope
@@ -61,9 +62,8 @@ class MassProperties:
 
         if not isinstance(mesh, trimesh.Trimesh) or not mesh.is_volume:
             raise InputError("mesh", mesh, "a closed trimesh.Trimesh, such as the mesh of an ng.Mesh")
-        found = mesh.copy()
-        found.density = number("density", density, above=0.0)
-        return cls(float(found.mass), np.array(found.center_mass), np.array(found.moment_inertia))
+        density, found = number("density", density, above=0.0), volume_integrals(mesh)
+        return cls(density * found.volume, found.centre, density * found.inertia)
 
     def wrenches(
         self, rotation: FloatArray, acceleration: FloatArray, spin: FloatArray, change: FloatArray

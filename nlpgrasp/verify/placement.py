@@ -23,12 +23,15 @@ class Fit:
     off : float
         Distance of the contact from the face, metres.
     turned : float or None
-        Length of the difference between the stated inward normal and the face's; None where the file does not say
-        enough to tell.
+        Length of the difference between the stated inward normal and the face's; None where the fingertip may keep
+        another normal than the face's.
+    angle : float
+        Between the stated normal and the mesh's, radians; an edge has all directions between its triangles' normals.
     """
 
     off: float
     turned: float | None
+    angle: float = 0.0
 
 
 class Surface(Protocol):

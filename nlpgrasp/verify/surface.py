@@ -7,6 +7,7 @@ from importlib.metadata import version
 
 import numpy as np
 
+from nlpgrasp.common.shown.kept_normals import kept_normals
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
@@ -18,6 +19,7 @@ from nlpgrasp.verify.sources import Sources
 
 ON_FACE = 1e-6  # of the body's size
 NORMAL = 1e-6  # length of the difference of unit normals
+ANGLE = 1e-5  # radians: a normal of the smooth surface so near the mesh's is the mesh's, and so are stated angles
 WIDEST = 50.0  # times the distance of the contacts that are farthest apart: more of a body's size counts for nothing
 ELSEWHERE = "unknown"  # the kind of fingertips of a hand that nothing recomputes
 
@@ -107,7 +109,13 @@ def _fitted(solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], s
             return [Check("surface", False, f"contact {i} on {face!r}, which is no face of the body")]
         except NotMadeError as reason:
             return _not_made(str(reason))
-    return [_on_surface(fits, ON_FACE * size_of(surface.bounds, grasp)), _normals(fits)]
+    return [_on_surface(fits, ON_FACE * size_of(surface.bounds, grasp)), _normals(fits, _angles(solution, len(fits)))]
+
+
+def _angles(solution: GraspSolution, count: int) -> FloatArray | None:
+    """Return the angles (k,) that the file states between its normals and the mesh's, None where it states none."""
+    stated = None if solution.surface is None else solution.surface.stated
+    return stated if stated is not None and len(stated) == count else None
 
 
 def _on_surface(fits: Sequence[Fit], most: float) -> Check:
@@ -117,14 +125,26 @@ def _on_surface(fits: Sequence[Fit], most: float) -> Check:
     return Check("surface", bool(np.max(off) <= most), text)
 
 
-def _normals(fits: Sequence[Fit]) -> Check:
-    known = [fit.turned for fit in fits if fit.turned is not None]
-    if not known:
-        return Check.not_made("normals", "the fingertips keep normals of the solver's smooth surface")
-    left = len(fits) - len(known)
-    more = f"; {left} of the solver's smooth surface not compared" if left else ""
-    worst = float(np.max(known))
-    return Check("normals", worst <= NORMAL, f"{len(known)} compared, at most {worst:.2g} off{more}")
+def _normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
+    """Return whether normals are the face's own and angles off the mesh's as stated.
+
+    Normals that fingertips keep from the solver's smooth surface are not approved: the check says how far off they are.
+    """
+    if stated is not None:
+        wrong = np.abs(stated - [fit.angle for fit in fits])
+        worst = int(np.argmax(wrong))
+        if wrong[worst] > ANGLE:
+            here, there = np.degrees(fits[worst].angle), np.degrees(stated[worst])
+            text = f"the normal of contact {worst} is {here:.2g} degrees off the mesh's, stated {there:.2g}"
+            return Check("normals", False, text)
+    kept = {i: fit.angle for i, fit in enumerate(fits) if fit.turned is None and fit.angle > ANGLE}
+    own = [fit.turned for fit in fits if fit.turned is not None]
+    near = [fit.angle for i, fit in enumerate(fits) if fit.turned is None and i not in kept]
+    text = f"{len(own) + len(near)} compared, at most {max([*own, *near], default=0.0):.2g} off"
+    passed = max(own, default=0.0) <= NORMAL
+    if kept and passed:
+        return Check.not_made("normals", kept_normals(kept) + (f"; {text}" if own or near else ""))
+    return Check("normals", passed, text)
 
 
 def _not_made(why: str) -> list[Check]:

@@ -10,9 +10,10 @@ from nlpgrasp.solution.placed import PlacedGrasp
 SIZE = 0.1  # metres between the contacts
 
 
-def match(distances, slid):
+def match(distances, slid, stated=None):
     """A match of contacts that slid square to the way to the nearest point of the mesh."""
-    return SurfaceMatch(np.array(distances), np.zeros(len(distances)), np.hypot(distances, slid))
+    angles = None if stated is None else np.radians(stated)
+    return SurfaceMatch(np.array(distances), np.zeros(len(distances)), np.hypot(distances, slid), angles)
 
 
 def test_surface_error_and_sliding_are_told_apart():
@@ -44,3 +45,37 @@ def test_the_size_is_that_of_the_grasp():
         for scale in (0.009, 0.011)
     }
     assert [len(lines) for lines in told.values()] == [2, 3]
+
+
+def test_normals_of_the_mesh_are_called_so():
+    (line,) = match([0.002, 0.0], [0.0, 0.0], [0.0, 1e-5]).lines(SIZE)
+    assert ": the positions and normals stated are of the mesh, but " in line
+
+
+def test_normals_off_the_mesh_are_a_caveat_and_never_called_the_meshs():
+    off, kept = match([0.002, 0.0, 0.0], [0.0] * 3, [3.14, 0.0, 0.52]).lines(SIZE)
+    assert ": the positions stated are of the mesh, but " in off
+    assert "normals stated are of the mesh" not in off
+    assert kept == (
+        "  the normals stated at contacts 0 and 2 are not the mesh's: they are 3.1 and 0.52 degrees off; "
+        "the quality is that of the stated normals"
+    )
+    (one,) = match([0.0, 0.0], [0.0, 0.0], [0.0, 3.14]).lines(SIZE)
+    assert one.startswith("  the normal stated at contact 1 is not the mesh's: it is 3.1 degrees off; ")
+
+
+def test_of_files_that_state_no_angles_the_positions_alone_are_called_the_meshs():
+    (line,) = match([0.002, 0.0], [0.0, 0.0]).lines(SIZE)
+    assert ": the positions stated are of the mesh, but " in line
+
+
+@pytest.mark.parametrize("stated", [None, [2.0, 0.0]])
+def test_angles_go_through_files(stated):
+    grasp = ng.Grasp([[0.0, 0.0], [0.03, 0.04]], [[1.0, 0.0], [-1.0, 0.0]], [ng.FrictionContact(0.5)] * 2)
+    data = PlacedGrasp(grasp, ("a", "b"), match([0.0, 0.0], [0.0, 0.0], stated)).to_dict()
+    assert ("normal_angle" in data["contacts"][0]) == (stated is not None)
+    again = PlacedGrasp.from_dict(data, "grasp").surface.stated
+    if stated is None:
+        assert again is None
+    else:
+        np.testing.assert_allclose(again, np.radians(stated), rtol=1e-15)

@@ -13,10 +13,12 @@ from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.mesh.edges import SharpEdges
 from nlpgrasp.bodies.mesh.fineness import FINEST, automatic_fineness
+from nlpgrasp.bodies.mesh.normal_cone import angles_off_normals
 from nlpgrasp.bodies.mesh.offset import SmoothOffset, smooth_offset
 from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, distance_spline
 from nlpgrasp.bodies.mesh.walls import wall_thickness
 from nlpgrasp.common.given.lengths import metres_per
+from nlpgrasp.common.meshes.mass import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, scaled_mesh, usable_mesh
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.registry import incomplete
@@ -129,7 +131,7 @@ class Mesh(Body):
     @cached_property
     def centroid(self) -> FloatArray:
         """Centre of the mesh's volume, (3,), metres."""
-        return np.asarray(self.mesh.center_mass, dtype=float)
+        return volume_integrals(self.mesh).centre
 
     @cached_property
     def wall(self) -> float:
@@ -196,6 +198,13 @@ class Mesh(Body):
         # trimesh's own closest_point is off by up to 0.3 mm on scans with thin triangles
         squared, triangles, positions = self._tree.nearest(points)
         return positions, np.asarray(self.mesh.face_normals)[triangles], np.sqrt(squared)
+
+    def angles_off_normals(self, points: FloatArray, normals: FloatArray, on_edges: bool = True) -> FloatArray:
+        """Return the angles (m,), radians, between outward unit normals (m, 3) and the mesh's at its points (m, 3).
+
+        With ``on_edges``, an edge or a vertex has every direction between the normals of its triangles.
+        """
+        return angles_off_normals(np.asarray(self.mesh.triangles, float), points, normals, self.size, on_edges)
 
     @cached_property
     def _tree(self) -> SearchTree:

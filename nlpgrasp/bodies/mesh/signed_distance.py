@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies.mesh.fineness import AROUND
+from nlpgrasp.common.meshes.frame import in_frame, local_origin
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
@@ -23,19 +24,29 @@ class DistanceSpline:
     Parameters
     ----------
     knots : tuple of 3 lists of float
-        Knot vectors along x, y, z, metres.
+        Knot vectors along x, y, z, metres, from the origin.
     coefficients : (nx, ny, nz) array
         Metres.
     box : (2, 3) array
-        Where the spline may be evaluated.
+        Where the spline may be evaluated, metres, from the origin.
+    origin : (3,) array
+        Of the knots and the box, metres, body frame: 0 unless the mesh is far from the frame's origin.
     """
 
     knots: tuple[list[float], ...]
     coefficients: FloatArray
     box: FloatArray
+    origin: FloatArray
 
     def expression(self, p: ca.MX) -> ca.MX:
-        """Return the spline at a CasADi ``MX`` point."""
+        """Return the spline at a CasADi ``MX`` point, body frame."""
+        return self._spline(self._local(p))
+
+    def _local(self, p: ca.MX) -> ca.MX:
+        """Return a point relative to the origin."""
+        return p - ca.DM(self.origin) if np.any(self.origin) else p
+
+    def _spline(self, p: ca.MX) -> ca.MX:
         flat = ca.DM(self.coefficients.ravel(order="F"))
         return ca.bspline(p, flat, [list(k) for k in self.knots], [3, 3, 3], 1, {})
 
@@ -45,8 +56,9 @@ class DistanceSpline:
         With q the nearest point of the box and the body inside the box, the angle at q between p and any point
         of the body is not acute: ``d(p)^2 >= |p - q|^2 + d(q)^2``.
         """
-        q = ca.fmin(ca.fmax(p, ca.DM(self.box[0])), ca.DM(self.box[1]))
-        near, beyond = self.expression(q), ca.sumsqr(p - q)
+        local = self._local(p)
+        q = ca.fmin(ca.fmax(local, ca.DM(self.box[0])), ca.DM(self.box[1]))
+        near, beyond = self._spline(q), ca.sumsqr(local - q)
         return near + beyond / (ca.sqrt(beyond + near**2) + ca.fabs(near))
 
 
@@ -71,10 +83,12 @@ def distance_spline(
     margin : float
         How far the grid reaches beyond the mesh, metres; at least five cells.
     """
-    made_from = [vertices, faces, np.array([resolution, smoothing, margin])]
-    found = kept("distance", made_from, lambda: _fitted(vertices, faces, resolution, smoothing, margin))
+    origin = local_origin(vertices)
+    local = in_frame(vertices, origin)
+    made_from = [local, faces, np.array([resolution, smoothing, margin])]
+    found = kept("distance", made_from, lambda: _fitted(local, faces, resolution, smoothing, margin))
     knots = tuple(found[f"knots {axis}"].tolist() for axis in range(3))
-    return DistanceSpline(knots, found["coefficients"], found["box"])
+    return DistanceSpline(knots, found["coefficients"], found["box"], origin)
 
 
 def _grid(axes: Sequence[FloatArray]) -> FloatArray:

@@ -7,6 +7,7 @@ import numpy as np
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.bodies.shapes.extruded import PLATE, IntArray
+from nlpgrasp.common.meshes.frame import in_frame, local_origin
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 
@@ -40,8 +41,10 @@ def _slim(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, FloatAr
     """Return fewer vertices and triangles, by quadric error metrics."""
     import igl
 
-    found = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(faces.astype(np.int32)), most)
-    return {"vertices": np.asarray(found[0]), "faces": np.asarray(found[1])}
+    origin = local_origin(vertices)  # a quadric holds squares of coordinates
+    local = np.asfortranarray(in_frame(vertices, origin))
+    found = igl.qslim(local, np.asfortranarray(faces.astype(np.int32)), most)
+    return {"vertices": in_frame(np.asarray(found[0]), -origin), "faces": np.asarray(found[1])}
 
 
 def _marched(body: Body) -> tuple[FloatArray, IntArray]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlpgrasp.common.meshes.frame import in_frame, local_origin
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 
@@ -37,11 +38,13 @@ def _thickness(mesh: trimesh.Trimesh) -> float:
 
     # libigl takes triangles with edges of about a thousandth for degenerate, so a scan in metres would let rays through
     scale = SCALED / float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    vertices = np.ascontiguousarray(np.asarray(mesh.vertices, dtype=float) * scale)
+    stated = np.asarray(mesh.vertices, dtype=float)
+    origin = local_origin(stated)
+    vertices = np.ascontiguousarray(in_frame(stated, origin) * scale)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
     points, triangles = trimesh.sample.sample_surface(mesh, RAYS, seed=np.random.default_rng(0))
     inwards = -np.asarray(mesh.face_normals)[triangles]
-    origins = np.ascontiguousarray(np.asarray(points) * scale + BEHIND * inwards)
+    origins = np.ascontiguousarray(in_frame(np.asarray(points), origin) * scale + BEHIND * inwards)
     tree = igl.AABB()
     tree.init(vertices, faces)
     met, ways, _ = tree.intersect_ray_first(vertices, faces, origins, np.ascontiguousarray(inwards))

@@ -14,11 +14,15 @@ import numpy as np
 
 from nlpgrasp.common.files import kind_of
 from nlpgrasp.common.given.lengths import metres_per
+from nlpgrasp.common.meshes.frame import in_frame, local_origin
+from nlpgrasp.common.meshes.merged import is_plain, merged_mesh, open_edges
 from nlpgrasp.common.meshes.outer import outer_surface
-from nlpgrasp.common.meshes.parts import Parts, without_doubles
+from nlpgrasp.common.meshes.parts import without_doubles
+from nlpgrasp.common.meshes.rounding import coarse_rounding
+from nlpgrasp.common.meshes.search_tree import IntArray
 from nlpgrasp.common.meshes.winding import OPEN_SHARE, unclear_share
 from nlpgrasp.common.shown.once import say_once
-from nlpgrasp.common.validation import LONGEST_BODY, likely_size
+from nlpgrasp.common.validation import LONGEST_BODY, FloatArray, likely_size
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,7 +46,7 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     if not file.is_file():
         raise InputError("Mesh.path", str(path), "a mesh file that exists")
     try:
-        loaded = trimesh.load(file, force="mesh", process=False)  # processing drops NaN vertices unseen
+        loaded = _one_mesh(trimesh.load(file, force="scene", process=False))  # processing drops NaN vertices unseen
     except ImportError:
         if kind_of(file) == "a CAD file":
             cure = "a mesh: export an STL from the CAD system; STEP files alone are read with pip install cascadio"
@@ -58,6 +62,16 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     if unit == "m" and LARGE < longest <= LONGEST_BODY:
         say_once(f'{file.name}: {longest:.3g} m long; unit="mm" says that its numbers are millimetres')
     return scaled_mesh(loaded, factor)
+
+
+def _one_mesh(scene: trimesh.Scene) -> object:
+    """Return the triangles of a scene as one mesh, without textures, which would be packed into a picture."""
+    import trimesh
+
+    for geometry in scene.geometry.values():
+        if isinstance(geometry, trimesh.Trimesh):
+            geometry.visual = trimesh.visual.ColorVisuals()
+    return scene.to_mesh()
 
 
 def scaled_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
@@ -76,23 +90,44 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
 
     Small holes are filled, what is inside out is turned, parts that overlap are joined; all of it is listed. What stays
     open is accepted only if its winding number tells inside from outside almost everywhere (scans with a few bad
-    triangles). A mesh that needs nothing keeps its vertices and triangles as they are.
+    triangles). A mesh that needs nothing keeps its vertices and triangles as they are. Vertices in the same place are
+    one, whatever their texture coordinates and normals. A mesh far from the origin is judged in local coordinates.
     """
     import trimesh
 
     given = _of_likely_size(mesh)
-    result, notes = _closed(given)
+    vertices, faces = np.asarray(given.vertices, dtype=float), np.asarray(given.faces)
+    origin, rounding = local_origin(vertices), coarse_rounding(vertices)
+    try:
+        result, notes = _outer(in_frame(vertices, origin), faces)
+    except InputError as error:
+        if rounding is None:
+            raise
+        raise InputError(error.field, f"{error.given}; {rounding}", error.allowed) from None
+    if np.any(origin):
+        result = trimesh.Trimesh(np.asarray(result.vertices) + origin, result.faces, process=False)
+    if rounding is not None:
+        say_once(rounding)
+        notes.append(rounding)
+    return result, tuple(notes)
+
+
+def _outer(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
+    """Return the closed outer surface of vertices (v, 3), metres, and triangles (f, 3), and what was mended."""
+    import trimesh
+
+    longest = float(np.max(np.ptp(vertices, axis=0)))
+    result, notes = _closed(vertices, faces)
     vertices, faces, more = outer_surface(np.asarray(result.vertices, dtype=float), np.asarray(result.faces))
     if more:
         result = trimesh.Trimesh(vertices, faces, process=False)
-    volume = _volume(result)
-    box, longest = float(np.prod(np.ptp(result.vertices, axis=0))), _longest_side(given)
+    volume, box = _volume(result), float(np.prod(np.ptp(result.vertices, axis=0)))
     if abs(volume) <= 1e-6 * max(box, 1e-3 * longest**3):
         raise InputError("Mesh.mesh", f"volume {abs(volume):.3g} m^3", "a mesh with volume")
     notes.extend(more)
-    if not _is_plain(result) and (open_edges := _parts(result).open_edges):
-        notes.append(f"not watertight ({open_edges} open edges); the winding number decides what is inside")
-    return result, tuple(notes)
+    if not is_plain(result) and (count := open_edges(result)):
+        notes.append(f"not watertight ({count} open edges); the winding number decides what is inside")
+    return result, notes
 
 
 def _of_likely_size(mesh: object) -> trimesh.Trimesh:
@@ -115,30 +150,21 @@ def _longest_side(mesh: trimesh.Trimesh) -> float:
     return float(np.max(np.ptp(mesh.vertices, axis=0)))
 
 
-def _closed(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
-    """Return a copy with its small holes filled and what was mended, refusing one whose inside is unclear."""
-    result = mesh.copy()
-    result.merge_vertices()
-    result.update_faces(result.nondegenerate_faces())
-    notes = [] if _is_plain(result) else _mend(result)
-    if not _is_plain(result) and (open_edges := _parts(result).open_edges):
+def _closed(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
+    """Return the mesh with its small holes filled and what was mended, refusing one whose inside is unclear."""
+    result = merged_mesh(vertices, faces)
+    if not len(result.faces):
+        raise InputError("Mesh.mesh", "triangles without area", "a mesh with volume")
+    notes = [] if is_plain(result) else _mend(result)
+    if not is_plain(result) and (count := open_edges(result)):
         share = unclear_share(np.asarray(result.vertices), np.asarray(result.faces))
         if share > OPEN_SHARE:
             raise InputError(
                 "Mesh.mesh",
-                f"an open surface ({open_edges} open edges, inside unclear for {share:.0%} of its box)",
+                f"an open surface ({count} open edges, inside unclear for {share:.0%} of its box)",
                 "a closed mesh, or one with small holes only",
             )
     return result, notes
-
-
-def _is_plain(mesh: trimesh.Trimesh) -> bool:
-    """Return whether every edge belongs to two triangles, which go along it in opposite directions."""
-    return bool(mesh.is_watertight and mesh.is_winding_consistent)
-
-
-def _parts(mesh: trimesh.Trimesh) -> Parts:
-    return Parts(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces))
 
 
 def _mend(mesh: trimesh.Trimesh) -> list[str]:
@@ -153,12 +179,12 @@ def _mend(mesh: trimesh.Trimesh) -> list[str]:
         notes.append(f"triangles left out that were there more than once: {copies}")
     if walls:
         notes.append(f"triangles left out that lay back to back and bound nothing: {walls}")
-    before, count, ways = _parts(mesh).open_edges, len(mesh.faces), np.array(mesh.faces)
+    before, count, ways = open_edges(mesh), len(mesh.faces), np.array(mesh.faces)
     if before:
         mesh.fill_holes()
         trimesh.repair.fix_normals(mesh)
         turned = int(np.sum(np.any(np.asarray(mesh.faces)[:count] != ways, axis=1)))
-        after, filled = _parts(mesh).open_edges, len(mesh.faces) > count
+        after, filled = open_edges(mesh), len(mesh.faces) > count
         if filled:
             notes.append(f"filled holes: {before} open edges before, {after} after")
         if turned:

@@ -53,6 +53,13 @@ class Parts:
         return int(np.count_nonzero(np.bincount(self._edges.ravel(), self._ways.ravel())))
 
     @cached_property
+    def open_vertices(self) -> NDArray[np.int64]:
+        """The vertices at the ends of open edges."""
+        sums = np.bincount(self._edges.ravel(), self._ways.ravel())
+        which = sums[self._edges] != 0
+        return np.unique([self.faces[which], np.roll(self.faces, -1, axis=1)[which]]).astype(np.int64)
+
+    @cached_property
     def labels(self) -> NDArray[np.int64]:
         """The number of the part that each triangle is of, (f,)."""
         edges, ways = self._edges.ravel(), self._ways.ravel()

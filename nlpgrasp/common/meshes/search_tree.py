@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from nlpgrasp.common.meshes.frame import in_frame, local_origin
 from nlpgrasp.common.validation import FloatArray
 
 if TYPE_CHECKING:
     import igl
 
 IntArray = NDArray[np.integer]
+
+AWAY = 2.0  # longest sides from the origin, beyond which the trees have coordinates of their own
 
 _every: weakref.WeakSet[SearchTree] = weakref.WeakSet()
 
@@ -33,13 +36,15 @@ class SearchTree:
     Parameters
     ----------
     vertices : (v, 3) array
-        Metres.
+        Metres. The trees are built in local coordinates: libigl's winding numbers have single precision.
     faces : (f, 3) int array
         Triangles; or (f, 2), edges, of which the nearest points alone are known.
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
-        self._vertices = np.ascontiguousarray(vertices, dtype=float)
+        stated = np.asarray(vertices, dtype=float)
+        self._origin = local_origin(stated, AWAY)
+        self._vertices = np.ascontiguousarray(in_frame(stated, self._origin))
         self._faces = np.ascontiguousarray(faces, dtype=np.int64)
         _every.add(self)
 
@@ -61,7 +66,11 @@ class SearchTree:
 
     def __getstate__(self) -> dict[str, object]:
         """Return the mesh alone: trees are built anew in another process."""
-        return {"_vertices": self._vertices, "_faces": self._faces}
+        return {"_vertices": self._vertices, "_faces": self._faces, "_origin": self._origin}
+
+    def _local(self, points: FloatArray) -> FloatArray:
+        """Return points (m, 3) in the coordinates of the trees."""
+        return np.ascontiguousarray(in_frame(np.asarray(points, dtype=float), self._origin))
 
     def let_go(self) -> None:
         """Forget the trees; they are built anew where they are asked for."""
@@ -70,9 +79,9 @@ class SearchTree:
 
     def nearest(self, points: FloatArray) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
         """Return squared distances (m,), faces (m,) and nearest points (m, 3) of points (m, 3), metres."""
-        queries = np.ascontiguousarray(points, dtype=float)
-        squared, faces, positions = self._boxes.squared_distance(self._vertices, self._faces, queries)
-        return np.asarray(squared), np.asarray(faces), np.asarray(positions)
+        squared, faces, positions = self._boxes.squared_distance(self._vertices, self._faces, self._local(points))
+        places = np.asarray(positions)
+        return np.asarray(squared), np.asarray(faces), places + self._origin if np.any(self._origin) else places
 
     def winding_numbers(self, points: FloatArray) -> FloatArray:
         """Return the fast winding numbers of the mesh about points (m, 3), (m,).
@@ -80,7 +89,7 @@ class SearchTree:
         They are 0 outside and 1 inside up to some thousandths, and between them beside defects (Barill et al. 2018,
         doi:10.1145/3197517.3201337); negative where triangles face inwards.
         """
-        return np.asarray(self._winding.winding_number(np.ascontiguousarray(points, dtype=float)))
+        return np.asarray(self._winding.winding_number(self._local(points)))
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3), negative inside, metres, (m,).

@@ -13,7 +13,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
-DIGITS = 5  # of the largest coordinate
+DIGITS = 5  # of the largest coordinate, or of the longest side where that is less
 NORMAL, CONE, FORCE = 0.25, 0.22, 0.8  # lengths of what is drawn at a contact, of the body's drawn size
 
 
@@ -33,7 +33,8 @@ class Triangles:
 
     def to_dict(self) -> Json:
         """Return the triangles as JSON data, rounded: they are for looking at."""
-        largest = float(np.max(np.abs(self.vertices), initial=1e-12))
+        longest = np.max(self.vertices, axis=0, initial=-np.inf) - np.min(self.vertices, axis=0, initial=np.inf)
+        largest = max(min(float(np.max(np.abs(self.vertices), initial=0.0)), float(np.max(longest))), 1e-12)
         decimals = DIGITS - 1 - int(np.floor(np.log10(largest)))
         return {"vertices": np.round(self.vertices, decimals).tolist(), "faces": self.faces.tolist()}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlpgrasp.common.meshes.robot_meshes import find_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.spheres.shapes import Shape
@@ -105,34 +105,3 @@ def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missin
     mesh.apply_scale(scale)
     mesh.apply_transform(pose)
     return Shape("mesh", mesh)
-
-
-def find_mesh(source: Path, name: str) -> Path | None:
-    """Return where a mesh of a URDF is.
-
-    Beside the file; for ``package://`` and ``model://`` below one of the folders above it, or in the packages of
-    ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``.
-    """
-    if not name:
-        return None
-    plain = name.removeprefix("file://")
-    folder = source.resolve().parent
-    inside = plain.removeprefix("package://").removeprefix("model://")
-    if inside == plain:
-        candidates = [Path(plain), folder / plain]
-    else:
-        below = inside.split("/", 1)[-1]
-        above = [folder, *folder.parents]
-        candidates = [place / part for place in above for part in (inside, below)]
-        candidates += [place / inside for place in _packages()]
-    try:
-        return next((c for c in candidates if c.is_file()), None)
-    except (OSError, ValueError):  # a name that no file can have
-        return None
-
-
-def _packages() -> list[Path]:
-    """Return the folders in which ROS looks for packages."""
-    first, second = (os.environ.get(name, "") for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
-    found = [Path(place) for place in first.split(os.pathsep) if place]
-    return found + [Path(place) / "share" for place in second.split(os.pathsep) if place]

@@ -6,9 +6,9 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solution.placed import SurfaceMatch
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.surface.climbed import climbed
+from nlpgrasp.solve.surface.match import match_on_mesh
 from nlpgrasp.solve.surface.move_hand import hand_onto_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.slide import FIRST_REACH, slide_onto_mesh
@@ -36,7 +36,5 @@ def put_on_body(
     else:
         touching = hand_onto_mesh(bench, before, state.value, stop)
         placed, grasp = touching.placed, touching.grasp
-    cosines = np.clip(np.sum(bench.inward_normals(placed) * grasp.normals, axis=1), -1.0, 1.0)
-    moved = np.linalg.norm(grasp.points - before.points, axis=1)
-    match = SurfaceMatch(body.closest(before.points)[2], np.arccos(cosines), moved)
+    match = match_on_mesh(body, before.points, grasp, bench.inward_normals(placed), bench.follows_contacts)
     return OnBody.of(bench, placed, grasp, match)

@@ -22,6 +22,7 @@ from nlpgrasp.verify.sources import Sources
 
 TOUCHING = 1e-6  # of the size: triangles so close to a contact touch it
 ROUND = ("sphere", "cylinder")  # fingertips whose normal is the direction from their centre to the contact
+PARALLEL = 1e-9  # sine
 BESIDE = 1e-3  # of the size: a rise over less than this is measured over this
 GRID_POINTS, GRID_MARGIN, CELL_SHARE = 120_000, 0.5, 0.5  # of the solver's grid of an obstacle's distances
 
@@ -60,7 +61,7 @@ class MeshSurface:
 
         A free contact has the normal of a triangle that it lies on. A round fingertip touches in the point nearest to
         its centre, also on edges and corners: no triangle there rises above the plane across its normal. Other
-        fingertips keep the normal of the solver's smooth surface, which the file does not hold.
+        fingertips may keep the normal of the solver's smooth surface: its angle to the mesh's normals is stated.
         """
         if face != "surface":
             raise KeyError(face)
@@ -68,12 +69,14 @@ class MeshSurface:
         touching = which[off <= np.min(off) + TOUCHING * self.size]
         if tip is None:
             differences = np.linalg.norm(normal + self.triangles.normals[touching], axis=1)
-            return Fit(float(np.min(off)), float(np.min(differences)))
+            least = float(np.min(differences))
+            return Fit(float(np.min(off)), least, 2.0 * float(np.arcsin(min(least / 2.0, 1.0))))
+        angle = angle_off_cone(-normal, self.triangles.normals[touching])
         if tip not in ROUND:
-            return Fit(float(np.min(off)), None)
+            return Fit(float(np.min(off)), None, angle)
         there = (self.triangles.corners[touching] - point).reshape(-1, 3)
         rise = -(there @ normal) / np.maximum(np.linalg.norm(there, axis=1), BESIDE * self.size)
-        return Fit(float(np.min(off)), max(0.0, float(np.max(rise))))
+        return Fit(float(np.min(off)), max(0.0, float(np.max(rise))), angle)
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
         """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
@@ -89,6 +92,34 @@ class MeshSurface:
         found = np.array([self.triangles.distance(p) for p in points])
         inside = [near and self.triangles.is_inside(p) for p, near in zip(points, boxed, strict=True)]
         return np.where(inside, -found, found)
+
+
+def angle_off_cone(direction: FloatArray, generators: FloatArray) -> float:
+    """Return the angle between a unit vector (3,) and the convex cone of unit vectors (n, 3), radians.
+
+    The nearest vector of the cone is a generator, lies between two of them, or is the direction itself, which then is
+    on the inner side of all planes through pairs of generators that have the others on one side.
+    """
+    nearest = float(np.max(generators @ direction))
+    one, other = np.triu_indices(len(generators), 1)
+    across = np.cross(generators[one], generators[other])
+    length = np.linalg.norm(across, axis=1)
+    proper = length > PARALLEL
+    one, other, across = one[proper], other[proper], across[proper] / length[proper, None]
+    if not len(across):
+        return float(np.arccos(np.clip(nearest, -1.0, 1.0)))
+    heights = across @ generators.T
+    facets = np.concatenate(
+        [across[np.all(heights >= -PARALLEL, axis=1)], -across[np.all(heights <= PARALLEL, axis=1)]]
+    )
+    flat = np.all(np.abs(heights) <= PARALLEL)
+    if not flat and np.all(facets @ direction >= 0.0):
+        return 0.0
+    within = direction - (across @ direction)[:, None] * across
+    inside = np.einsum("ij,ij->i", np.cross(generators[one], within), across) >= 0.0
+    inside &= np.einsum("ij,ij->i", np.cross(within, generators[other]), across) >= 0.0
+    nearest = max(nearest, float(np.max(np.linalg.norm(within[inside], axis=1), initial=-1.0)))
+    return float(np.arccos(np.clip(nearest, -1.0, 1.0)))
 
 
 class OtherMeshError(NotMadeError):

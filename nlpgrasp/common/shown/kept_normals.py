@@ -1,0 +1,24 @@
+"""Sentence about contacts whose stated normals are not those of the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+
+def kept_normals(angles: Mapping[int, float]) -> str:
+    """Return which contacts state normals off the mesh's, and by how many degrees.
+
+    Parameters
+    ----------
+    angles : mapping
+        Contact to angle, radians; at least one.
+    """
+    each = [f"{np.degrees(angle):.2g}" for angle in angles.values()]
+    numbers = [str(i) for i in angles]
+    if len(each) == 1:
+        return f"the normal stated at contact {numbers[0]} is not the mesh's: it is {each[0]} degrees off"
+    listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
+    off = f"{', '.join(each[:-1])} and {each[-1]}"
+    return f"the normals stated at contacts {listed} are not the mesh's: they are {off} degrees off"

@@ -1,0 +1,162 @@
+"""Good meshes load without complaint, however their vertices are split and wherever they are."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.common.meshes.mass import volume_integrals
+from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, usable_mesh
+from tests.bodies.good_meshes import good_meshes, moved, pose_of, split, triangle_set, turned
+
+GOOD = good_meshes()
+TURNED = ("turned inside out: the triangles faced inwards",)
+FAR = [700.0, -1000.0, 0.25]
+PLACES = {0.0: [0.0, 0.0, 0.0], 0.7: [1.0, 0.3, 0.0], 1.3: FAR}  # metres, by the angle of a rotation, radians
+POSES = [pose_of(at, angle, mirrored) for angle, at in PLACES.items() for mirrored in (False, True)]
+FORMATS = ("obj", "glb", "ply", "stl")
+QUICK = ng.SolveOptions(
+    workers=1, extras=False, global_bound=False, exchange_rounds=1, candidates=20, shells=0, rtol=0.05, final_rtol=0.05
+)
+NEAR = [0.5, -4.0, 8.0]  # metres: single precision holds the meshes exactly here
+SCANS = {"ycb_012_strawberry.stl": "m", "angle_block.stl": "in", "featuretype.stl": "in"}
+
+
+def loads_like(good, variant, pose, repairs=(), places=1e-6):
+    """Assert that a variant has the mass and centroid of a good mesh, and return it."""
+    found, notes = usable_mesh(variant)
+    assert notes == repairs
+    known, there = volume_integrals(good), volume_integrals(found)
+    size = np.max(np.ptp(good.vertices, axis=0))
+    assert there.volume == pytest.approx(known.volume, rel=places)
+    back = (there.centre - pose[:3, 3]) @ pose[:3, :3]
+    np.testing.assert_allclose(back, known.centre, rtol=0.0, atol=places * size)
+    moments = np.linalg.eigvalsh(known.inertia)
+    np.testing.assert_allclose(np.linalg.eigvalsh(there.inertia), moments, rtol=10.0 * places)
+    return found
+
+
+def variants(good, pose):
+    """Yield variants of a mesh in a pose with the repairs that each needs."""
+    mirrored = np.linalg.det(pose[:3, :3]) < 0.0
+    placed = moved(good, pose)
+    outwards, inwards = (turned(placed), placed) if mirrored else (placed, turned(placed))
+    yield outwards, ()
+    yield split(outwards), ()
+    if mirrored:
+        yield split(inwards), TURNED
+
+
+def test_there_are_more_than_two_hundred():
+    in_memory = sum(1 for good in GOOD.values() for pose in POSES for _ in variants(good, pose))
+    assert in_memory + 2 * len(FORMATS) * len(GOOD) >= 200
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_variants_in_memory_load_alike(name):
+    for pose in POSES:
+        for variant, repairs in variants(GOOD[name], pose):
+            loads_like(GOOD[name], variant, pose, repairs)
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_variants_in_files_load_alike(name, tmp_path):
+    good = GOOD[name]
+    for kind in FORMATS:
+        pose, file = pose_of(NEAR), tmp_path / f"part.{kind}"
+        split(moved(good, pose)).export(file)
+        seams = loads_like(good, read_mesh(file, "m"), pose)
+        moved(good, pose).export(file)
+        clean = loads_like(good, read_mesh(file, "m"), pose)
+        assert volume_integrals(seams).volume == pytest.approx(volume_integrals(clean).volume, rel=1e-12)
+        assert triangle_set(seams) == triangle_set(clean)
+
+
+@pytest.mark.parametrize("name", SCANS)
+def test_scans_load_alike_where_their_vertices_are_split(name, shared_meshes):
+    clean, _ = usable_mesh(read_mesh(shared_meshes / name, SCANS[name]))
+    for pose in (np.eye(4), pose_of([100.0, -30.0, 5.0], 0.7)):
+        found = loads_like(clean, split(moved(clean, pose)), pose)
+        assert len(found.faces) == len(clean.faces)
+    assert triangle_set(usable_mesh(split(clean))[0]) == triangle_set(clean)
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_good_meshes_keep_vertices_and_triangles(name):
+    """Files of earlier versions keep their fingerprints."""
+    good = GOOD[name]
+    assert mesh_digest(usable_mesh(good)[0]) == mesh_digest(good)
+    far = moved(good, pose_of(FAR))
+    assert mesh_digest(usable_mesh(far)[0]) == mesh_digest(far)
+
+
+@pytest.mark.parametrize("name", ["bored block", "capsule"])
+def test_split_vertices_change_no_sample_and_no_distance(name, rng):
+    clean, seams = (ng.Mesh(mesh, smoothing=1.0, resolution=12) for mesh in (GOOD[name], split(GOOD[name])))
+    for one, other in zip(*(b.surface_samples(200, np.random.default_rng(0)) for b in (clean, seams)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-15)
+    points = rng.uniform(*clean.bounds, (200, 3))
+    np.testing.assert_allclose(clean.signed_distance(points), seams.signed_distance(points), rtol=0.0, atol=1e-12)
+    p = clean.sample("surface", 50, rng)
+    for one, other in zip(clean.evaluate("surface", p), seams.evaluate("surface", p), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["box", "capsule"])
+def test_split_vertices_change_no_grasp(name):
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
+    found = []
+    for mesh in (GOOD[name], split(GOOD[name])):
+        body = ng.Mesh(mesh, smoothing=1.0, resolution=10)
+        problem = ng.GraspProblem(body, [ng.SoftContact(0.6, 0.01)] * 2, task, edge_margin=0.0)
+        found.append(ng.solve(problem, starts=1, seed=3, options=QUICK).mu)
+    assert found[0].lower > 0.0
+    assert found[1].lower == pytest.approx(found[0].lower, abs=1e-6)
+    assert found[1].upper == pytest.approx(found[0].upper, abs=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 300.0])
+def test_seams_that_single_precision_opened_are_closed(offset, rng):
+    """Copies of a vertex that are apart by less than a millionth of the size."""
+    good = GOOD["ball"]
+    seams = split(good)
+    seams.vertices = seams.vertices + rng.uniform(-1.0, 1.0, seams.vertices.shape) * 2e-8 + offset
+    found, notes = usable_mesh(seams)
+    assert notes == ()
+    assert len(found.faces) == len(good.faces)
+    assert found.is_watertight
+    assert volume_integrals(found).volume == pytest.approx(good.volume, rel=1e-5)
+
+
+def test_a_thin_triangle_that_closes_a_gap_stays():
+    """A box with a vertex on an edge of one side only by a triangle without area."""
+    box = trimesh.creation.box([0.1, 0.1, 0.1])
+    faces = np.array(box.faces)
+    a, b, c = faces[0]
+    vertices = np.vstack([box.vertices, (box.vertices[a] + box.vertices[b]) / 2.0])
+    faces = np.vstack([faces[1:], [[a, 8, c], [8, b, c], [a, b, 8]]])
+    found, notes = usable_mesh(trimesh.Trimesh(vertices, faces, process=False))
+    assert notes == ()
+    assert found.is_watertight
+    assert found.volume == pytest.approx(1e-3, rel=1e-12)
+
+
+def test_scenes_of_textured_parts_are_one_mesh(tmp_path):
+    """Two halves of a box, split where they meet, each with its own texture and node."""
+    box = trimesh.creation.box([0.06, 0.04, 0.1]).subdivide()
+    scene = trimesh.Scene()
+    for i, which in enumerate((box.triangles_center[:, 0] < 0.0, box.triangles_center[:, 0] >= 0.0)):
+        half = split(box.submesh([np.flatnonzero(which)], append=True), i)
+        scene.add_geometry(half, transform=pose_of([0.25 * i, 0.0, 0.0]))
+        half.apply_translation([-0.25 * i, 0.0, 0.0])
+    scene.export(tmp_path / "two.glb")
+    found, notes = usable_mesh(read_mesh(tmp_path / "two.glb", "m"))
+    assert notes == ()
+    assert volume_integrals(found).volume == pytest.approx(box.volume, rel=1e-6)
+
+
+def test_meshes_of_a_millimetre_keep_their_geometry():
+    for good in (trimesh.creation.icosphere(4, 0.0006), turned(turned(GOOD["ring"])).apply_scale(0.02)):
+        for offset in (0.0, 1.0, 1000.0):
+            found = loads_like(good, split(moved(good, pose_of([offset, 0.0, 0.0]))), pose_of([offset, 0.0, 0.0]))
+            assert len(found.faces) == len(good.faces)
