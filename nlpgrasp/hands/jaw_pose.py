@@ -1,27 +1,31 @@
-"""Where the gripper of two parallel jaws is: what its contacts leave free is how it is turned about the closing line.
+"""Pose of a gripper with two parallel jaws: the free turn about the closing line, chosen by the clearest way in.
 
-The gripper's frame has x along the closing direction, from contact 0 to contact 1, and z along the approach, in which
-the gripper moves to the body; y completes them. The approach is the clearest of those at right angles to the closing
-direction, within the cones that are asked for.
+The closing direction points from contact 0 to contact 1; the approach, in which the gripper moves to the body, is at
+right angles to it: the clearest such direction within the cones of the problem. The pose is that of the gripper's own
+frame, in which both directions are axes of its model: x and z unless the hand says otherwise.
 
-What is looked at are the middle lines of both fingers and, where a finger's length is stated, the palm across their
-ends, on the straight way in: from where they are in the grasp back by twice the body's size. The pads' breadth, the
-gripper's body and an arm are not looked at.
+The way in consists of the middle lines of both fingers and, where a finger's length is stated, of the palm across their
+ends, on a straight line: from the grasp back by twice the body's size. The pads' breadth, the gripper's body and an arm
+play no part.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import InputError
 
 Distance = Callable[[FloatArray], FloatArray]
 Cone = tuple[FloatArray, float]  # a unit direction, and the largest angle to it, radians
+CLOSING_AXIS, APPROACH_AXIS = "x", "z"  # of a gripper that states no others
+LETTERS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+DIGITS = 1e-4  # from unit length and a right angle: directions are written with few digits
 TURNS = 36  # directions about the closing line that are looked at
 STEPS = 24  # points of each line
 ACROSS = 5  # lines of the palm
@@ -30,6 +34,61 @@ NEAR = 0.02  # of the body's size: what is in the way by less than this is not, 
 ALONG = 1e-9  # part of a unit direction across the closing line: a cone about this line has no middle across it
 NEARLY = 0.1  # of the clearest way's mean distance: the steepest way down is taken where it is clear but for so much
 SAME = 1e-6  # of the body's size: directions as clear as each other
+
+
+def direction_of(field: str, axis: str | Sequence[float]) -> FloatArray:
+    """Return the unit direction of an axis, (3,), gripper's own frame.
+
+    Parameters
+    ----------
+    field : str
+        For messages.
+    axis : str or (3,) sequence of float
+        ``"x"``, ``"y"``, ``"z"``, with a sign before it where it points the other way, or a unit direction.
+
+    Raises
+    ------
+    InputError
+        On any other letter, and on a direction of another length.
+    """
+    allowed = '"x", "y", "z", with a sign such as "-x", or a unit direction of three numbers'
+    if isinstance(axis, str):
+        letter = axis.removeprefix("-").removeprefix("+")
+        if letter not in LETTERS or len(axis) > len(letter) + 1:
+            raise InputError(field, axis, allowed)
+        return (-1.0 if axis.startswith("-") else 1.0) * np.array(LETTERS[letter]) + 0.0
+    direction = array(field, axis, (3,))
+    length = float(np.linalg.norm(direction))
+    if not abs(length - 1.0) <= DIGITS:
+        raise InputError(field, f"a direction of length {length:.4g}", allowed)
+    return np.asarray(direction / length)
+
+
+def named(direction: FloatArray) -> str | tuple[float, float, float]:
+    """Return the letter of a unit direction along a coordinate axis, with its sign; three numbers of any other."""
+    for letter, unit in LETTERS.items():
+        for sign, mark in ((1.0, ""), (-1.0, "-")):
+            if np.array_equal(sign * direction, unit):
+                return f"{mark}{letter}"
+    x, y, z = direction.tolist()
+    return x, y, z
+
+
+def own_axes(closing: str | Sequence[float], approach: str | Sequence[float]) -> FloatArray:
+    """Return closing direction, the direction across, and approach in the gripper's own frame, columns of a rotation.
+
+    Raises
+    ------
+    InputError
+        On axes that are no unit directions, or not at right angles to each other.
+    """
+    along, towards = direction_of("closing_axis", closing), direction_of("approach_axis", approach)
+    if not abs(float(along @ towards)) <= DIGITS:
+        angle = np.degrees(np.arccos(np.clip(along @ towards, -1.0, 1.0)))
+        raise InputError("approach_axis", f"{angle:.4g} degrees off closing_axis", "a direction at right angles to it")
+    towards = towards - (along @ towards) * along
+    towards /= np.linalg.norm(towards)
+    return np.stack([along, np.cross(towards, along), towards], axis=1) + 0.0  # no -0
 
 
 @dataclass(frozen=True)
@@ -46,12 +105,16 @@ class Jaws:
         Of a finger in the closing direction, metres.
     cones : tuple of pairs
         That the approach is to be within.
+    closing_axis, approach_axis : str or (3,) sequence of float
+        Closing direction and approach in the gripper's own frame.
     """
 
     points: FloatArray
     length: float
     thickness: float
     cones: tuple[Cone, ...] = ()
+    closing_axis: str | Sequence[float] = CLOSING_AXIS
+    approach_axis: str | Sequence[float] = APPROACH_AXIS
 
     @property
     def opening(self) -> float:
@@ -124,7 +187,8 @@ class Jaws:
         told: dict[str, object] = {"opening": self.opening, "approach": way}
         if len(approach) == 2:
             return told
-        turn = Rotation.from_matrix(np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1))
+        there = np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1)
+        turn = Rotation.from_matrix(there @ own_axes(self.closing_axis, self.approach_axis).T)
         position = self.points.mean(axis=0) - self.length * approach
         quaternion = turn.as_quat(canonical=True, scalar_first=True).tolist()
         return {"palm_pose": {"position": position.tolist(), "quaternion_wxyz": quaternion}, **told}

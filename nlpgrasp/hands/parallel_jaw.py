@@ -13,10 +13,10 @@ from nlpgrasp.common.given.angles import angle
 from nlpgrasp.common.given.lengths import of_a_hand
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import FloatArray, number, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
-from nlpgrasp.hands.jaw_pose import Cone, Distance, Jaws
+from nlpgrasp.hands.jaw_pose import APPROACH_AXIS, CLOSING_AXIS, Cone, Distance, Jaws, named, own_axes
 
 MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)
 LARGEST_PART = 2.0  # metres, of a gripper's finger
@@ -29,10 +29,11 @@ class ParallelJaw(Hand):
     The line between the contacts is within an angle of both inward normals: jaws close along one line and touch
     flat. The opening is the distance of the contacts along it.
 
-    A solution states the gripper's pose in ``hand``: ``palm_pose`` (x from contact 0 to contact 1, z along the
-    approach), ``opening``, and ``approach``: its ``direction``, and the ``depth`` to which this way in leads into
-    something. The contacts leave free how the gripper is turned about the closing line: of 36 directions the clearest
-    of the body, of tables and of obstacles is taken, within the cones of ``Approach`` (docs/hands.md).
+    A solution states the gripper's pose in ``hand``: ``palm_pose`` (of the gripper's own frame: its closing axis from
+    contact 0 to contact 1, its approach axis along the approach), ``opening``, and ``approach``: its ``direction``, and
+    the ``depth`` to which this way in leads into something. The contacts leave free how the gripper is turned about the
+    closing line: of 36 directions the clearest of the body, of tables and of obstacles is taken, within the cones of
+    ``Approach`` (docs/hands.md).
 
     Parameters
     ----------
@@ -46,6 +47,11 @@ class ParallelJaw(Hand):
         From the middle between the pads back to the gripper's frame, metres; 0 puts the frame between the pads.
     finger_thickness : float
         Of a finger in the closing direction, metres; 0 looks at the pads' lines alone.
+    closing_axis : str or (3,) sequence of float
+        Direction of the closing line in the gripper's own frame, from the jaw at contact 0 to that at contact 1:
+        ``"x"``, ``"y"``, ``"z"``, with a sign such as ``"-x"``, or a unit direction. The Franka hand closes along y.
+    approach_axis : str or (3,) sequence of float
+        Direction in which the gripper moves to the body, in its own frame, at right angles to ``closing_axis``.
     """
 
     kind: ClassVar[str] = "parallel_jaw"
@@ -54,6 +60,8 @@ class ParallelJaw(Hand):
     tilt: float = 0.05
     finger_length: float = 0.0
     finger_thickness: float = 0.0
+    closing_axis: str | Sequence[float] = CLOSING_AXIS
+    approach_axis: str | Sequence[float] = APPROACH_AXIS
     count: int = field(default=2, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -66,6 +74,10 @@ class ParallelJaw(Hand):
         for name in ("finger_length", "finger_thickness"):
             length = number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0)
             object.__setattr__(self, name, of_a_hand(f"ParallelJaw.{name}", length, LARGEST_PART))
+        with within("ParallelJaw."):
+            axes = own_axes(self.closing_axis, self.approach_axis)
+        object.__setattr__(self, "closing_axis", named(axes[:, 0]))
+        object.__setattr__(self, "approach_axis", named(axes[:, 2]))
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
@@ -96,10 +108,14 @@ class ParallelJaw(Hand):
 
     def at_contacts(self, points: FloatArray, size: float, distance: Distance, cones: Sequence[Cone] = ()) -> Json:
         """Return pose, opening and approach of the gripper, as JSON data."""
-        return Jaws(points, self.finger_length, self.finger_thickness, tuple(cones)).posture(size, distance)
+        axes = self.closing_axis, self.approach_axis
+        return Jaws(points, self.finger_length, self.finger_thickness, tuple(cones), *axes).posture(size, distance)
 
     def to_dict(self) -> Json:
-        """Return limits and fingers as JSON data."""
+        """Return limits, fingers, and axes other than x and z, as JSON data."""
+        axes = {"closing_axis": self.closing_axis, "approach_axis": self.approach_axis}
+        usual = {"closing_axis": CLOSING_AXIS, "approach_axis": APPROACH_AXIS}
+        others = {k: a if isinstance(a, str) else list(a) for k, a in axes.items() if a != usual[k]}
         return {
             "type": self.kind,
             "opening": self.opening,
@@ -107,4 +123,5 @@ class ParallelJaw(Hand):
             "tilt": self.tilt,
             "finger_length": self.finger_length,
             "finger_thickness": self.finger_thickness,
+            **others,
         }

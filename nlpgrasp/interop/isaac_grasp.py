@@ -12,6 +12,7 @@ import yaml
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
+from nlpgrasp.interop.robots.export_warnings import not_free, warn_of_axes
 from nlpgrasp.interop.robots.files import object_file, object_scale
 from nlpgrasp.interop.robots.states import HandStates
 from nlpgrasp.solution.solution import GraspSolution
@@ -53,7 +54,9 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
     """Return solutions as the text of an isaac_grasp file.
 
     ``confidence`` is the certified lower bound over the best upper bound of the file. The frames have both pairs of
-    names that are in use, those of Isaac Sim (``object_frame_link``) and of Isaac ROS (``object_frame``).
+    names that are in use, those of Isaac Sim (``object_frame_link``) and of Isaac ROS (``object_frame``). Two fields
+    are beyond the format: of parallel jaws ``closing_axis`` and ``approach_axis`` in the gripper's own frame, whose
+    pose it is; and ``way_in`` of a grasp whose straight way in is not free, which says why.
 
     Parameters
     ----------
@@ -66,12 +69,18 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
     ------
     InputError
         Without such a hand, or without a grasp.
+
+    Warns
+    -----
+    UserWarning
+        Of a gripper, named in the options, that closes along another axis than the pose.
     """
     given = options or ExportOptions()
     best = max((s.mu.upper for s in solutions.values() if s.success), default=0.0)
     grasps = {}
+    hands = {name: HandStates.of(solution, given.joints, name) for name, solution in solutions.items()}
     for name, solution in solutions.items():
-        hand = HandStates.of(solution, given.joints, name)
+        hand = hands[name]
         position, (w, *xyz) = hand.pose[:3].tolist(), hand.pose[3:].tolist()
         grasps[name] = {
             "confidence": solution.mu.lower / best,
@@ -79,7 +88,10 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
             "orientation": {"w": w, "xyz": xyz},
             "cspace_position": dict(hand.joints),
             "pregrasp_cspace_position": dict(hand.open_joints),
+            **({"way_in": f"not free: {why}"} if (why := not_free(hand)) else {}),
         }
+    shown = next(iter(hands.values()))
+    warn_of_axes(shown, given)
     first = next(iter(solutions.values()))
     thing, frame = object_file(first, None), first.palm
     data = {
@@ -90,6 +102,7 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
         "gripper_frame_link": frame,
         "object_frame": thing,
         "gripper_frame": frame,
+        **{axis: direction.tolist() for axis, direction in shown.axes().items()},
         **({} if given.object is None else {"object_file": given.object}),
         **({} if given.object is None else {"object_scale": object_scale(first, given.object)}),
         **({} if given.gripper is None else {"gripper_file": given.gripper}),

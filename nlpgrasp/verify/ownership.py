@@ -1,9 +1,10 @@
-"""Which stated rows a part of the problem may own that could not be recomputed: its own, and no others."""
+"""Names of stated constraints that could not be recomputed: the part of the problem they belong to, and their scale."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from nlpgrasp.common.rows import CLEARANCE, EDGE_MARGIN, ON_FINGERTIP, ROOM, SELF_COLLISION, TIPS_APART, UNIT_QUATERNION
 from nlpgrasp.common.types import Json
@@ -27,6 +28,40 @@ HANDS = {
 }
 LINKS = (f"{CLEARANCE}, ", f"{SELF_COLLISION}, ")
 FINGER = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")
+
+
+ON_TIP_LENGTHS = (", x", ", y", ", z", ", plane", ", extent x", ", extent y")  # coordinates on a fingertip
+OF_CONSTRAINTS = ("table, ", "workspace, ", "symmetric, ", "forbidden region, ")
+LENGTHS = (*OF_CONSTRAINTS, f"{CLEARANCE}, ", f"{EDGE_MARGIN}, ", f"{ROOM}, ")
+SQUARED_SPANS = (f"{TIPS_APART}, ", f"{SELF_COLLISION}, ")  # of a hand with links; those of free tips are recomputed
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Typical sizes of stated constraints by their names: tolerances are relative to them.
+
+    Parameters
+    ----------
+    size : float
+        The body's characteristic length, metres.
+    span : float
+        How far the hand reaches from its palm, metres.
+    obstacles : tuple of str
+        Names of the problem's obstacles.
+    """
+
+    size: float
+    span: float
+    obstacles: tuple[str, ...] = ()
+
+    def of(self, name: str) -> float:
+        """Return the typical size of a constraint, in its own unit: metres, square metres, or 1 of a cosine."""
+        if name.startswith(SQUARED_SPANS):
+            return self.span**2
+        if name.startswith(f"{ON_FINGERTIP} "):
+            return self.size if name.endswith(ON_TIP_LENGTHS) else 1.0
+        lengths = (*LENGTHS, *(f"{obstacle}, " for obstacle in self.obstacles))
+        return self.size if name.startswith(lengths) else 1.0
 
 
 def constraint_owner(data: Json, contacts: int) -> Owner:

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.rows import CLEARANCE, EDGE_MARGIN
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
@@ -18,21 +18,25 @@ from nlpgrasp.verify.bodies.edges import margin_rows
 from nlpgrasp.verify.check import BROKEN, NO_BODY, Check, NotMadeError, guarded, no_sense
 from nlpgrasp.verify.claims.drawing import drawing_check
 from nlpgrasp.verify.claims.gripper import gripper_checks
+from nlpgrasp.verify.claims.links import link_checks
 from nlpgrasp.verify.claims.phases import phase_checks
 from nlpgrasp.verify.claims.room import room_checks
 from nlpgrasp.verify.claims.squeeze import squeeze_checks
 from nlpgrasp.verify.claims.torques import torque_checks
 from nlpgrasp.verify.hands.room import room_rows
 from nlpgrasp.verify.hands.unknown import UnknownHand
-from nlpgrasp.verify.ownership import Owner, constraint_owner, hand_owner, links_owner, margin_owner, room_owner
+from nlpgrasp.verify.ownership import Owner, Scales, constraint_owner, hand_owner, links_owner, margin_owner, room_owner
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
-from nlpgrasp.verify.rows import PROMISE, RowValue, StatedRows, compare, kept
+from nlpgrasp.verify.rows import PROMISE, ROUNDING, RowValue, StatedRows, compare, kept
 from nlpgrasp.verify.sources import Sources
-from nlpgrasp.verify.surface import face_check, size_of, surface_checks
+from nlpgrasp.verify.surface import WIDEST, face_check, size_of, surface_checks
 
 FITTING = "room for fingertips"
 ON_MESH = 10.0  # times the promise: steps over a mesh end there
+UNSEEN = 5.0  # times the size between its contacts: of a body that is neither there nor drawn, at most
+SPAN = 3.0  # times the farthest contact from the palm: the most that a hand reaches
+LEAST_SLACK = 1e-6  # in a constraint's own unit: of one that is not recomputed
 
 
 def recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
@@ -51,6 +55,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
         grasp.points, grasp.normals, size, hand, lambda body: BODIES.of(body)(body, sources), values
     )
     promise = PROMISE * (ON_MESH if solution.body["type"] == "mesh" else 1.0)
+    unseen = UNSEEN if surface is None and solution.drawing is None else 1.0
     parts: dict[str, Callable[[], Iterable[RowValue]]] = {
         f"constraint {i}, {data['type']}": partial(_constraint_rows, data, placement)
         for i, data in enumerate(solution.problem["constraints"])
@@ -64,16 +69,21 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     if hand is not None and hand.linked:
         parts["links"] = partial(link_rows, hand, surface, placement)
     owners = _owners(solution, len(grasp))
-    rows = [_guarded(name, given, partial(compare, stated=stated, promise=promise)) for name, given in parts.items()]
+    rows = [
+        _guarded(name, given, partial(compare, stated=stated, promise=unseen * promise))
+        for name, given in parts.items()
+    ]
     if hand is not None and hand.linked:
         rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
     checks += guarded("joint torques", lambda: torque_checks(solution, grasp, hand))
     checks += guarded("squeeze", lambda: squeeze_checks(solution, grasp, hand))
     checks += guarded("room of joints", lambda: room_checks(solution, hand))
     checks += guarded("gripper", lambda: gripper_checks(solution, placement, surface))
+    checks += guarded("links inside something", lambda: link_checks(solution, hand, surface, placement))
     checks += guarded("phases", lambda: phase_checks(solution, hand, surface))
     checks += guarded("drawing", lambda: _drawing_checks(solution, surface))
-    return [*checks, face_check(solution), *rows, *_stated_check(solution, stated, owners)]
+    slack = partial(_slack, stated=stated, scales=_scales(solution, grasp, unseen * size), promise=promise)
+    return [*checks, face_check(solution), *rows, *_stated_check(solution, stated, owners, slack)]
 
 
 def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources) -> HandNumbers | None:
@@ -142,11 +152,26 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
     return found if hand is None else {**found, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
 
 
-def _stated_check(solution: GraspSolution, stated: StatedRows, owners: Mapping[str, Owner]) -> list[Check]:
+def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> Scales:
+    """Return the typical sizes of constraints, as far as the file itself says them."""
+    pose, span = (solution.hand or {}).get("palm_pose"), size
+    if pose is not None and grasp.space == 3:
+        palm = array("hand.palm_pose.position", pose["position"], (3,))
+        span = min(SPAN * float(np.max(np.linalg.norm(grasp.points - palm, axis=1))), WIDEST * size)
+    asked = solution.problem["constraints"]
+    return Scales(size, span, tuple(str(data["name"]) for data in asked if data["type"] == "obstacle"))
+
+
+def _stated_check(
+    solution: GraspSolution,
+    stated: StatedRows,
+    owners: Mapping[str, Owner],
+    slack: Callable[[ConstraintReport], float],
+) -> list[Check]:
     """Return whether the stated values are within the stated limits, and every stated row is some part's own."""
     if not solution.constraints:
         return []
-    wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _within(c, stated)]
+    wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _within(c, slack(c))]
     possible = [owners[part] for part in stated.unknown]
     unasked = [name for name in stated.left if not any(owns(name) for owns in possible)]
     wrong += [f"{name} is nothing that the problem asks" for name in unasked]
@@ -154,11 +179,14 @@ def _stated_check(solution: GraspSolution, stated: StatedRows, owners: Mapping[s
     return [Check("constraints", not wrong, f"{detail}: {'; '.join(wrong)}" if wrong else detail)]
 
 
-def _within(row: ConstraintReport, stated: StatedRows) -> bool:
-    promised = stated.slack.get(id(row))
-    below, above = (_slack(limit) if promised is None else promised for limit in (row.lower, row.upper))
-    return row.lower - below <= row.value <= row.upper + above
+def _within(row: ConstraintReport, slack: float) -> bool:
+    return row.lower - slack <= row.value <= row.upper + slack
 
 
-def _slack(limit: float) -> float:
-    return 1e-6 + 1e-4 * abs(limit) if np.isfinite(limit) else 0.0
+def _slack(row: ConstraintReport, stated: StatedRows, scales: Scales, promise: float) -> float:
+    """Return how far outside its limits a solve may leave a constraint, in its own unit.
+
+    One that was recomputed has the scale of its formula, another that of its name.
+    """
+    known = stated.slack.get(id(row))
+    return max((promise + ROUNDING) * scales.of(row.name), LEAST_SLACK) if known is None else known

@@ -174,3 +174,59 @@ def test_how_the_gripper_comes_is_said_and_first_of_all_a_way_that_is_not_free()
     assert "way in" not in free.title
     assert "but the gripper's way in leads " in stuck.title
     assert " mm deep into the body, a table or an obstacle" in str(stuck)
+
+
+SLANTED = (0.6, 0.8, 0.0)
+AXES = [("x", "z"), ("y", "z"), ("-y", "z"), ("z", "-x"), (SLANTED, "z"), (SLANTED, (-0.8, 0.6, 0.0))]
+LETTERS = {"x": (1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0)}
+
+
+@pytest.mark.parametrize(("closing", "approach"), AXES)
+def test_the_pose_is_that_of_the_grippers_own_frame(closing, approach):
+    """The closing axis of the gripper's model lies along the contacts, its approach axis along the way in."""
+    hand = ng.ParallelJaw(0.05, finger_length=0.07, closing_axis=closing, approach_axis=approach)
+    points = Rotation.from_rotvec([0.4, -0.3, 0.7]).apply(PADS) + np.array([0.01, 0.0, 0.02])
+    found, usual = (
+        posture(h, body=ng.Sphere(0.025), points=points) for h in (hand, ng.ParallelJaw(0.05, 0.0, 0.05, 0.07))
+    )
+    assert {k: v for k, v in found.items() if k != "palm_pose"} == {k: v for k, v in usual.items() if k != "palm_pose"}
+    along, towards = (np.array(LETTERS.get(axis, axis), dtype=float) for axis in (closing, approach))
+    pose = found["palm_pose"]
+    local = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).inv().apply(points - pose["position"])
+    np.testing.assert_allclose(local, [-0.02 * along + 0.07 * towards, 0.02 * along + 0.07 * towards], atol=1e-12)
+    again = hand_from_dict(json.loads(json.dumps(hand.to_dict())))
+    assert posture(again, body=ng.Sphere(0.025), points=points) == found
+
+
+def test_axes_are_stated_only_where_they_are_others():
+    plain = ng.ParallelJaw(0.05).to_dict()
+    assert not {"closing_axis", "approach_axis"} & set(plain)
+    assert ng.ParallelJaw(0.05, closing_axis=[1, 0, 0], approach_axis="+z") == ng.ParallelJaw(0.05)
+    assert ng.ParallelJaw(0.05, closing_axis=[0, -1, 0]).to_dict() == {**plain, "closing_axis": "-y"}
+    few = ng.ParallelJaw(0.05, closing_axis=[0.70711, 0.70711, 0.0])  # written with few digits
+    assert np.linalg.norm(few.to_dict()["closing_axis"]) == pytest.approx(1.0, abs=1e-15)
+    assert hash(few) == hash(hand_from_dict(few.to_dict()))
+
+
+BAD_AXES = {
+    "a word": ({"closing_axis": "up"}, "ParallelJaw.closing_axis: got up, expected"),
+    "two signs": ({"closing_axis": "--y"}, "ParallelJaw.closing_axis: got --y, expected"),
+    "empty": ({"approach_axis": ""}, "ParallelJaw.approach_axis: got"),
+    "longer": ({"closing_axis": [0, 2, 0]}, "ParallelJaw.closing_axis: got a direction of length 2, expected"),
+    "two numbers": ({"closing_axis": [0, 1]}, "ParallelJaw.closing_axis"),
+    "not across": ({"closing_axis": "z"}, "ParallelJaw.approach_axis: got 0 degrees off closing_axis, expected"),
+    "slanted": (
+        {"approach_axis": [0.6, 0.0, 0.8]},
+        "got 53.13 degrees off closing_axis, expected a direction at right",
+    ),
+    "nothing": ({"closing_axis": None}, "ParallelJaw.closing_axis"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_AXES)
+def test_axes_that_are_none_are_refused(name):
+    given, said = BAD_AXES[name]
+    with pytest.raises(ng.InputError) as caught:
+        ng.ParallelJaw(0.05, **given)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -204,3 +204,44 @@ def test_through_robot_descriptions(monkeypatch, tmp_path):
         ng.hands.leap()
     module.URDF_PATH = str(star(tmp_path / "leap.urdf", PRESETS["leap"]))
     assert ng.hands.leap().robot.source == "leap.urdf"
+
+
+def framed(path, preset, fingers_from, frame, prefix=""):
+    """Write a URDF whose fingers hang from one link, with a link without fingers that has another palm's name."""
+    text = star(path, preset, prefix).read_text().replace(f'"{prefix}{preset.palms[0]}"', f'"{fingers_from}"')
+    fixed = f'<joint name="f" type="fixed"><parent link="{fingers_from}"/><child link="{frame}"/></joint>'
+    path.write_text(text.replace("</robot>", f'<link name="{frame}"/>{fixed}</robot>'))
+    return path
+
+
+@pytest.mark.parametrize("prefix", ["", "right_"])
+def test_a_frame_that_is_named_as_a_palm_hides_no_palm(prefix, tmp_path):
+    path = framed(tmp_path / "a.urdf", PRESETS["allegro"], f"{prefix}base_link", f"{prefix}palm", prefix)
+    hand = ng.hands.allegro(path)
+    assert hand.robot.root == f"{prefix}base_link"
+    assert len(hand.robot.free_joints) == 4
+
+
+def test_a_frame_with_a_prefix_is_no_second_hand(tmp_path):
+    path = framed(tmp_path / "s.urdf", PRESETS["shadow"], "rh_palm", "camera_palm", "rh_")
+    assert ng.hands.shadow(path).robot.root == "rh_palm"
+    path = framed(tmp_path / "t.urdf", PRESETS["shadow"], "rh_palm", "palm", "rh_")
+    assert ng.hands.shadow(path).robot.root == "rh_palm"
+
+
+def test_the_base_of_an_arm_is_not_the_palm_of_its_hand(tmp_path):
+    path = star(tmp_path / "arm.urdf", PRESETS["barrett"], "bhand_")
+    wrist = '<joint name="a" type="fixed"><parent link="base_link"/><child link="bhand_base_link"/></joint>'
+    path.write_text(path.read_text().replace("</robot>", f'<link name="base_link"/>{wrist}</robot>'))
+    assert ng.hands.barrett(path).robot.root == "bhand_base_link"
+
+
+def test_fingertips_that_hang_from_no_palm_are_named(tmp_path):
+    path = framed(tmp_path / "a.urdf", PRESETS["leap"], "wrist", "palm_lower")
+    said = (
+        "hands.leap.urdf: got a.urdf with fingertip, fingertip_2, fingertip_3, thumb_fingertip not below palm_lower, "
+        "expected the URDF of this hand"
+    )
+    for options in ({}, {"palm": "palm_lower"}):
+        with pytest.raises(ng.InputError, match=re.escape(said)):
+            ng.hands.leap(path, **options)

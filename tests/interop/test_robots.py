@@ -1,9 +1,12 @@
 """Grasps in the formats of robots' programs: MoveIt's messages, isaac_grasp files, arrays of benchmarks."""
 
 import io
+import re
+import warnings
 from copy import copy
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -184,13 +187,17 @@ def test_a_row_for_each_grasp_kept_and_joints_in_another_order(held):
     names = list(held.hand["joint_positions"])[::-1]
     quick = {k: v for k, v in held.hand.items() if k != "squeeze"}
     other = replace(held.grasps[0], grasp=copy(held.grasp), hand=quick, start=None)
-    file = benchmark_arrays(replace(held, others=(other,)), ExportOptions(joints=tuple(names)))
+    with pytest.warns(
+        UserWarning, match=r"^grasp_1 states no squeeze, so its .* ng\.with_extras\(solution, problem\) adds"
+    ):
+        file = benchmark_arrays(replace(held, others=(other,)), ExportOptions(joints=tuple(names)))
     with np.load(io.BytesIO(file)) as data:
         assert data["joint_names"].tolist() == names
         np.testing.assert_array_equal(data["grasp_qpos"][0], data["grasp_qpos"][1])
         assert data["grasp_qpos"][0, 7:].tolist() == [held.hand["joint_positions"][name] for name in names]
         assert np.isnan(data["squeeze_qpos"][1, 7:]).all()
         assert np.isnan(data["squeeze_effort"][1]).all()
+        assert data["has_squeeze"].tolist() == [True, False]
     with pytest.raises(InputError, match=r"--joint: got thumb, expected joints of the hand"):
         benchmark_arrays(held, ExportOptions(joints=("thumb",)))
 
@@ -198,13 +205,18 @@ def test_a_row_for_each_grasp_kept_and_joints_in_another_order(held):
 def test_a_record_of_dexgraspbench(held):
     file = dexgraspbench(held, ExportOptions(object="assets/box"))
     record = np.load(io.BytesIO(file), allow_pickle=True).item()  # as the benchmark reads it
-    assert set(record) == {"pregrasp_qpos", "grasp_qpos", "squeeze_qpos", "obj_pose", "obj_scale", "obj_path"}
+    assert set(record) == {
+        *("pregrasp_qpos", "grasp_qpos", "squeeze_qpos", "obj_pose", "obj_scale", "obj_path"),
+        *("has_pregrasp", "way_in_free"),
+    }
+    assert record["has_pregrasp"]
+    assert record["way_in_free"]
     assert (record["obj_path"], record["obj_scale"]) == ("assets/box", 1.0)
     with np.load(io.BytesIO(benchmark_arrays(held))) as data:
         for at in ("pregrasp_qpos", "grasp_qpos", "squeeze_qpos"):
             np.testing.assert_array_equal(record[at], data[at][0])
     quick = replace(held, hand={k: v for k, v in held.hand.items() if k != "squeeze"})
-    with pytest.raises(InputError, match="got no squeeze"):
+    with pytest.raises(InputError, match=r"got no squeeze \(the solve left it out\), expected .*ng\.with_extras"):
         dexgraspbench(quick)
 
 
@@ -214,3 +226,157 @@ def test_what_has_no_hand_is_refused(write, jaws):
         write(replace(jaws, hand=None))
     with pytest.raises(InputError, match="got no grasp"):
         write(replace(jaws, grasp=None, others=()))
+
+
+def without(solution, *keys, **more):
+    """Return a solution whose hand states less, or something else."""
+    return replace(solution, hand={**{k: v for k, v in solution.hand.items() if k not in keys}, **more})
+
+
+BLOCKED = {"direction": None, "distance": None, "reason": "link palm is in the way"}
+SQUEEZES = {
+    "left out": (("squeeze",), {}),
+    "none": (("squeeze",), {"no_squeeze": {"reason": "contact 0 cannot press"}}),
+}
+
+
+@pytest.mark.parametrize("name", SQUEEZES)
+@pytest.mark.filterwarnings("ignore:grasp_0 states no squeeze:UserWarning")
+def test_no_array_has_nan_without_a_flag(held, name):
+    keys, more = SQUEEZES[name]
+    with np.load(io.BytesIO(benchmark_arrays(without(held, *keys, **more)))) as data:
+        nan = [key for key in data.files if data[key].dtype.kind == "f" and np.isnan(data[key]).any()]
+        assert nan == ["squeeze_qpos", "squeeze_effort"]
+        assert data["has_squeeze"].tolist() == [False]
+    with np.load(io.BytesIO(benchmark_arrays(held))) as data:
+        assert not any(np.isnan(data[key]).any() for key in data.files if data[key].dtype.kind == "f")
+        assert [data[key].tolist() for key in ("has_squeeze", "has_pregrasp", "way_in_free")] == [[True]] * 3
+
+
+def test_a_squeeze_of_joints_that_are_not_chosen_is_no_missing_one(held):
+    follower = next(name for name in held.hand["joint_positions"] if name not in held.squeeze.torques)
+    with np.load(io.BytesIO(benchmark_arrays(held, ExportOptions(joints=(follower,))))) as data:
+        assert data["has_squeeze"].tolist() == [True]
+        assert np.isfinite(data["squeeze_qpos"]).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_only_a_squeeze_that_a_solve_left_out_is_warned_of(held):
+    keys, more = SQUEEZES["none"]
+    assert "effort: []" in moveit(without(held, *keys, **more))
+    with pytest.raises(
+        UserWarning, match=r"^grasp_0 states no squeeze, so its grasp_posture has no effort: ng\.with_ext"
+    ):
+        moveit(without(held, "squeeze"))
+
+
+def test_a_blocked_way_in_is_flagged(held):
+    stuck = without(held, approach=BLOCKED)
+    with np.load(io.BytesIO(benchmark_arrays(stuck))) as data:
+        assert data["way_in_free"].tolist() == [False]
+        assert data["has_pregrasp"].tolist() == [True]
+    assert not np.load(io.BytesIO(dexgraspbench(stuck)), allow_pickle=True).item()["way_in_free"]
+    assert yaml.safe_load(isaac_grasp({"g": stuck}))["grasps"]["g"]["way_in"] == "not free: link palm is in the way"
+    assert "way_in" not in yaml.safe_load(isaac_grasp({"g": held}))["grasps"]["g"]
+    with pytest.warns(UserWarning, match="the straight way in of grasp_0 is not free, .*: link palm is in the way"):
+        text = moveit(stuck)
+    assert text.startswith("# grasp_0: way in not free: link palm is in the way\n")
+    fields(yaml.safe_load(text)[0], GRASP)
+
+
+def test_a_pregrasp_or_a_way_in_that_is_not_stated_is_flagged(held):
+    closed = without(held, "pregrasp")
+    with np.load(io.BytesIO(benchmark_arrays(closed))) as data:
+        assert data["has_pregrasp"].tolist() == [False]
+        np.testing.assert_array_equal(data["pregrasp_qpos"], data["grasp_qpos"])
+    assert "no pregrasp is stated" in yaml.safe_load(isaac_grasp({"g": closed}))["grasps"]["g"]["way_in"]
+    older = without(held, "approach")
+    assert yaml.safe_load(isaac_grasp({"g": older}))["grasps"]["g"]["way_in"] == "not free: the file states no way in"
+
+
+def test_the_way_in_of_jaws_is_free_where_it_leads_into_nothing(jaws):
+    way = jaws.hand["approach"]
+    for depth, free in ((0.0, True), (0.004, False)):
+        with np.load(io.BytesIO(benchmark_arrays(without(jaws, approach={**way, "depth": depth})))) as data:
+            assert data["way_in_free"].tolist() == [free]
+    stuck = isaac_grasp({"g": without(jaws, approach={**way, "depth": 0.004})})
+    assert yaml.safe_load(stuck)["grasps"]["g"]["way_in"].startswith("not free: it leads 4 mm deep into the body")
+
+
+def closing_along(jaws, axis):
+    """Return the solution of a gripper that closes along another axis of its own frame, its contacts the same."""
+    hand = ng.ParallelJaw(0.06, 0.002, finger_length=0.06, closing_axis=axis)
+    found = hand.at_contacts(jaws.grasp.points, 0.05, lambda points: np.full(len(points), 1.0))
+    return replace(jaws, problem={**jaws.problem, "hand": hand.to_dict()}, hand=found)
+
+
+PANDA = """
+<mujoco><worldbody><body name="hand">
+  <body><joint name="left" type="slide" axis="0 1 0"/><geom size="0.001"/><site name="left" pos="0 0 0.06"/></body>
+  <body><joint name="right" type="slide" axis="0 -1 0"/><geom size="0.001"/><site name="right" pos="0 0 0.06"/></body>
+</body></worldbody></mujoco>
+"""
+
+
+@pytest.mark.parametrize(("axis", "sides"), [("y", ["right", "left"]), ("-y", ["left", "right"]), ("x", None)])
+def test_a_gripper_that_closes_along_its_y_has_its_pads_on_the_contacts(jaws, tmp_path, axis, sides):
+    """A model as the Franka hand's, in MuJoCo: fingers slide along y and -y of the hand's frame."""
+    path = tmp_path / "jaws.yaml"
+    path.write_text(isaac_grasp({"grasp_0": closing_along(jaws, axis)}, ExportOptions(joints=("left", "right"))))
+    (read,) = read_isaac_grasps(path)
+    model = mujoco.MjModel.from_xml_string(PANDA)
+    model.body("hand").pos, model.body("hand").quat = read.position, read.quaternion
+    data = mujoco.MjData(model)
+    for name, position in read.joints.items():
+        data.joint(name).qpos = position
+    mujoco.mj_kinematics(model, data)
+    pads = {side: data.site(side).xpos for side in ("left", "right")}
+    if sides is None:  # turned by 90 degrees
+        assert np.linalg.norm(pads["left"] - jaws.grasp.points, axis=1).min() > 0.02
+    else:
+        np.testing.assert_allclose([pads[side] for side in sides], jaws.grasp.points, atol=1e-9)
+
+
+def test_exports_state_the_axes_of_the_grippers_frame(jaws):
+    for axis, own in (("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0]), ("-y", [0.0, -1.0, 0.0])):
+        turned = closing_along(jaws, axis)
+        file = yaml.safe_load(isaac_grasp({"g": turned}))
+        assert (file["closing_axis"], file["approach_axis"]) == (own, [0.0, 0.0, 1.0])
+        with np.load(io.BytesIO(benchmark_arrays(turned))) as data:
+            assert (data["closing_axis"].tolist(), data["approach_axis"].tolist()) == (own, [0.0, 0.0, 1.0])
+        assert moveit(turned).startswith(f"# closing_axis of the gripper's frame: {own}\n# approach_axis of ")
+        record = np.load(io.BytesIO(dexgraspbench(turned)), allow_pickle=True).item()
+        assert record["closing_axis"].tolist() == own
+    sideways = ng.ParallelJaw(0.06, finger_length=0.06, closing_axis="y", approach_axis="x")
+    (message,) = yaml.safe_load(moveit(replace(jaws, problem={**jaws.problem, "hand": sideways.to_dict()})))
+    assert message["pre_grasp_approach"]["direction"]["vector"] == {"x": 1.0, "y": 0.0, "z": 0.0}
+
+
+def test_a_hand_with_joints_states_no_closing_axis(held):
+    assert "closing_axis" not in isaac_grasp({"g": held}) + moveit(held)
+    with np.load(io.BytesIO(benchmark_arrays(held))) as data:
+        assert "closing_axis" not in data.files
+
+
+NAMED = [
+    ("x", {"gripper": "models/Panda_hand.usd"}, "models/Panda_hand.usd closes along its y axis"),
+    ("x", {"gripper": "fr3_hand"}, "fr3_hand closes along its y axis"),
+    ("x", {"joints": ("panda_finger_joint1", "panda_finger_joint2")}, "panda_finger_joint1 closes along its y axis"),
+    ("y", {"gripper": "robotiq_85_base_link"}, 'robotiq_85_base_link closes along its x .*closing_axis="x"'),
+    ("x", {"gripper": "robotiq_arg2f_base_link"}, "robotiq_arg2f_base_link closes along its y axis"),
+    ("y", {"gripper": "panda_hand.usd"}, None),
+    ("-y", {"gripper": "franka.usd"}, None),
+    ("x", {"gripper": "jaws.usd"}, None),
+]
+
+
+@pytest.mark.parametrize(("axis", "given", "said"), NAMED)
+def test_a_known_gripper_that_closes_along_another_axis_is_warned_of(jaws, axis, given, said):
+    turned = closing_along(jaws, axis)
+    for write in (benchmark_arrays, moveit, lambda solution, options: isaac_grasp({"g": solution}, options)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            write(turned, ExportOptions(**given))
+        assert len(caught) == (said is not None)
+        if said is not None:
+            assert re.search(said, str(caught[0].message))

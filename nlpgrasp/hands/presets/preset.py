@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import NoReturn, TypedDict, Unpack
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.robot.robot import Joint, Robot
@@ -41,7 +41,7 @@ class Preset:
     name : str
         Of the function that makes it.
     palms : tuple of str
-        Names of the palm's link, the first that is there; with any prefix.
+        Names of the palm's link, with any prefix: the first that all fingertips hang from.
     tips : mapping
         Link (with any prefix) to its fingertip, or to a function of the joint above the link that returns it.
     approach : (3,) tuple
@@ -77,13 +77,13 @@ class Preset:
             When there is no URDF, or it lacks a link of this hand.
         """
         path = self._described() if urdf is None else urdf
-        if "palm" not in options:
-            options["palm"] = self._named(path, robot_links(path), self.palms)
-        robot = read_robot(path, options["palm"])
+        robot = read_robot(path, options["palm"]) if "palm" in options else self._from_palm(path)
+        self._check_tips(path, [robot])
+        options["palm"] = robot.root
         above = {joint.child: joint for joint in robot.joints}
         tips: dict[str, float | Tip | Sequence[Tip]] = {}
         for name, tip in self.tips.items():
-            link = self._named(path, robot.links, (name,))
+            link = self._tip(path, robot, name)
             own = tip_of(robot.shapes.get(link, ()))
             stated = tip if isinstance(tip, Tip) else tip(above[link])
             tips[link] = own if isinstance(own, CapsuleTip) and isinstance(stated, SphereTip) else stated
@@ -91,18 +91,69 @@ class Preset:
         options.setdefault("clearance", CLEARANCE)
         return URDFHand.load(path, tips, approach=self.approach, **options)
 
-    def _named(self, path: str | Path, links: Sequence[str], wanted: Sequence[str]) -> str:
-        """Return the link with one of the names wanted, whatever its prefix."""
-        for name in wanted:
-            longer = [other for other in self.tips if other.endswith(f"_{name}")]  # a thumb_fingertip is no fingertip
-            prefixed = [link for link in links if _is(link, name) and not any(_is(link, other) for other in longer)]
-            found = [name] if name in links else prefixed
-            if len(found) > 1:
-                given = f"{Path(path).name} with links {', '.join(found)}"
+    def _from_palm(self, path: str | Path) -> Robot:
+        """Return the robot below the palm: of links with one of its names, one that all fingertips hang from.
+
+        A frame of that name without fingers is no palm. Of links with the same name but for prefixes that hold each
+        other, as the base of an arm and that of its hand, it is the innermost.
+        """
+        links = robot_links(path)
+        candidates: list[Robot] = []
+        broken: list[InputError] = []
+        for name in self.palms:
+            holding: list[Robot] = []
+            for link in self._matches(links, name):
+                try:
+                    robot = read_robot(path, link)
+                except InputError as error:  # an arm's joint of a kind that no hand has, below a link of this name
+                    broken.append(error)
+                    continue
+                candidates.append(robot)
+                holding += [] if self._without(robot) else [robot]
+            inner = [r for r in holding if not any(o.root in r.links for o in holding if o is not r)]
+            exact = [r for r in inner if r.root == name]
+            if len(inner) > 1 and not exact:
+                given = f"{Path(path).name} with links {', '.join(r.root for r in inner)}"
                 raise InputError(f"hands.{self.name}.palm", given, "which of the hands it is, by its palm's link")
-            if found:
-                return found[0]
-        given = f"{Path(path).name} without a link {' or '.join(wanted)}"
+            if inner:
+                return (exact or inner)[0]
+        if broken:
+            raise broken[0]
+        if not candidates:
+            self._refuse(f"{Path(path).name} without a link {' or '.join(self.palms)}")
+        self._check_tips(path, candidates)
+        return candidates[0]
+
+    def _check_tips(self, path: str | Path, robots: Sequence[Robot]) -> None:
+        """Refuse a file in which the fingertips hang from none of some palms, naming which from which."""
+        lacking = {robot.root: self._without(robot) for robot in robots}
+        if not all(lacking.values()):
+            return
+        links = robot_links(path)
+        absent = [tip for tip in self.tips if not self._matches(links, tip)]
+        if absent:
+            self._refuse(f"{Path(path).name} without a link {absent[0]}")
+        apart = "; ".join(f"{', '.join(tips)} not below {palm}" for palm, tips in lacking.items())
+        self._refuse(f"{Path(path).name} with {apart}")
+
+    def _without(self, robot: Robot) -> list[str]:
+        """Return the fingertips that do not hang from a robot's root, by their names in the preset."""
+        return [tip for tip in self.tips if not self._matches(robot.links, tip)]
+
+    def _matches(self, links: Sequence[str], name: str) -> list[str]:
+        """Return the links of a name, whatever their prefix."""
+        longer = [other for other in self.tips if other.endswith(f"_{name}")]  # a thumb_fingertip is no fingertip
+        return [link for link in links if _is(link, name) and not any(_is(link, other) for other in longer)]
+
+    def _tip(self, path: str | Path, robot: Robot, name: str) -> str:
+        """Return a fingertip's link: the one of this very name, or the only one with a prefix."""
+        matches = [name] if name in robot.links else self._matches(robot.links, name)
+        if len(matches) > 1:
+            given = f"{Path(path).name} with links {', '.join(matches)}"
+            raise InputError(f"hands.{self.name}.palm", given, "which of the hands it is, by its palm's link")
+        return matches[0]
+
+    def _refuse(self, given: str) -> NoReturn:
         raise InputError(f"hands.{self.name}.urdf", given, "the URDF of this hand; ng.URDFHand.load takes any other")
 
     def _described(self) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
+from nlpgrasp.interop.robots.export_warnings import warn_of_axes, warn_of_squeezes
 from nlpgrasp.interop.robots.files import object_file, object_scale
 from nlpgrasp.interop.robots.states import each_state
 from nlpgrasp.solution.solution import GraspSolution
@@ -34,15 +35,22 @@ def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = No
     given = options or ExportOptions()
     states = each_state(solution, given.joints)
     hands, alone = [hand for _, hand in states], [one for one, _ in states]
+    named = {f"grasp_{i}": hand for i, hand in enumerate(hands)}
+    warn_of_axes(hands[0], given)
+    warn_of_squeezes(named, "its squeeze_qpos and squeeze_effort are NaN and has_squeeze is false")
     names, grasps = list(hands[0].joints), [one.require_grasp() for one in alone]
     arrays = {f"{at}_qpos": np.stack([hand.row(at) for hand in hands]) for at in STATES}
     arrays |= {
         "squeeze_effort": np.stack([hand.effort_row() for hand in hands]),
+        "has_squeeze": np.array([not hand.no_squeeze for hand in hands]),
+        "has_pregrasp": np.array([hand.has_pregrasp for hand in hands]),
+        "way_in_free": np.array([not hand.blocked for hand in hands]),
         "joint_names": np.array(names),
         "obj_pose": np.tile(IDENTITY, (len(hands), 1)),
         "obj_scale": np.full(len(hands), object_scale(solution, given.object)),
         "obj_path": np.array(object_file(solution, given.object)),
         "gripper_frame": np.array(given.gripper or hands[0].frame),
+        **hands[0].axes(),
         "mu": np.array([[one.mu.lower, one.mu.upper] for one in alone]),
         "contact_points": np.stack([grasp.points for grasp in grasps]),
         "contact_normals": np.stack([grasp.normals for grasp in grasps]),
@@ -56,7 +64,8 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
     """Return the answer as the bytes of one grasp's ``.npy`` file of DexGraspBench: a pickled dictionary.
 
     Its fields are those that https://github.com/JYChen18/DexGraspBench evaluates: ``pregrasp_qpos``, ``grasp_qpos`` and
-    ``squeeze_qpos`` (7 + j,), ``obj_pose`` (7,), ``obj_scale``, ``obj_path``.
+    ``squeeze_qpos`` (7 + j,), ``obj_pose`` (7,), ``obj_scale``, ``obj_path``. Beside them, for other readers:
+    ``has_pregrasp``, ``way_in_free``, and of parallel jaws ``closing_axis`` and ``approach_axis`` (3,).
 
     Parameters
     ----------
@@ -72,13 +81,18 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
     """
     given = options or ExportOptions()
     _, hand = each_state(solution, given.joints)[0]
-    if not hand.efforts:
-        raise InputError("solution", "no squeeze", "a solution whose hand states its squeeze, not of a quick solve")
+    if hand.no_squeeze:
+        allowed = "a solution whose hand states its squeeze: ng.with_extras(solution, problem) adds one left out"
+        raise InputError("solution", f"no squeeze ({hand.no_squeeze})", allowed)
+    warn_of_axes(hand, given)
     record: dict[str, object] = {f"{at}_qpos": hand.row(at) for at in STATES}
     record |= {
         "obj_pose": np.array(IDENTITY),
         "obj_scale": object_scale(solution, given.object),
         "obj_path": object_file(solution, given.object),
+        "has_pregrasp": hand.has_pregrasp,
+        "way_in_free": not hand.blocked,
+        **hand.axes(),
     }
     file = io.BytesIO()
     np.save(file, np.array(record, dtype=object), allow_pickle=True)

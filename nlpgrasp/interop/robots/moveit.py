@@ -15,6 +15,13 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
+from nlpgrasp.interop.robots.export_warnings import (
+    axes_comment,
+    not_free,
+    warn_of_axes,
+    warn_of_squeezes,
+    warn_of_ways,
+)
 from nlpgrasp.interop.robots.states import HandStates, each_state
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -27,7 +34,8 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     """Return the grasps kept as a list of ``moveit_msgs/Grasp`` messages in YAML, best first.
 
     ``grasp_quality`` is the certified lower bound of mu, ``effort`` what the joints exert in the squeeze,
-    ``max_contact_force`` the problem's limit or 0 (none).
+    ``max_contact_force`` the problem's limit or 0 (none). Comments before the list state the axes of a gripper's own
+    frame, and which grasps have no free way in: the messages have no field for them.
 
     Parameters
     ----------
@@ -40,11 +48,24 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     ------
     InputError
         Without such a hand, or where its direction of approach is not known.
+
+    Warns
+    -----
+    UserWarning
+        Of a gripper that closes along another axis, and of grasps without a squeeze or a free way in.
     """
     given = options or ExportOptions()
-    states = each_state(solution, given.joints)
-    messages = [_message(f"grasp_{i}", one, hand, given) for i, (one, hand) in enumerate(states)]
-    return str(yaml.safe_dump(messages, sort_keys=False, default_flow_style=None, width=120))
+    states = {f"grasp_{i}": state for i, state in enumerate(each_state(solution, given.joints))}
+    messages = [_message(name, one, hand, given) for name, (one, hand) in states.items()]
+    hands = {name: hand for name, (_, hand) in states.items()}
+    first = hands["grasp_0"]
+    warn_of_axes(first, given)
+    warn_of_squeezes(hands, "its grasp_posture has no effort")
+    warn_of_ways(hands)
+    blocked = {name: why for name, hand in hands.items() if (why := not_free(hand))}
+    comments = "".join(f"# {name}: way in not free: {' '.join(why.split())}\n" for name, why in blocked.items())
+    text = yaml.safe_dump(messages, sort_keys=False, default_flow_style=None, width=120)
+    return f"{axes_comment(first)}{comments}{text}"
 
 
 def _message(name: str, solution: GraspSolution, hand: HandStates, options: ExportOptions) -> Json:

@@ -1,4 +1,4 @@
-"""A hand about its grasp: where it is, and its joints before, in and after closing, of any hand that has a pose."""
+"""Pose and joints of a hand before, in and after closing, of any hand that has a pose."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.errors import InputError
+from nlpgrasp.hands.jaw_pose import APPROACH_AXIS, CLOSING_AXIS, own_axes
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.squeeze import squeeze_for_task
 
 FINGER_JOINT = "finger_joint"  # of parallel jaws where none is named: its position is the opening
-JAWS = "parallel_jaw"
+UNKNOWN_WAY = "the file states no way in"
+NOT_ADDED = "the solve left it out"
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,8 @@ class HandStates:
     frame : str
         The link whose pose it is.
     pose, open_pose : (7,) array
-        Of that link in the body's frame, in the grasp and in the pregrasp: metres, then a unit quaternion, w first.
+        Of that link in the body's frame, in the grasp and in the pregrasp: metres, then a unit quaternion, w first. Of
+        parallel jaws that of the gripper's own frame.
     joints, open_joints : mapping of str to float
         Positions in the grasp and in the pregrasp, radians (metres of sliding joints).
     commands : mapping of str to float
@@ -36,6 +39,14 @@ class HandStates:
         positions. Empty where no squeeze is known.
     approach : (3,) array or None
         Unit direction in which the hand moves to the body, in its own frame; None where it is not known.
+    closing : (3,) array or None
+        Unit direction from jaw to jaw in the gripper's own frame, of parallel jaws.
+    has_pregrasp : bool
+        Whether the solution states a pregrasp; where it does not, that of these states is the grasp itself.
+    blocked : str
+        Why the straight way in is not free, or not known to be; empty where it is free.
+    no_squeeze : str
+        Why no squeeze is known; empty where one is.
     """
 
     frame: str
@@ -46,6 +57,10 @@ class HandStates:
     commands: Mapping[str, float]
     efforts: Mapping[str, float]
     approach: FloatArray | None
+    closing: FloatArray | None = None
+    has_pregrasp: bool = True
+    blocked: str = ""
+    no_squeeze: str = ""
 
     @classmethod
     def of(cls, solution: GraspSolution, joints: Sequence[str] = (), name: str = "solution") -> HandStates:
@@ -80,13 +95,19 @@ class HandStates:
         pose = self.open_pose if at == "pregrasp" else self.pose
         positions = self.open_joints if at == "pregrasp" else self.joints
         if at == "squeeze":
-            unknown = dict.fromkeys(self.joints, np.nan) if not self.efforts else {}
+            unknown = dict.fromkeys(self.joints, np.nan) if self.no_squeeze else {}
             positions = {**self.joints, **self.commands, **unknown}
         return np.concatenate([pose, [positions[name] for name in self.joints]])
 
     def effort_row(self) -> FloatArray:
         """Return what each joint exerts in the squeeze, (j,): 0 of joints that move no contact; NaN where not known."""
-        return np.array([self.efforts.get(name, 0.0 if self.efforts else np.nan) for name in self.joints])
+        return np.array([self.efforts.get(name, np.nan if self.no_squeeze else 0.0) for name in self.joints])
+
+    def axes(self) -> dict[str, FloatArray]:
+        """Return closing and approach axis in the gripper's own frame by name, (3,) each; nothing of other hands."""
+        if self.closing is None or self.approach is None:
+            return {}
+        return {"closing_axis": self.closing, "approach_axis": self.approach}
 
     def _chosen(self, names: Sequence[str]) -> HandStates:
         """Return the same with some joints alone, in their order; all where none is named."""
@@ -114,6 +135,8 @@ def _of_joints(solution: GraspSolution, hand: Json) -> HandStates:
     exerted = None if held is None else held.joints
     commands = {} if exerted is None or exerted.gain is None else exerted.positions()
     direction = (solution.problem.get("hand") or {}).get("approach")
+    way = hand.get("approach") or {}
+    blocked = str(way.get("reason") or UNKNOWN_WAY) if way.get("direction") is None else ""
     return HandStates(
         solution.palm,
         _pose(hand["palm_pose"]),
@@ -123,6 +146,9 @@ def _of_joints(solution: GraspSolution, hand: Json) -> HandStates:
         commands,
         dict(exerted.torques) if exerted is not None and commands else {},
         None if direction is None else np.asarray(direction, dtype=float),
+        has_pregrasp=bool(hand.get("pregrasp")),
+        blocked=blocked,
+        no_squeeze="" if commands else str((hand.get("no_squeeze") or {}).get("reason") or NOT_ADDED),
     )
 
 
@@ -134,12 +160,14 @@ def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> Ha
     asked = solution.problem["hand"]
     try:
         force = float(np.mean(squeeze_for_task(solution).normal))
-    except InputError:  # contacts that cannot press
-        efforts = {}
+    except InputError as error:  # contacts that cannot press
+        efforts, why = {}, str(error)
     else:
-        efforts = dict.fromkeys(joints, -force)
+        efforts, why = dict.fromkeys(joints, -force), ""
     opening, most = hand["opening"] / len(joints), asked["opening"] / len(joints)
     pose, closed = _pose(hand["palm_pose"]), asked["closed"] / len(joints)
+    axes = own_axes(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
+    deep = f"it leads {1e3 * solution.way_blocked:.2g} mm deep into the body, a table or an obstacle"
     return HandStates(
         solution.palm,
         pose,
@@ -148,7 +176,10 @@ def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> Ha
         dict.fromkeys(joints, most),
         dict.fromkeys(joints, closed) if efforts else {},
         efforts,
-        np.array([0.0, 0.0, 1.0]),
+        axes[:, 2],
+        axes[:, 0],
+        blocked=deep if solution.way_blocked else "",
+        no_squeeze=why,
     )
 
 

@@ -12,6 +12,7 @@ from nlpgrasp.bodies.mesh.triangles import triangles
 from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import ParallelJaw
+from nlpgrasp.hands.jaw_pose import APPROACH_AXIS, CLOSING_AXIS, own_axes
 from nlpgrasp.solution.solution import GraspSolution
 
 THIN = 0.1  # of the opening: thickness of fingers of which none is stated
@@ -34,11 +35,12 @@ def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
     thick = float(asked.get("finger_thickness", 0.0)) or THIN * opening
     aside, reach = 0.5 * (opening + thick), (1.0 + BEYOND) * length
     pose = posture["palm_pose"]
-    turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix()
+    axes = own_axes(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
+    turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix() @ axes
     at = np.asarray(pose["position"], dtype=float)
 
     def part(extents: list[float], middle: list[float]) -> Triangles:
-        """Return a box with its middle in the gripper's frame: x from jaw to jaw, z along the approach."""
+        """Return a box with its middle about the gripper's origin: x from jaw to jaw, z along the approach."""
         vertices, faces = triangles(Box(extents))
         return Triangles(_moved(vertices + middle, turn, at), faces)
 

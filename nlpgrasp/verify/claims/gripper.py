@@ -9,6 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError
 from nlpgrasp.verify.constraints.regions import unit
@@ -23,6 +24,7 @@ TURNED = 1e-3  # radians beyond a cone: what the tolerance of its row leaves
 POINTS, PALM = 24, 5  # of a line on the way in; lines of the palm
 WAY = 2.0  # of the body's size
 DIRECTION = "hand.approach.direction"
+LETTERS = "xyz"  # coordinate axes of the gripper's own frame
 
 
 @dataclass(frozen=True)
@@ -85,13 +87,34 @@ def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
     position = array("hand.palm_pose.position", hand["palm_pose"]["position"], (3,))
     if not np.linalg.norm(position - ((p + q) / 2.0 - back * approach)) <= CLOSE * size:
         yield "the pose is not behind the middle between the contacts"
-    w, x, y, z = array("hand.palm_pose.quaternion_wxyz", hand["palm_pose"]["quaternion_wxyz"], (4,))
-    along = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)])
-    forward = np.array([2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)])
-    if not abs(w * w + x * x + y * y + z * z - 1.0) <= UNIT:
+    quaternion = array("hand.palm_pose.quaternion_wxyz", hand["palm_pose"]["quaternion_wxyz"], (4,))
+    if not abs(float(quaternion @ quaternion) - 1.0) <= UNIT:
         yield "the quaternion is not of unit length"
+    own = [_own_axis(asked, key, letter) for key, letter in (("closing_axis", "x"), ("approach_axis", "z"))]
+    if not abs(float(own[0] @ own[1])) <= UNIT:
+        yield "the gripper's own axes are not at right angles"
+    along, forward = (_rotated(quaternion, axis) for axis in own)
     if not (np.linalg.norm(along - closing) <= CLOSE and np.linalg.norm(forward - approach) <= CLOSE):
-        yield "the pose has other axes than x along the closing line and z along the approach"
+        names = [str(asked.get(key, letter)) for key, letter in (("closing_axis", "x"), ("approach_axis", "z"))]
+        yield f"the pose has other axes than {names[0]} along the closing line and {names[1]} along the approach"
+
+
+def _own_axis(asked: Json, key: str, letter: str) -> FloatArray:
+    """Return a direction in the gripper's own frame, (3,): a letter with a sign, or a unit direction."""
+    stated = asked.get(key, letter)
+    if not isinstance(stated, str):
+        return unit(f"problem.hand.{key}", stated, 3)
+    sign, name = (-1.0, stated[1:]) if stated.startswith("-") else (1.0, stated)
+    if name not in tuple(LETTERS):
+        raise InputError(f"problem.hand.{key}", stated, "x, y or z, with a sign")
+    return np.array([sign * float(name == axis) for axis in LETTERS])
+
+
+def _rotated(quaternion: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return a direction turned by a quaternion, w first: ``v + 2 w (u x v) + 2 u x (u x v)``."""
+    w, u = quaternion[0], quaternion[1:]
+    across = np.cross(u, direction)
+    return np.asarray(direction + 2.0 * w * across + 2.0 * np.cross(u, across))
 
 
 def _cones(solution: GraspSolution, hand: Json, space: int) -> Iterator[str]:
