@@ -9,6 +9,7 @@ from pathlib import Path
 
 from nlpgrasp.common.files import read_text
 from nlpgrasp.common.shown.numbers import at_least, at_most
+from nlpgrasp.common.shown.words import headroom_words
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
@@ -172,5 +173,5 @@ class BestPossible:
         told = f"mu at most {at_most(self.upper, 4)} over all placements{without}"
         if self.grasp is None:
             return f"{told}; no grasp met ({self.nodes} nodes)"
-        found = f"best met {at_least(self.mu.lower, 4)}, within {at_most(100.0 * self.gap, 2)} %"
+        found = f"best met {at_least(self.mu.lower, 4)}; {headroom_words(self.gap, 2)}"
         return f"{told}; {found} ({self.nodes} nodes)"

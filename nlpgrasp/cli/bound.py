@@ -15,6 +15,7 @@ from nlpgrasp.cli.options import AsJson, Script, writable
 from nlpgrasp.cli.progress import emit, pair
 from nlpgrasp.cli.script import load_problem
 from nlpgrasp.common.shown.numbers import at_least, at_most
+from nlpgrasp.common.shown.words import headroom_words
 
 if TYPE_CHECKING:
     from nlpgrasp.report.bound import Moment
@@ -92,9 +93,8 @@ def _show(name: str, found: ng.BestPossible, out: Path | None) -> None:
     if found.grasp is None:
         typer.echo("  no grasp met that exerts the task's wrenches")
     else:
-        closed = "closed" if found.closed else "not closed"
-        near = f"within {at_most(100.0 * found.gap)}% of the bound ({closed})"
-        typer.echo(f"  best grasp met: mu certified in {found.mu}, {near}")
+        closed = "as close as asked for" if found.closed else "not as close as asked for"
+        typer.echo(f"  best grasp met: mu certified in {found.mu}; {headroom_words(found.gap)} ({closed})")
         for i, (face, point) in enumerate(zip(found.faces, found.grasp.points.tolist(), strict=True)):
             typer.echo(f"  contact {i} on {face} at {', '.join(f'{x:.4g}' for x in point)}")
     for part in found.dropped:

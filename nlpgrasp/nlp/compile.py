@@ -1,7 +1,8 @@
-"""From a ``Program`` to an IPOPT solver."""
+"""Compiled program: a ``Program`` with its functions and its IPOPT solver."""
 
 from __future__ import annotations
 
+import time
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,11 +17,22 @@ from nlpgrasp.nlp.program import Program
 
 Option = bool | int | float | str | ca.Function
 LOOSE = 1e-7  # solver units, of equations that outnumber the unknowns
+NOT_RUN = frozenset(  # statuses with which IPOPT states that it could not run, or broke down; "Invalid_Option" is also
+    {  # what a linear solver ends with whose library does not load
+        "Insufficient_Memory",
+        "Internal_Error",
+        "Invalid_Option",
+        "Invalid_Problem_Definition",
+        "NonIpopt_Exception_Thrown",
+        "Not_Enough_Degrees_Of_Freedom",
+        "Unrecoverable_Exception",
+    }
+)
 
 
 @dataclass(frozen=True)
 class NlpResult:
-    """What the solver returned.
+    """Result of one call of IPOPT; where it did not run, ``z`` is the start and all multipliers are zero.
 
     Parameters
     ----------
@@ -33,7 +45,9 @@ class NlpResult:
     objective : float
         The maximised value.
     status : str
-        The solver's own word.
+        The solver's own word, or the error that it ended with.
+    ran : bool
+        Whether IPOPT ran at all.
     success : bool
     iterations : int
     seconds, function_seconds : float
@@ -45,6 +59,7 @@ class NlpResult:
     bound_multipliers: FloatArray
     objective: float
     status: str
+    ran: bool
     success: bool
     iterations: int
     seconds: float
@@ -107,16 +122,24 @@ class CompiledProgram:
         equal = low == high
         if np.count_nonzero(equal) > np.count_nonzero(lower < upper):  # IPOPT refuses more equations than unknowns
             low, high = np.where(equal, low - LOOSE, low), np.where(equal, high + LOOSE, high)
-        found = self._solver(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=low, ubg=high)
-        stats = self._solver.stats()
+        begun = time.perf_counter()
+        try:
+            found = self._solver(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=low, ubg=high)
+            stats = self._solver.stats()
+        except RuntimeError as error:
+            return _not_run(start, len(low), _reason(error), time.perf_counter() - begun)
+        status = str(stats["return_status"])
+        if status in NOT_RUN:
+            return _not_run(start, len(low), status, float(stats["t_wall_total"]))
         return NlpResult(
             z=np.asarray(found["x"].full()).ravel(),
             multipliers=np.asarray(found["lam_g"].full()).ravel(),
             bound_multipliers=np.asarray(found["lam_x"].full()).ravel(),
             objective=-float(found["f"]),
-            status=str(stats["return_status"]),
+            status=status,
+            ran=True,
             success=bool(stats["success"]),
-            iterations=max(0, int(stats["iter_count"])),  # below 0 where it refused to begin
+            iterations=max(0, int(stats["iter_count"])),
             seconds=float(stats["t_wall_total"]),
             function_seconds=float(sum(v for key, v in stats.items() if key.startswith("t_wall_nlp_"))),
         )
@@ -125,3 +148,14 @@ class CompiledProgram:
         """Return the rows (m,) at a point and their Jacobian (m, n)."""
         g, J = self._linearised(z, parameters)
         return g.ravel(), J
+
+
+def _not_run(start: FloatArray, rows: int, status: str, seconds: float) -> NlpResult:
+    """Return the result of a call in which IPOPT did not run: nothing that it states is used."""
+    return NlpResult(start, np.zeros(rows), np.zeros(len(start)), 0.0, status, False, False, 0, seconds, 0.0)
+
+
+def _reason(error: RuntimeError) -> str:
+    """Return the last line of an error of CasADi without its place in CasADi's source."""
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return lines[-1].split(": ", 1)[-1].strip()

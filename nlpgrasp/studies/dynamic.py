@@ -34,6 +34,8 @@ def follow_task(
 ) -> DynamicGrasp:
     """Return the grasps for a task that changes with a parameter, each found from the one before.
 
+    Each is certified for its own parameter. Nothing is certified between two parameters, nor while fingers slide.
+
     Parameters
     ----------
     problem_at : callable

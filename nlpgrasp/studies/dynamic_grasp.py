@@ -1,4 +1,4 @@
-"""Grasps along a task that changes: what is found."""
+"""Records of grasps for a task that changes with a parameter."""
 
 from __future__ import annotations
 
@@ -52,7 +52,9 @@ class DynamicStep:
 
 @dataclass(frozen=True)
 class DynamicGrasp:
-    """Grasps along a task that changes.
+    """Grasps for a task that changes, each certified for the parameter of its own step.
+
+    Nothing is certified between two steps: neither the tasks between them, nor the grasps while fingers slide.
 
     Parameters
     ----------
@@ -71,7 +73,7 @@ class DynamicGrasp:
         return np.array([step.solution.grasp.points for step in self.steps if step.solution.grasp is not None])
 
     def __str__(self) -> str:
-        lines = [f"{self.name}: {len(self.steps)} steps"]
+        lines = [f"{self.name}: {len(self.steps)} steps, certified at each, not between them"]
         for step in self.steps:
             bounds, kind = step.solution.mu, step.solution.kind
             text = f"{step.parameter:10.4g}: {kind} in {bounds}, {step.how}"

@@ -14,12 +14,12 @@ from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.after.look_back import Aftermath
-from nlpgrasp.solve.answer import hand_data, solver_record
+from nlpgrasp.solve.after.way_in import hand_posture
+from nlpgrasp.solve.answer import solver_record
 from nlpgrasp.solve.ascent.weakest import MISSED
+from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
-from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.studies.branches import Branches, moved
 from nlpgrasp.studies.dynamic_grasp import DynamicStep
@@ -148,16 +148,17 @@ def _solution(bench: Workbench, held: Held) -> GraspSolution:
     """Return a step's grasp as a solution that can be saved and verified on its own."""
     problem, found = bench.problem, held.found
     budget = bench.budget(found.placed)
+    start = StartGrasp.of(bench, 0, found, held.bounds, held.state, "")
     return GraspSolution(
-        Status.SOLVED if held.holds else Status.NO_GRASP,
+        start.record.status if held.holds else Status.NO_GRASP,
         problem.name,
         problem.unchecked(force_budget=budget).to_dict(),
         grasp=found.grasp,
         faces=found.placed.faces,
         mu=held.bounds,
         kind=problem.task.measure,
-        constraints=constraint_reports(bench, found, held.state.multipliers),
-        hand=hand_data(problem, found, Aftermath()),
+        constraints=start.constraints,
+        hand=hand_posture(problem, start),
         surface=found.surface,
     )
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from nlpgrasp.common.shown.numbers import rounded, vector
+from nlpgrasp.common.shown.numbers import DIGITS, at_most, rounded, vector
 from nlpgrasp.common.validation import FloatArray
 
 FORCE_UNIT, MOMENT_UNIT = "N", "N m"
@@ -22,6 +24,23 @@ MINOR = 0.3  # of a direction's largest component: not worth a word
 def measure_word(kind: str) -> str:
     """Return the name of a measure of this kind as people read it."""
     return "mu-tilde" if kind == "mu_tilde" else kind or "mu"
+
+
+def headroom_words(gap: float, digits: int = DIGITS) -> str:
+    """Return in words how much better than a grasp any placement can be, at most, rounded up.
+
+    Parameters
+    ----------
+    gap : float
+        ``upper / mu - 1`` of a bound over all placements and the grasp's certified quality: a share of the grasp's own
+        quality. Above 1 it is told as a multiple; inf where nothing is known.
+    digits : int
+    """
+    if not math.isfinite(gap):
+        return "nothing is known of how much better the best possible is"
+    if gap > 1.0:
+        return f"the best possible is at most {at_most(1.0 + gap, digits)} times as good"
+    return f"no placement is more than {at_most(100.0 * gap, digits)}% better"
 
 
 def unit_of(component: str) -> str:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from nlpgrasp.common.shown.numbers import at_most
 from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.found.digest import asked_of, body_of, measured_by
@@ -141,7 +142,7 @@ class SolveRecord:
 
     @property
     def gap_text(self) -> str:
-        """The gap in percent, empty where there is none."""
+        """The gap as tables show it, empty where there is none."""
         return percent(self.gap)
 
     @property
@@ -161,10 +162,10 @@ class SolveRecord:
 
 
 def percent(gap: float) -> str:
-    """Return a gap in percent, in words where it says next to nothing, empty where it is infinite."""
+    """Return a gap for a table: in per cent, above 100 % as a multiple, "loose" where wide, empty where infinite."""
     if gap > WIDE:
         return "loose" if math.isfinite(gap) else ""
-    return f"{gap:.1%}"
+    return f"{gap:.1%}" if gap <= 1.0 else f"{at_most(1.0 + gap, 2)} times"
 
 
 def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:

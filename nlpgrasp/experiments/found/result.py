@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 EXPLAINED = (
     "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find "
-    "better. Gap: how much better than the best of them any grasp could be, at most; loose where the bound is too "
-    "far above to say."
+    "better. Gap: how much better than the best of them any grasp could be, at most, or how many times as good; "
+    "loose where the bound is too far above to say."
 )
 NOT_COMPARABLE = "They differ in task or force budget: their values of mu measure different things."
 

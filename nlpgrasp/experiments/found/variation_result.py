@@ -49,7 +49,7 @@ class VariationResult:
 
     @property
     def gap_text(self) -> str:
-        """The gap in percent, empty where there is none."""
+        """The gap as tables show it, empty where there is none."""
         return percent(self.gap)
 
     @property

@@ -1,4 +1,4 @@
-"""How good any placement could be, as a solution states it."""
+"""Bound on the quality of all placements, as a solution states it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 
 from nlpgrasp.common.files import write_text
 from nlpgrasp.common.shown.numbers import at_most
+from nlpgrasp.common.shown.words import headroom_words
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
@@ -145,7 +146,7 @@ class GlobalBound:
             return f"{told}{self.ignored()}"
         if self.is_loose(gap):
             return f"a loose bound on the best possible: {told}{self.ignored()}"
-        return f"no placement is more than {at_most(100.0 * gap)}% better{self.ignored()}: {told}"
+        return f"{headroom_words(gap)}{self.ignored()}: {told}"
 
     def is_loose(self, gap: float) -> bool:
         """Return whether the bound leaves out parts of the problem and is too wide to say anything of a grasp."""

@@ -1,7 +1,9 @@
-"""Where an ascent stands: contacts, hand, quality, and what is known of the weak directions."""
+"""State of an ascent: contacts, hand, quality, known weak directions, and the effort so far."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +16,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 
 @dataclass(frozen=True)
 class Effort:
-    """What solving cost, in iterations and seconds.
+    """Effort of solving: calls of IPOPT, iterations and seconds.
 
     Parameters
     ----------
@@ -22,16 +24,23 @@ class Effort:
         Of IPOPT.
     solver_seconds, function_seconds : float
         Time in IPOPT, and in function evaluations within it.
+    calls : int
+        Of IPOPT.
+    failures : mapping
+        Number of the calls in which IPOPT did not run, by its own status.
     """
 
     iterations: int = 0
     solver_seconds: float = 0.0
     function_seconds: float = 0.0
+    calls: int = 0
+    failures: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, result: NlpResult) -> Effort:
         """Return the effort of one solve."""
-        return cls(result.iterations, result.seconds, result.function_seconds)
+        failures = {} if result.ran else {result.status: 1}
+        return cls(result.iterations, result.seconds, result.function_seconds, 1, failures)
 
     def __add__(self, other: Effort) -> Effort:
         """Return both efforts together."""
@@ -39,6 +48,8 @@ class Effort:
             self.iterations + other.iterations,
             self.solver_seconds + other.solver_seconds,
             self.function_seconds + other.function_seconds,
+            self.calls + other.calls,
+            dict(Counter(self.failures) + Counter(other.failures)),
         )
 
 

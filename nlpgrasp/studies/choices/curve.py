@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from nlpgrasp.common.shown.numbers import at_most
+from nlpgrasp.common.shown.words import headroom_words
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.contacts import ContactModel, contact_from_dict
@@ -163,7 +164,7 @@ class ContactCurve:
             if short[k] > 0.0:
                 bounds += f", {short[k]:.1%} below the best known with fewer contacts"
             if np.isfinite(self.gap(k)):
-                bounds += f", at most {at_most(100.0 * self.gap(k), 2)}% below the best possible"
+                bounds += f", {headroom_words(self.gap(k), 2)}"
             elif np.isfinite(self.best_possible[k]):
                 bounds += f", at most {at_most(self.best_possible[k], 4)} possible"
             lines.append(f"{k:3d} contacts: {bounds}")

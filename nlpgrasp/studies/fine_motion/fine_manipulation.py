@@ -39,8 +39,11 @@ def fine_manipulation(
     """Solve a pick-up problem and the problem in the hand, and plan the fingers' moves between their grasps.
 
     Fingers move one after another along shortest paths over the body, in the order that keeps the weakest of the
-    intermediate grasps as strong as possible. Fingers with equal contact models may take each other's places,
-    unless a hand with a pose says which finger is which.
+    intermediate grasps as strong as possible. A finger is lifted where the other fingers hold the body alone: one
+    certificate of theirs is valid along the whole path. Where they do not, or the hand cannot lift it, the finger
+    slides. A slide is certified at stations along the path. Between them nothing is certified but what the other
+    fingers hold alone. Fingers with equal contact models may take each other's places, unless a hand with a pose says
+    which finger is which.
 
     Parameters
     ----------
@@ -76,8 +79,15 @@ def fine_manipulation(
         return FineManipulation(first, second)
     graph = SurfaceGraph(pick.body)
     order = _matched(pick, graph, first.grasp, second.grasp)
-    holding = Holding(pick, graph, first.grasp, second.grasp, order, hold)
-    return FineManipulation(first, second, order, _moves(goal, graph, (first, second), order, holding, lift))
+    paths = [
+        graph.stations(
+            Station(first.grasp.points[i], first.grasp.normals[i], first.faces[i]),
+            Station(second.grasp.points[j], second.grasp.normals[j], second.faces[j]),
+        )
+        for i, j in enumerate(order)
+    ]
+    holding = Holding(pick, first.grasp, second.grasp, order, paths, hold)
+    return FineManipulation(first, second, order, _moves(goal, first, holding, lift))
 
 
 def _checked(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
@@ -104,24 +114,9 @@ def _checked(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None)
     return hold
 
 
-def _moves(
-    problem: GraspProblem,
-    graph: SurfaceGraph,
-    solutions: tuple[GraspSolution, GraspSolution],
-    order: tuple[int, ...],
-    holding: Holding,
-    lift: float,
-) -> tuple[FingerMove, ...]:
+def _moves(problem: GraspProblem, first: GraspSolution, holding: Holding, lift: float) -> tuple[FingerMove, ...]:
     """Return the moves in the best order that the hand allows, if its limits are known."""
-    first, second = solutions
-    here, there, hand = first.require_grasp(), second.require_grasp(), problem.hand
-    paths = [
-        graph.stations(
-            Station(here.points[i], here.normals[i], first.faces[i]),
-            Station(there.points[j], there.normals[j], second.faces[j]),
-        )
-        for i, j in enumerate(order)
-    ]
+    here, hand, paths = first.require_grasp(), problem.hand, holding.paths
     if isinstance(hand, URDFHand):
         values = hand.values_of(first.hand or {})
         return ordered_moves(holding, LinkedMotions(problem, hand, values, paths, lift))

@@ -1,4 +1,4 @@
-"""How one finger gets along its path, and where it does not: plain, frozen data."""
+"""Record of a finger's path: waypoints, joints and clearances, or what stops the finger."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class FingerPath:
     Parameters
     ----------
     feasible : bool
-        Whether the hand gets to the end of the path.
+        Whether the hand gets to the end of the path, no link deeper than ``tolerance`` in anything between waypoints.
     reason : str
         Why not, with the place; empty where it does.
     points : (m, space) array
@@ -28,7 +28,8 @@ class FingerPath:
     phases : tuple of m str
         ``"sliding"``, ``"lifting off"``, ``"lifted"`` or ``"setting down"``; ``"moving"`` for hands without links.
     clearances : (m,) array
-        Least distance of what moves of the hand to anything that it must not touch, metres; inf where nothing is.
+        Least distance of what moves of the hand to anything that it must not touch, metres, at each waypoint; inf where
+        nothing is.
     joint_names : tuple of n str
         The finger's own joints; empty for hands without joints.
     joints : (m, n) array
@@ -73,5 +74,5 @@ class FingerPath:
     def __str__(self) -> str:
         if not self.feasible:
             return f"the hand does not get there: {self.reason}"
-        least = f", least clearance {1e3 * self.clearance:.1f} mm" if np.isfinite(self.clearance) else ""
+        least = f", least clearance at them {1e3 * self.clearance:.1f} mm" if np.isfinite(self.clearance) else ""
         return f"within the hand's limits ({len(self.points)} waypoints{least})"

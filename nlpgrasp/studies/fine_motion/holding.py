@@ -1,8 +1,9 @@
-"""What holds a body while a finger moves."""
+"""Quality of what holds a body while a finger moves."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -13,70 +14,91 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
-from nlpgrasp.studies.fine_motion.paths.surface_paths import SurfaceGraph
+from nlpgrasp.studies.fine_motion.paths.footpath import Footpath, Station
+from nlpgrasp.studies.fine_motion.paths.least_along import first_stations, least_along
 from nlpgrasp.studies.fine_motion.records import FingerMove
 from nlpgrasp.tasks import TaskEllipsoid
 
-WAYPOINTS = 6  # of a path, at which a sliding finger is looked at
+ROUGH = 6  # stations at equal distances of a slide that is compared with others
 HELD_RTOL = 0.05
+TOLERANCE, ARM = 1e-3, 0.2  # of the body's size: chords of a path; metres that a radian of the normal counts
 
 
 class Holding:
-    """How well a body is held while one finger moves and some have moved already."""
+    """Quality of a grasp while one finger moves and some have moved already.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    here, there : Grasp
+    order : sequence of int
+        Contact of ``there`` that each finger takes.
+    paths : sequence of k sequences of Station
+        From each finger's contact to its new one.
+    hold : TaskEllipsoid
+        What is exerted on the body meanwhile.
+    """
 
     def __init__(
         self,
         problem: GraspProblem,
-        graph: SurfaceGraph,
         here: Grasp,
         there: Grasp,
         order: Sequence[int],
+        paths: Sequence[Sequence[Station]],
         hold: TaskEllipsoid,
     ) -> None:
         self.problem, self.hold = problem, hold
-        self.here, self.there, self.order = here, there, order
+        self.here, self.there, self.order, self.paths = here, there, order, paths
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
-        self.paths = [graph.path(here.points[i], there.points[order[i]]) for i in range(len(here))]
-        self._known: dict[tuple[frozenset[int], int], tuple[float, float]] = {}
+        size = problem.body.size
+        self._ways = [Footpath(problem.body, path, ARM * size, TOLERANCE * size) for path in paths]
+        self.others, self.sliding = cache(self._others), cache(self._sliding)
 
-    def strengths(self, moved: frozenset[int], finger: int) -> tuple[float, float]:
-        """Return estimates of the quality with the finger lifted, and with it sliding without friction."""
-        key = (moved, finger)
-        if key not in self._known:
-            rng = np.random.default_rng(0)
-            values = [
-                [
-                    weakest_directions(grasp, self.hold, self.budget, rng, descents=QUICK).value
-                    for grasp in self._grasps(moved, finger, slides)
-                ]
-                for slides in (False, True)
-            ]
-            self._known[key] = (min(values[0]), min(values[1]))
-        return self._known[key]
+    def _others(self, moved: frozenset[int], finger: int) -> Bounds:
+        """Return the certified quality of the other fingers alone."""
+        return self._certified(self._grasp(moved, finger))
+
+    def _sliding(self, moved: frozenset[int], finger: int) -> float:
+        """Return an estimate of the least quality while the finger slides, from a few stations."""
+        way = self._ways[finger]
+        stations = first_stations(way.total, way.edges, ROUGH)
+        return min(self._estimate(self._grasp(moved, finger, float(station))) for station in stations)
 
     def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
-        """Return the move of a finger, certified."""
-        bounds = [
-            mu(grasp, self.hold, HELD_RTOL, force_budget=self.budget) for grasp in self._grasps(moved, finger, slides)
-        ]
-        held = Bounds(min(b.lower for b in bounds), min(b.upper for b in bounds))
-        return FingerMove(finger, self.paths[finger][0], slides, held)
+        """Return the move of a finger, with certificates: of the other fingers alone, and at stations of a slide."""
+        path = np.array([station.point for station in self.paths[finger]])
+        others = self.others(moved, finger)
+        if not slides:
+            return FingerMove(finger, path, slides, others)
+        way, known = self._ways[finger], dict[float, Bounds]()
 
-    def _grasps(self, moved: frozenset[int], finger: int, slides: bool) -> list[Grasp]:
-        """Return the grasp of the other fingers; sliding, with the finger at points along its path."""
-        places = [
+        def quality(station: float) -> float:
+            known[station] = self._certified(self._grasp(moved, finger, station))
+            return known[station].upper
+
+        least_along(quality, first_stations(way.total, way.edges))
+        lower, upper = min(b.lower for b in known.values()), min(b.upper for b in known.values())
+        held = Bounds(max(lower, others.lower), max(upper, others.lower))  # nowhere less than the other fingers alone
+        return FingerMove(finger, path, slides, held, stations=len(known), others=others)
+
+    def _estimate(self, grasp: Grasp) -> float:
+        return weakest_directions(grasp, self.hold, self.budget, np.random.default_rng(0), descents=QUICK).value
+
+    def _certified(self, grasp: Grasp) -> Bounds:
+        return mu(grasp, self.hold, HELD_RTOL, force_budget=self.budget)
+
+    def _grasp(self, moved: frozenset[int], finger: int, station: float | None = None) -> Grasp:
+        """Return the grasp of the other fingers, and of the finger without friction at a station of its path."""
+        places: list[tuple[FloatArray, FloatArray, ContactModel]] = [
             (self.there.points[self.order[i]], self.there.normals[self.order[i]], model)
             if i in moved
             else (self.here.points[i], self.here.normals[i], model)
             for i, model in enumerate(self.problem.models)
             if i != finger
         ]
-        if not slides:
-            return [self._grasp(places)]
-        points, normals = self.paths[finger]
-        stops = np.unique(np.linspace(0, len(points) - 1, WAYPOINTS).round().astype(int))
-        return [self._grasp([*places, (points[j], normals[j], PointContact())]) for j in stops]
-
-    def _grasp(self, places: Sequence[tuple[FloatArray, FloatArray, ContactModel]]) -> Grasp:
+        if station is not None:
+            point, normal, _ = self._ways[finger].at(station)
+            places.append((point, normal, PointContact()))
         points, normals, models = zip(*places, strict=True)
         return Grasp(points, normals, models, self.problem.origin)

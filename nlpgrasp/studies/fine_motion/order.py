@@ -1,4 +1,4 @@
-"""In which order fingers move: the weakest intermediate grasp as strong as possible, within the hand's limits."""
+"""Order of finger moves: the weakest intermediate grasp as strong as possible, within the hand's limits."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ from nlpgrasp.studies.fine_motion.holding import Holding
 from nlpgrasp.studies.fine_motion.records import FingerMove
 
 S = TypeVar("S")
+_Width = tuple[int, float]  # 0 where the other fingers hold the body alone, 1 elsewhere; minus the strength
+_WIDEST: _Width = (0, -np.inf)
+LIFTED, SLIDES = False, True
 
 
 class Motions(Protocol[S]):
@@ -28,16 +31,24 @@ class Motions(Protocol[S]):
 
 @dataclass(frozen=True)
 class _Reached(Generic[S]):
-    """Fingers that have moved, how, and the posture then; ``next_one`` is a move that is still to be looked at."""
+    """Fingers that have moved, how, and the posture then.
+
+    ``next_one`` is a move still to be examined: the finger, and the ways it may go, the first one of which is taken
+    that the hand can do.
+    """
 
     moved: frozenset[int] = frozenset()
     sequence: tuple[tuple[int, bool, FingerPath | None], ...] = ()
     posture: S | None = None
-    next_one: tuple[int, bool] | None = field(default=None)
+    next_one: tuple[int, tuple[bool, ...]] | None = field(default=None)
 
 
 def ordered_moves(holding: Holding, motions: Motions[S] | None = None) -> tuple[FingerMove, ...]:
-    """Return the moves, certified: of all orders that the hand allows the one whose weakest grasp is strongest.
+    """Return the moves with their certificates: of all orders the hand allows the one whose weakest grasp is strongest.
+
+    A move during which the other fingers hold the body alone counts by their strength, which is certified on the whole
+    path, whether the finger is lifted or slides; it is lifted where the hand can do that. Any other move is a slide, is
+    weaker than all of those, and counts by its least strength at a few stations.
 
     A search for the widest path over the sets of fingers that have moved: what is strongest so far goes on first, and
     the hand is asked about a move only when it is the strongest there is. Each set goes on with the posture in which
@@ -58,7 +69,7 @@ def _widest(holding: Holding, motions: Motions[S] | None) -> _Reached[S] | None:
     """Return the end of the widest path, None where there is none."""
     numbers, known, fingers = count(), set[frozenset[int]](), frozenset(range(len(holding.paths)))
     start = _Reached[S](posture=None if motions is None else motions.start())
-    queue = [(-np.inf, next(numbers), start)]
+    queue = [(_WIDEST, next(numbers), start)]
     while queue:
         width, _, here = heappop(queue)
         if here.next_one is not None:
@@ -69,27 +80,31 @@ def _widest(holding: Holding, motions: Motions[S] | None) -> _Reached[S] | None:
             return here
         elif here.moved not in known:
             known.add(here.moved)
-            options = [
-                (strength, finger, slides)
-                for finger in fingers - here.moved
-                for slides, strength in enumerate(holding.strengths(here.moved, finger))
-                if motions is None or strength > 0.0
-            ]
-            for strength, finger, slides in sorted(options, reverse=True):
-                narrowest = max(width, -strength)
-                heappush(queue, (narrowest, next(numbers), replace(here, next_one=(finger, bool(slides)))))
+            options = [_option(holding, here.moved, finger) for finger in fingers - here.moved]
+            for strength, finger, ways in sorted(options):
+                if motions is None or strength[1] < 0.0:
+                    heappush(queue, (max(width, strength), next(numbers), replace(here, next_one=(finger, ways))))
     return None
 
 
-def _moved(here: _Reached[S], move: tuple[int, bool], motions: Motions[S] | None) -> _Reached[S] | None:
+def _option(holding: Holding, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
+    """Return width, finger and ways of a move: lifted, or else sliding, where the others hold the body alone."""
+    alone = holding.others(moved, finger).lower
+    if alone > 0.0:
+        return (0, -alone), finger, (LIFTED, SLIDES)
+    return (1, -holding.sliding(moved, finger)), finger, (SLIDES,)
+
+
+def _moved(here: _Reached[S], move: tuple[int, tuple[bool, ...]], motions: Motions[S] | None) -> _Reached[S] | None:
     """Return what is reached by a move, None where the hand does not do it."""
-    finger, slides = move
-    motion, posture = None, here.posture
-    if motions is not None and here.posture is not None:
-        motion, posture = motions.taken(here.posture, finger, slides)
-        if not motion.feasible:
-            return None
-    return _Reached(here.moved | {finger}, (*here.sequence, (finger, slides, motion)), posture)
+    finger, ways = move
+    for slides in ways:
+        motion, posture = None, here.posture
+        if motions is not None and here.posture is not None:
+            motion, posture = motions.taken(here.posture, finger, slides)
+        if motion is None or motion.feasible:
+            return _Reached(here.moved | {finger}, (*here.sequence, (finger, slides, motion)), posture)
+    return None
 
 
 def _followed(sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[S] | None) -> _Reached[S]:

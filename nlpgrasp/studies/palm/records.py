@@ -1,4 +1,4 @@
-"""A way of the palm to a grasp: plain, frozen data."""
+"""Record of a palm's path to a grasp: waypoints, joints and clearances, or why there is none."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class PalmPath:
     joints : (m, n) array
         Their positions, radians or metres. Between waypoints palm and joints are on straight lines.
     clearances : (m,) array
-        Least distance of the hand to anything it must not touch, metres; while the fingers close, fingertips and body
-        are not counted.
+        Least distance of the hand to anything it must not touch, at each waypoint, metres; while the fingers close,
+        fingertips and body are not counted.
     blocked : tuple of BlockedDirection
         The directions that were looked at before one was free.
     tolerance : float
@@ -87,4 +87,4 @@ class PalmPath:
             return f"no way of the palm: {self.reason}"
         along = np.array2string(self.direction, precision=3, suppress_small=True)
         way = f"{1e3 * self.distance:.0f} mm along {along}, then closing"
-        return f"{way}: {len(self.phases)} waypoints, least clearance {1e3 * self.clearance:.1f} mm"
+        return f"{way}: {len(self.phases)} waypoints, least clearance at them {1e3 * self.clearance:.1f} mm"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.studies.fine_motion.paths.footpath import Station
 from nlpgrasp.studies.fine_motion.paths.surface_paths import SurfaceGraph
 
 OPTIONS = ng.SolveOptions(rtol=0.05, final_rtol=0.05)
@@ -73,15 +74,20 @@ def carried_from_below(space, half_width):
 @pytest.mark.slow
 @pytest.mark.parametrize("space", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_fingers_below_a_body_carry_it(space):
-    """Four normal forces of 1 / 2 carry 2 N; a tenth of the weight in any direction leaves at most 2 / 1.1 of it."""
+    """Four normal forces of 1 / 2 carry 2 N; a tenth of the weight in any direction leaves at most 2 / 1.1 of it.
+
+    Three carry less. In space the middle is on the boundary of three fingers at corners, so that the fourth slides.
+    """
     nothing_else = {"shadow_prices": False, "robust_offset": 0.0, "robust_friction": 0.0}
     options = ng.SolveOptions(rtol=0.05, final_rtol=0.05, exchange_rounds=5, candidates=8, **nothing_else)
     pick, goal = (carried_from_below(space, half_width) for half_width in (0.5, 0.8))
     found = ng.fine_manipulation(pick, goal, starts=1, options=options)
-    assert found.success
+    assert found.held_at_stations
+    assert found.success == (space == 2)
+    assert any(m.slides for m in found.moves) == (space == 3)
     assert len(found.moves) == 4
     for move in found.moves:
-        assert move.held.lower > 1.6
+        assert move.held.lower > (1.6 if move.slides else 1.3)
         assert move.held.upper < 2.0 / 1.1 + 1e-6
 
 
@@ -95,13 +101,17 @@ def test_other_bodies_and_contacts_are_refused(names):
         ng.fine_manipulation(pick, names["in_the_hand"](), hold=ng.TaskEllipsoid([1.0] * 3))
 
 
+def shortest(body, start, end):
+    """Return points and normals of the path between two points of a body, its ends with no normals of their own."""
+    ends = [Station(np.array(p), np.zeros(3), "") for p in (start, end)]
+    stations = SurfaceGraph(body).stations(*ends)
+    return np.array([s.point for s in stations]), np.array([s.normal for s in stations])
+
+
 def test_shortest_path_around_a_sphere_and_over_the_edges_of_a_box():
-    graph = SurfaceGraph(ng.Sphere(1.0))
-    a, b = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    path, normals = graph.path(a, b)
+    path, normals = shortest(ng.Sphere(1.0), [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     length = np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1))
     assert np.pi / 2.0 - 0.01 <= length < 1.1 * np.pi / 2.0
-    np.testing.assert_allclose(normals, -path, atol=0.1)
-    box = SurfaceGraph(ng.Box([2.0, 2.0, 2.0]))
-    path, _ = box.path(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]))
+    np.testing.assert_allclose(normals[1:-1], -path[1:-1], atol=0.1)
+    path, _ = shortest(ng.Box([2.0, 2.0, 2.0]), [0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
     assert 3.9 < np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)) < 4.6

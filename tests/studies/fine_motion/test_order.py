@@ -13,17 +13,27 @@ from nlpgrasp.studies.fine_motion.records import FingerMove
 
 
 class Held:
-    """Strengths drawn at random for each set of fingers that have moved."""
+    """Strengths drawn at random for each set of fingers that have moved: of the others alone, and more of a slide."""
 
     def __init__(self, rng, count, shift=0.1):
         self.rng, self.paths, self.known, self.shift = rng, [None] * count, {}, shift
 
     def strengths(self, moved, finger):
-        return self.known.setdefault((moved, finger), tuple(self.rng.uniform(0.0, 1.0, 2) + self.shift))
+        alone, more = self.rng.uniform(0.0, 1.0, 2)
+        return self.known.setdefault((moved, finger), (alone + self.shift, alone + more + self.shift))
+
+    def others(self, moved, finger):
+        alone = max(self.strengths(moved, finger)[0], 0.0)
+        return ng.Bounds(alone, alone)
+
+    def sliding(self, moved, finger):
+        return self.strengths(moved, finger)[1]
 
     def move(self, moved, finger, slides):
-        value = self.strengths(moved, finger)[slides]
-        return FingerMove(finger, np.zeros((2, 3)), slides, ng.Bounds(value, value))
+        alone, sliding = (max(value, 0.0) for value in self.strengths(moved, finger))
+        held = sliding if slides else alone
+        others = ng.Bounds(alone, alone) if slides else None
+        return FingerMove(finger, np.zeros((2, 3)), slides, ng.Bounds(held, held), stations=7, others=others)
 
 
 class Allowed:
@@ -45,36 +55,71 @@ class Allowed:
         return unknown("no"), posture
 
 
+def width(held, moved, finger, slide):
+    """What a move counts: whether the others hold alone, and their strength; else that of the slide."""
+    alone, sliding = held.strengths(moved, finger)
+    if alone > 0.0:
+        return (1, alone)
+    return (0, sliding if slide else -np.inf)
+
+
+NONE, ALL = (-1, -np.inf), (2, np.inf)
+
+
 def widest(held, allowed, count):
-    """The largest least strength over all orders and ways of moving."""
-    best = -np.inf
+    """The largest least width over all orders and ways of moving."""
+    best = NONE
     for order in permutations(range(count)):
         for slides in product((0, 1), repeat=count):
-            moved, least = frozenset(), np.inf
+            moved, least = frozenset(), ALL
             for finger, slide in zip(order, slides, strict=True):
                 if allowed is not None and not allowed.does(moved, finger, bool(slide)):
-                    least = -np.inf
-                least = min(least, held.strengths(moved, finger)[slide])
+                    least = NONE
+                least = min(least, width(held, moved, finger, slide))
                 moved = moved | {finger}
             best = max(best, least)
     return best
 
 
+def widths(held, moves):
+    """The widths of moves in their order."""
+    moved = [frozenset(m.finger for m in moves[:i]) for i in range(len(moves))]
+    return [width(held, before, m.finger, m.slides) for before, m in zip(moved, moves, strict=True)]
+
+
+@pytest.mark.parametrize("shift", [0.1, -0.3, -0.8])
 @pytest.mark.parametrize("seed", range(11))
-def test_the_order_is_the_best_of_all_that_the_hand_allows(seed):
+def test_the_order_is_the_best_of_all_that_the_hand_allows(seed, shift):
+    """With a shift below zero the others often hold nothing alone, and a finger has to slide."""
     rng = np.random.default_rng(seed)
-    held, allowed = Held(rng, 4), Allowed(rng, 0.6)
+    held, allowed = Held(rng, 4, shift), Allowed(rng, 0.6)
     best, moves = widest(held, allowed, 4), ordered_moves(held, allowed)
     assert sorted(m.finger for m in moves) == list(range(4))
-    if np.isfinite(best):
+    if best > (0, 0.0):
         assert all(m.feasible for m in moves)
-        assert min(m.held.lower for m in moves) == pytest.approx(best)
+        assert min(widths(held, moves)) == best
         assert allowed.asked < 64
-    else:
+    elif best == NONE:
         assert not all(m.feasible for m in moves)
     free = ordered_moves(held)
-    assert min(m.held.lower for m in free) == pytest.approx(widest(held, None, 4))
+    assert min(widths(held, free)) == widest(held, None, 4)
     assert all(m.motion is None for m in free)
+
+
+def test_a_finger_is_lifted_where_the_others_hold_alone_and_the_hand_can_do_it():
+    """It used to slide: with one more finger that presses the quality is never less."""
+    slides = set()
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        assert not any(m.slides for m in ordered_moves(Held(rng, 4)))
+        allowed, moved = Allowed(rng, 0.5), frozenset()
+        for each in ordered_moves(Held(rng, 4), allowed):
+            if each.feasible:
+                assert each.certified
+                assert each.slides == (not allowed.does(moved, each.finger, False))
+                slides.add(each.slides)
+            moved = moved | {each.finger}
+    assert slides == {False, True}
 
 
 def test_without_an_order_the_strongest_says_what_stops_the_hand():
@@ -89,16 +134,63 @@ def test_without_an_order_the_strongest_says_what_stops_the_hand():
 def test_a_hand_is_not_asked_about_moves_that_nothing_holds():
     rng = np.random.default_rng(0)
     held, allowed = Held(rng, 3, -2.0), Allowed(rng, 1.0)
-    assert widest(held, None, 3) < 0.0
+    assert widest(held, None, 3) < (0, 0.0)
     ordered_moves(held, allowed)
     assert allowed.asked == 3  # of the order that is returned in the end
 
 
-def test_an_infeasible_move_is_no_success():
+def move(lower, *, slides, alone=0.0, stations=6, motion=None):
+    others = ng.Bounds(alone, alone) if slides else None
+    held = ng.Bounds(lower, lower)
+    return FingerMove(1, np.zeros((2, 3)), slides, held, motion, stations if slides else 1, others)
+
+
+def manipulation(*moves):
     grasps = SimpleNamespace(mu="")
-    move = FingerMove(0, np.zeros((2, 3)), True, ng.Bounds(1.0, 1.0), unknown("joint a at its upper limit"))
-    found = ng.FineManipulation(grasps, grasps, (0,), (move,))
+    return ng.FineManipulation(grasps, grasps, tuple(range(len(moves))), moves)
+
+
+def test_a_slide_is_no_success_where_only_its_stations_are_certified():
+    lifted, sliding = move(0.5, slides=False), move(0.25, slides=True)
+    found = manipulation(lifted, sliding)
+    assert lifted.certified
+    assert not sliding.certified
+    assert found.held_at_stations
+    assert not found.success
+    assert "finger 1 is lifted and goes 0 mm; meanwhile held with [0.5, 0.5]\n" in str(found)
+    assert "meanwhile held with [0.25, 0.25] at 6 stations, not certified between them\n" in str(found)
+    assert str(found).splitlines()[-1] == (
+        "the body is held at all stations examined, but it is not certified between the stations where finger 1 slides"
+    )
+    assert str(manipulation(sliding, sliding, sliding)).endswith("where fingers 1, 1 and 1 slide")
+    data = sliding.to_dict()
+    assert (data["stations"], data["certified"], data["least"]) == (6, False, 0.0)
+    assert (lifted.to_dict()["stations"], lifted.to_dict()["certified"]) == (1, True)
+
+
+def test_a_slide_is_certified_where_the_other_fingers_hold_alone():
+    sliding = move(0.25, slides=True, alone=0.125)
+    found = manipulation(sliding)
+    assert sliding.certified
+    assert sliding.least == 0.125
+    assert found.success
+    assert "held with [0.25, 0.25] at 6 stations, and with at least 0.125 between them, by the other" in str(found)
+    assert str(found).endswith("the body is held during every move, certified along the whole path")
+
+
+def test_a_body_that_is_dropped_at_a_station_is_no_success():
+    for dropped in (move(0.0, slides=True), move(0.0, slides=False)):
+        found = manipulation(move(0.5, slides=False), dropped)
+        assert not found.held_at_stations
+        assert not found.success
+        assert str(found).endswith("the body is not held during every move")
+    assert manipulation().outcome == "no moves: one of the two grasps was not found"
+
+
+def test_an_infeasible_move_is_no_success():
+    beyond = move(1.0, slides=False, motion=unknown("joint a at its upper limit"))
+    found = manipulation(beyond)
     assert not found.feasible
     assert not found.success
     assert "does not get there: joint a at its upper limit" in str(found)
-    assert move.to_dict()["motion"]["reason"] == "joint a at its upper limit"
+    assert beyond.to_dict()["motion"]["reason"] == "joint a at its upper limit"

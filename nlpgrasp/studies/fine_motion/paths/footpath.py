@@ -69,6 +69,12 @@ class Footpath:
         """The whole way, metres, turns of the normal counted."""
         return float(self.steps[-1])
 
+    @property
+    def edges(self) -> FloatArray:
+        """Ways, metres, at which the contact gets to an edge of the body, and at which it has rolled over it."""
+        rolls = np.concatenate([[False], (np.diff(self.lengths) == 0.0) & (np.diff(self.steps) > 0.0), [False]])
+        return np.asarray(self.steps[rolls[1:] != rolls[:-1]])
+
     def at(self, way: float) -> tuple[FloatArray, FloatArray, float]:
         """Return point and inward unit normal after so much of the way, and how far along the surface that is."""
         i = int(np.clip(np.searchsorted(self.steps, way, side="right") - 1, 0, len(self.steps) - 2))

@@ -47,17 +47,8 @@ class SurfaceGraph:
         lengths = dijkstra(self._edges, False, self._nearest(start))
         return np.asarray(lengths[self._tree.query(ends)[1]])
 
-    def path(self, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the shortest path from one surface point to another and inward normals, (m, space) each.
-
-        Both ends are included; their normals are those of the nearest sample points.
-        """
-        nodes = self._nodes(start, end)
-        points = np.concatenate([start[None], self.points[nodes[1:-1]], end[None]])
-        return points, self.normals[nodes]
-
     def stations(self, start: Station, end: Station) -> list[Station]:
-        """Return the same path with the ends as they are and the face of each point."""
+        """Return the shortest path from one place of the surface to another: these two, and sample points between."""
         between = self._nodes(start.point, end.point)[1:-1]
         return [start, *(Station(self.points[i], self.normals[i], str(self.faces[i])) for i in between), end]
 

@@ -1,0 +1,77 @@
+"""What holds a square while a finger slides over its corner."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.studies.fine_motion.holding import Holding
+from nlpgrasp.studies.fine_motion.order import ordered_moves
+from nlpgrasp.studies.fine_motion.paths.footpath import Station
+from nlpgrasp.studies.fine_motion.paths.surface_paths import SurfaceGraph
+
+SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+WEIGHT = ng.TaskEllipsoid([0.1, 0.1, 0.0], center=[0.0, 1.0, 0.0])
+NOBODY = frozenset()
+
+
+def holding(start, end, points, normals, friction=0.45):
+    """Return what holds while finger 2 goes from one station to another and fingers 0 and 1 stay."""
+    contacts = [ng.FrictionContact(friction)] * 3
+    here, there = (ng.Grasp([*points, s.point], [*normals, s.normal], contacts, np.zeros(2)) for s in (start, end))
+    problem = ng.GraspProblem(SQUARE, contacts, ng.TaskEllipsoid([1.0] * 3), torque_origin=[0.0, 0.0])
+    stay = [[Station(here.points[i], here.normals[i], "")] * 2 for i in range(2)]
+    return Holding(problem, here, there, range(3), [*stay, SurfaceGraph(SQUARE).stations(start, end)], WEIGHT)
+
+
+def station(point, normal, face):
+    return Station(np.array(point), np.array(normal), face)
+
+
+LEFT = station([-1.0, -0.177], [1.0, 0.0], "edge3")
+BELOW = station([-0.426, -1.0], [0.0, 1.0], "edge0")
+RIGHT = station([1.0, -0.659], [-1.0, 0.0], "edge1")
+
+
+def test_a_body_that_is_dropped_at_a_corner_is_seen():
+    """Both ends of the path hold it, with 0.25 at least; a fingertip that rolls over the corner between does not."""
+    found = holding(LEFT, BELOW, [[1.0, -0.659], [0.394, -1.0]], [[-1.0, 0.0], [0.0, 1.0]])
+    move = found.move(NOBODY, 2, True)
+    ends = [found._certified(found._grasp(NOBODY, 2, way)).lower for way in (0.0, found._ways[2].total)]
+    assert min(ends) > 0.25
+    assert move.held.upper == 0.0
+    assert not move.certified
+    assert move.held_text == "not held at one of its stations"
+
+
+def test_a_finger_slides_where_the_others_hold_on_the_boundary_alone():
+    """The middle is on the line between two of the three others: descents find a strength, and there is none."""
+    body, contacts, up = ng.Box([2.0, 2.0, 2.0]), [ng.FrictionContact(0.5)] * 4, [[0.0, 0.0, 1.0]] * 4
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
+    grasps = [ng.Grasp(np.column_stack([a * corners, -np.ones(4)]), up, contacts, np.zeros(3)) for a in (0.5, 0.8)]
+    problem = ng.GraspProblem(body, contacts, ng.TaskEllipsoid([1.0] * 6), torque_origin=[0.0, 0.0, 0.0])
+    ends = [[Station(p, n, "-z") for p, n in zip(g.points, g.normals, strict=True)] for g in grasps]
+    weight = ng.TaskEllipsoid([0.1] * 6, center=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    found = Holding(problem, *grasps, range(4), [list(pair) for pair in zip(*ends, strict=True)], weight)
+    assert found.others(NOBODY, 0).lower == 0.0
+    first, *_ = ordered_moves(found)
+    assert first.slides
+    assert not first.certified
+    assert first.held.lower > 1.6
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("x", [-0.4, 0.1, 0.5])
+def test_the_least_along_a_slide_is_met_and_what_the_others_hold_alone_is_below_it(x, friction):
+    """Against 200 places of the path; from the underside over a corner, while two others may hold alone."""
+    below, end = station([x, -1.0], [0.0, 1.0], "edge0"), RIGHT
+    found = holding(below, end, [[-1.0, -0.3], [0.7, -1.0]], [[1.0, 0.0], [0.0, 1.0]], friction)
+    move, alone = found.move(NOBODY, 2, True), found.move(NOBODY, 2, False)
+    dense = [found._certified(found._grasp(NOBODY, 2, way)) for way in np.linspace(0.0, found._ways[2].total, 200)]
+    least = min(b.upper for b in dense)
+    assert move.held.lower <= least * (1.0 + 1e-9)
+    assert move.held.upper <= 1.02 * least + 1e-9
+    assert move.others == alone.held
+    assert move.least == alone.held.lower <= move.held.lower
+    assert move.certified == alone.certified == (alone.held.lower > 0.0)
+    assert move.stations <= 40
+    assert alone.stations == 1
