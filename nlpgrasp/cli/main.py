@@ -84,7 +84,7 @@ def solve_command(
     with Reporter(problem.name, starts, as_json) as reporter:
         solution = ng.solve(problem, starts, seed, options, keep=keep, distinct=distinct, progress=reporter.start_done)
     written = None
-    if solution.success or not place.exists():
+    if solution.is_certified or not place.exists():
         solution.save(place)
         written = str(target)
     if as_json:

@@ -73,7 +73,7 @@ class Given:
 def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> Given:
     """Return what a simulation of a solution starts from; arguments as those of ``simulate``."""
     drawing, grasp = solution.require_drawing(), solution.require_grasp()
-    if not solution.success or solution.mu.upper > WIDEST * solution.mu.lower:
+    if not solution.is_certified or solution.mu.upper > WIDEST * solution.mu.lower:
         raise InputError("quality.mu", str(solution.mu), f"bounds within a factor of {WIDEST:g}: solve it again")
     budget, task = solution.budget, solution.task
     effort = 1.0 if budget.absolute else 1.0 / solution.mu.lower

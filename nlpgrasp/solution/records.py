@@ -19,6 +19,10 @@ class Status(Enum):
 
     SOLVED = "Solved: a grasp with a certified quality above zero, a local optimum at best."
     OPTIMAL = "Optimal: a grasp with a certified quality within the gap asked for of the best that any placement has."
+    TOUCHES = (
+        "Touches: a link of the hand is inside the body or its surroundings, and the hand cannot take this grasp. "
+        "Try more starts, more clearance or other fingertips; no start found a free one."
+    )
     NO_GRASP = (
         "No grasp found: no start ended with a certified quality above zero. Try more starts, other faces, "
         "more friction or fewer constraints; this is not a proof that none exists."
@@ -54,6 +58,8 @@ class StartRecord:
         The vertex solver's own word, or the error.
     history : tuple of float
         The least ratio found before the exchange and after each of its rounds: how mu rose, from above.
+    obstruction : str
+        Why the hand cannot take the grasp, or not reach it straight, in words; empty where nothing is known against it.
     """
 
     index: int
@@ -65,10 +71,16 @@ class StartRecord:
     seconds: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
     history: tuple[float, ...] = ()
+    obstruction: str = ""
+
+    @property
+    def has_grasp(self) -> bool:
+        """Whether the start ended with a certified grasp that keeps the constraints, free or not."""
+        return self.status in (Status.SOLVED, Status.TOUCHES)
 
     def to_dict(self) -> StartData:
         """Return the record as JSON data, None for what is not known."""
-        return {
+        data: StartData = {
             "index": self.index,
             "status": self.status.name.lower(),
             "faces": list(self.faces),
@@ -79,6 +91,9 @@ class StartRecord:
             "message": self.message,
             "history": list(self.history),
         }
+        if self.obstruction:
+            data["obstruction"] = self.obstruction
+        return data
 
     @classmethod
     def from_dict(cls, data: StartData) -> StartRecord:
@@ -100,6 +115,7 @@ class StartRecord:
             seconds={str(stage): float(time) for stage, time in data["seconds"].items()},
             message=str(data["message"]),
             history=tuple(map(float, data.get("history", ()))),
+            obstruction=str(data.get("obstruction", "")),
         )
 
 

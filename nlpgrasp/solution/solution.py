@@ -21,6 +21,7 @@ from nlpgrasp.solution.measures.forces import forces_and_moments, held_wrenches
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.measures.quality import Quality, check_beta
+from nlpgrasp.solution.obstructions import link_depth_of
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of
@@ -135,7 +136,7 @@ class GraspSolution(Seen):
         return replace(
             self,
             **{name: value for name, value in vars(found).items() if name != "start"},
-            status=Status.SOLVED if self.status is Status.OPTIMAL else self.status,
+            status=_status_with(self.status, found.hand),
             delta=None,
             nu=None,
             prices=(),
@@ -220,7 +221,7 @@ class GraspSolution(Seen):
         for part in (grasp, *(found.grasp for found in kept)):
             solution.check_against(part, name)
         with within(f"{name}: "):
-            _ = solution.squeeze, solution.phases
+            _ = solution.squeeze, solution.phases, solution.link_depth, solution.way_in
         check_beta(data["quality"], solution.beta, f"{name}: quality")
         return solution
 
@@ -248,3 +249,11 @@ class GraspSolution(Seen):
             When the file is missing, not JSON, too large, too deeply nested, or not of schema 1.
         """
         return cls.from_dict(read(path), str(path))
+
+
+def _status_with(status: Status, hand: Json | None) -> Status:
+    """Return the status of a solution with another of its grasps as the answer, by what that one's hand states."""
+    if status not in (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES):
+        return status
+    depth = link_depth_of(hand)
+    return Status.SOLVED if depth is None or depth.is_free else Status.TOUCHES

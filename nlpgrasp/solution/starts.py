@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 
 from nlpgrasp.solution.records import UNKNOWN, StartRecord, Status
+from nlpgrasp.solution.schema.types import SolverData
 
 ALLOWED = 1e-4  # relative violation that grasps may have on a mesh; elsewhere it is a tenth of that
 SOLVER_WORD = re.compile(r"\b[A-Z][A-Za-z]*(?:_[A-Z][A-Za-z]*)+\b")
@@ -24,8 +25,12 @@ WORDS = {  # what IPOPT says of the first program
     "Diverging_Iterates": "diverged",
     "Error_In_Step_Computation": "could not compute a step",
     "Invalid_Number_Detected": "met a number that is not finite",
+    "Invalid_Option": "did not run, as an option is invalid or the library of the linear solver does not load",
+    "Insufficient_Memory": "did not run, for want of memory",
+    "Internal_Error": "did not run, by an error of its own",
 }
 BROKEN, UNHELD, NOWHERE = "broke a constraint", "could not hold the task", "found no placement"
+INSIDE = "got a link inside something"
 ERROR, CUT = "ended with an error", "ended before a grasp was found"
 
 
@@ -43,6 +48,8 @@ def why_no_grasp(start: StartRecord) -> str:
         return solver_words(start.message) or ERROR
     if kind == CUT:
         return start.message or CUT
+    if kind == INSIDE:
+        return start.obstruction or INSIDE
     broken = f"constraint violation {start.violation:.2g}"
     if kind == BROKEN:
         return broken if start.mu.lower > 0.0 else f"{broken}, and the task is not held"
@@ -64,11 +71,28 @@ def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
     return [f"{head}: {', '.join(ends)}{solves}"]
 
 
+def ipopt_lines(solver: SolverData) -> list[str]:
+    """Return in a line in how many calls of a solve IPOPT did not run; nothing where it always did.
+
+    Parameters
+    ----------
+    solver : mapping
+        ``solver`` of a solution.
+    """
+    failures = solver.get("ipopt_failures", {})
+    if not failures:
+        return []
+    lost, calls = sum(failures.values()), max(sum(failures.values()), solver.get("ipopt_calls", 0))
+    why = ", ".join(f"{status}: {count}" for status, count in failures.items())
+    rest = "steps" if lost == calls else "calls and steps"
+    return [f"IPOPT did not run in {lost} of {calls} calls ({why}); the answer comes from the other {rest}"]
+
+
 def winner_of(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
     """Return the start whose grasp is the answer; the largest certified upper bound where nothing says which."""
     if best_start is not None:
         return next((s for s in starts if s.index == best_start), None)
-    solved = [s for s in starts if s.status is Status.SOLVED and s.mu != UNKNOWN]
+    solved = [s for s in starts if s.has_grasp and s.mu != UNKNOWN]
     return max(solved, key=lambda s: s.mu.upper, default=None)
 
 
@@ -100,7 +124,9 @@ def passed_over(
     best = max(solved, key=lambda s: s.mu.upper, default=None)
     if winner is None or best is None or best.mu.upper <= max(winner.mu.upper, before):
         return []
-    if by_what_is_left:
+    if best.obstruction:
+        why = best.obstruction
+    elif by_what_is_left:
         why = "starts were ranked by what is left when contacts are off, which is more of the answer"
     elif best.mu.lower >= winner.mu.lower:
         why = "less of it is left when contacts are off and friction is less"
@@ -114,6 +140,8 @@ def _kind(start: StartRecord) -> str | None:
     """Return how a start ended without a grasp; None for one that found a grasp."""
     if start.status is Status.SOLVED:
         return None
+    if start.status is Status.TOUCHES:
+        return INSIDE
     if start.status is Status.FAILED:
         return ERROR
     if start.status in (Status.TIME_LIMIT, Status.INTERRUPTED):

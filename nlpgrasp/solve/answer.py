@@ -13,12 +13,9 @@ import numpy as np
 import scipy
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.constraints import Approach
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.problem.fields import distance_to_all, fields_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Volume, delta, mu, nu
 from nlpgrasp.solution.findings import WhyNot
@@ -26,13 +23,13 @@ from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.schema.types import SolverData
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.starts import ipopt_lines
 from nlpgrasp.solve.after.least_forces import least_forces
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.squeeze import with_squeeze
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
-from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.version import __version__
@@ -96,12 +93,13 @@ class Search:
 
 
 def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
-    """Return the best solved start; the earliest of equals.
+    """Return the best solved start; the earliest of equals. Starts whose hand touches count where no other is solved.
 
     The lower bounds of two starts differ by chance within their certificates' gap, while the upper bounds are nearly
     always the values themselves: among the starts whose lower bounds are that close, the largest upper bound wins.
     """
-    solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
+    ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
+    solved = [r for r in ended if r.solved] or ended
     if not solved:
         return None
     lower = max(r.rank.lower for r in solved)
@@ -149,7 +147,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     search.clock.mark("nu")
     bound = search.bound_above(lower)
     solution = GraspSolution(
-        status=search.cut_short or _status(search.options, bound, lower),
+        status=search.cut_short or _status(search.options, bound, lower, best),
         name=problem.name,
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,
@@ -165,52 +163,23 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         prices=after.prices,
         robust=None if after.robust is None else after.robust.beside(certified),
         bound=bound,
-        hand=_with_room(hand_data(problem, found, after), best),
+        hand=best.hand or after.hand,
         surface=found.surface,
         drawing=after.drawing,
         starts=search.records,
         best_start=best.record.index,
     )
-    if not search.options.extras:
-        return solution
     squeezed = with_squeeze(solution, problem.hand)
     search.clock.mark("squeeze")
     return squeezed
 
 
-def _status(options: SolveOptions, bound: GlobalBound | None, lower: float) -> Status:
-    """Return how a search ended that found a grasp: whether it is as close to the best as was asked for."""
+def _status(options: SolveOptions, bound: GlobalBound | None, lower: float, best: StartGrasp) -> Status:
+    """Return how a search ended that found a grasp: free or not, and whether as close to the best as was asked for."""
+    if best.record.status is Status.TOUCHES:
+        return Status.TOUCHES
     closed = options.gap is not None and bound is not None and bound.gap(lower) <= options.gap
     return Status.OPTIMAL if closed else Status.SOLVED
-
-
-def _with_room(hand: Json | None, best: StartGrasp) -> Json | None:
-    """Return the hand's data with the room that its joints have, where that was looked at."""
-    return hand if hand is None or best.room is None else {**hand, "room": best.room.to_dict()}
-
-
-def hand_data(problem: GraspProblem, found: OnBody, after: Aftermath) -> Json | None:
-    """Return the hand in the grasp, and where it is just before."""
-    hand = problem.hand
-    if hand is None:
-        return None
-    data = dict(hand.describe(found.placed.hand)) if found.placed.hand else {}
-    cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
-    data |= hand.at_contacts(found.grasp.points, problem.body.size, lambda points: _distance(problem, points), cones)
-    if not data:
-        return None
-    if after.pregrasp is not None:
-        data["pregrasp"] = {"clearance": after.pregrasp.clearance, **hand.describe(after.pregrasp.hand)}
-    if after.phases is not None:
-        data.update(after.phases)
-    if after.link_depth is not None:
-        data["link_depth"] = after.link_depth.to_dict()
-    return data
-
-
-def _distance(problem: GraspProblem, points: FloatArray) -> FloatArray:
-    """Return the distances of points (m, space) from the body and what constraints keep a hand away from, (m,)."""
-    return distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models)))(points)
 
 
 def volume_of(grasp: Grasp, budget: ForceBudget) -> Volume | None:
@@ -226,10 +195,17 @@ def volume_of(grasp: Grasp, budget: ForceBudget) -> Volume | None:
 def solver_record(
     options: SolveOptions, seed: int, effort: Effort, seconds: float, stages: Mapping[str, float] | None = None
 ) -> SolverData:
-    """Return how the solve went, for the file: seed, effort, wall time and its stages, options, versions."""
-    return {
+    """Return how the solve went, for the file: seed, effort, wall time and its stages, options, versions.
+
+    Warns
+    -----
+    UserWarning
+        Where IPOPT did not run in some of its calls.
+    """
+    record: SolverData = {
         "seed": seed,
         "iterations": effort.iterations,
+        "ipopt_calls": effort.calls,
         "seconds": {
             "total": seconds,
             **(stages or {}),
@@ -247,3 +223,7 @@ def solver_record(
             "manifold3d": version("manifold3d"),
         },
     }
+    if effort.failures:
+        record["ipopt_failures"] = dict(effort.failures)
+        warn(*ipopt_lines(record))
+    return record

@@ -9,6 +9,7 @@ from dataclasses import replace
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.problem.from_dict import problem_from_dict
 from nlpgrasp.problem.problem import GraspProblem
@@ -20,7 +21,7 @@ from nlpgrasp.solve.after.look_back import extras
 from nlpgrasp.solve.answer import OTHER_RTOL, volume_of
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.squeeze import with_squeeze
+from nlpgrasp.solve.squeeze import with_squeeze, with_squeezes
 from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.start.run import with_hand
 from nlpgrasp.solve.surface.on_body import OnBody
@@ -35,9 +36,8 @@ PARTS = ("body", "contacts", "task", "constraints")  # of a problem, that a file
 def with_extras(solution: GraspSolution, problem: GraspProblem | None = None) -> GraspSolution:
     """Return a solution together with what a solve with ``extras=False`` left out.
 
-    delta and nu need the grasp alone; robustness, the drawing, shadow prices, the depth of a hand's links and its
-    squeeze need the problem: one without a hand is read from the solution as far as it holds it (no mesh, no
-    expressions of the user's).
+    delta and nu need the grasp alone; robustness, the drawing and shadow prices need the problem: one without a hand is
+    read from the solution as far as it holds it (no mesh, no expressions of the user's).
     What is there already stays as it is, and so does all of a solution without a grasp.
 
     Parameters
@@ -64,20 +64,21 @@ def with_extras(solution: GraspSolution, problem: GraspProblem | None = None) ->
         measured = replace(solution, delta=small, nu=volume, stated_first=None)
         asked = problem or _told(solution)
         if asked is None or (solution.robust is not None and solution.drawing is not None):
-            return with_squeeze(measured, None if asked is None else asked.hand)
+            return _squeezed(measured, None if asked is None else asked.hand)
         bench = Workbench(asked, SolveOptions(workers=1))
         found = extras(bench, _as_start(bench, solution, grasp), Stop(), Clock())
-    hand = solution.hand
-    if hand is not None and found.link_depth is not None:
-        hand = {**hand, "link_depth": found.link_depth.to_dict()}
     whole = replace(
         measured,
         prices=solution.prices or found.prices,
         robust=solution.robust or (found.robust and found.robust.beside(solution.mu)),
         drawing=solution.drawing or found.drawing,
-        hand=hand,
     )
-    return with_squeeze(whole, asked.hand)
+    return _squeezed(whole, asked.hand)
+
+
+def _squeezed(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
+    """Return a solution whose answer and other grasps state a squeeze, as files of earlier versions may not."""
+    return with_squeezes(with_squeeze(solution, hand), hand)
 
 
 def _check_same(solution: GraspSolution, problem: GraspProblem) -> None:

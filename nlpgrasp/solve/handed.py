@@ -190,7 +190,11 @@ def _answer(
     search = Search(bench.problem, bench.options, seed, [*own_starts, *results], cut_short, bound=bound)
     before = own.solver.get("seconds", {})
     effort = search.effort + Effort(
-        int(own.solver.get("iterations", 0)), float(before.get("ipopt", 0.0)), float(before.get("functions", 0.0))
+        int(own.solver.get("iterations", 0)),
+        float(before.get("ipopt", 0.0)),
+        float(before.get("functions", 0.0)),
+        int(own.solver.get("ipopt_calls", 0)),
+        dict(own.solver.get("ipopt_failures", {})),
     )
     seconds = time.monotonic() - begun + float(before.get("total", 0.0))
     return replace(answer(search, after), solver=solver_record(bench.options, seed, effort, seconds))

@@ -35,13 +35,16 @@ class SolveOptions:
         Relative gap of each start's certificate.
     final_rtol : float
         Relative gap of the answer's certificate.
+    link_tolerance : float
+        How deep a link of a hand may be in the body, a table or an obstacle, metres, by the link's own collision
+        shapes: a grasp whose links are deeper is not called solved.
     pregrasp_clearance : float
         How far the fingers of a hand with a pose open for the pregrasp, metres.
     shadow_prices : bool
         Compute what limits cost, of the best start.
     extras : bool
-        Compute what is not needed to use the grasp: what limits cost, robustness, how deep links are in the body, delta
-        and nu, and a drawing for reports. Without them a call takes half a second to two seconds less.
+        Compute what is not needed to use the grasp: what limits cost, robustness, delta and nu, and a drawing for
+        reports. Without them a call takes half a second to two seconds less.
     robust_offset : float
         How far contacts may be off in the robustness stated of every solution, metres.
     robust_friction : float
@@ -86,6 +89,7 @@ class SolveOptions:
     candidates: int = 64
     rtol: float = 0.02
     final_rtol: float = 0.01
+    link_tolerance: float = 0.001
     pregrasp_clearance: float = 0.01
     shadow_prices: bool = True
     extras: bool = True
@@ -113,7 +117,7 @@ class SolveOptions:
             object.__setattr__(self, name, integer(f"SolveOptions.{name}", getattr(self, name), at_least=1))
         for name in ("rtol", "final_rtol", "pregrasp_clearance"):
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), above=0.0))
-        for name in ("robust_offset", "robust_friction", "joint_margin", "room_price"):
+        for name in ("link_tolerance", "robust_offset", "robust_friction", "joint_margin", "room_price"):
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), at_least=0.0))
         for name in ("robust_friction", "room_price"):
             if getattr(self, name) >= 1.0:

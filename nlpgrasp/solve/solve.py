@@ -155,6 +155,8 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
             clock.mark("choice")
             best = _in_place(runner.roomy(best, stop), results)
             clock.mark("room")
+            best = runner.reachable(best, results, stop)
+            clock.mark("way in")
             bound = runner.bound(stop)
             search = Search(runner.problem, options, seed, results, cut_short, deadline, bound, clock, best)
             clock.mark("bound")
@@ -169,8 +171,7 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
             clock.mark("answer")
             if collection is not None:
                 solution = replace(solution, others=collection.grasps())
-                if options.extras:
-                    solution = with_squeezes(solution, runner.problem.hand)
+                solution = with_squeezes(solution, runner.problem.hand)
                 clock.mark("other grasps")
     record = solver_record(options, seed, search.effort, time.monotonic() - begun, clock.seconds)
     if keeping.count > 1:

@@ -66,11 +66,14 @@ class Verification:
         Computed anew.
     missing : tuple of str
         Names of the files (mesh, URDF) that were looked for and not found.
+    caveats : tuple of str
+        What has to be known of the grasp even where every check passes, in words.
     """
 
     checks: tuple[Check, ...]
     mu: Bounds | None
     missing: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -105,7 +108,8 @@ class Verification:
         if failed:
             return f"NOT verified: {len(failed)} of {made} checks failed ({', '.join(failed)}){left}"
         word = "verified" if self.complete else "partly verified"
-        return f"{word}: {made} check{'' if made == 1 else 's'} passed{left}"
+        but = f"; but {'; and '.join(self.caveats)}" if self.caveats else ""
+        return f"{word}: {made} check{'' if made == 1 else 's'} passed{left}{but}"
 
     def _reasons(self) -> str:
         """Return why checks could not be made: the files that are missing, then other reasons, each once."""

@@ -82,7 +82,7 @@ def verify(
             checks += guarded("bound", partial(beside_checks, solution, grasp, found, sources))
         size = half_diagonal(solution, sources)
         checks += guarded("grasps kept", partial(grasps_checks, solution, partial(_of_other, rtol, sources), size))
-    return Verification((*checks, *told), found, tuple(dict.fromkeys(sources.missing)))
+    return Verification((*checks, *told), found, tuple(dict.fromkeys(sources.missing)), tuple(solution.caveats))
 
 
 def _of_one(solution: GraspSolution, rtol: float, sources: Sources) -> tuple[Bounds | None, list[Check]]:

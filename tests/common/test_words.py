@@ -8,6 +8,7 @@ from nlpgrasp.common.shown.words import (
     DIRECTIONS,
     axis_labels,
     direction_words,
+    headroom_words,
     range_words,
     unit_of,
     wrench_words,
@@ -50,3 +51,18 @@ def test_moments_and_forces_that_rounding_leaves_are_not_worth_a_word():
     assert wrench_words(np.array([0.0, 0.0, 5.72, -3.1e-7, 1.6e-7, 2.5e-6])) == "f_z 5.72 N"
     assert wrench_words(np.array([1e-9, 0.0, 0.0, 0.0, 0.0, 0.02])) == "m_z 0.02 N m"
     assert wrench_words(np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.02])) == "f_x 3 N, m_z 0.02 N m"
+
+
+@pytest.mark.parametrize(
+    ("gap", "words"),
+    [
+        (0.0, "no placement is more than 0% better"),
+        (0.01511, "no placement is more than 1.52% better"),
+        (1.0, "no placement is more than 100% better"),
+        (3.2, "the best possible is at most 4.2 times as good"),
+        (3.2011, "the best possible is at most 4.21 times as good"),
+        (np.inf, "nothing is known of how much better the best possible is"),
+    ],
+)
+def test_the_best_possible_is_told_as_a_share_or_as_a_multiple(gap, words):
+    assert headroom_words(gap) == words

@@ -77,13 +77,14 @@ def test_small_numbers_are_not_zero():
     assert ng.nu(planar, 1e-10).value == pytest.approx(ng.nu(planar, 1.0).value * 1e10, rel=0.02)
 
 
-def test_a_question_that_rounding_leaves_open_is_said_to_be_open():
-    """Closed by a margin of 5e-9: neither a ball nor a direction is claimed."""
+def test_closed_by_no_more_than_rounding():
+    """Closed by a margin of 5e-9: no direction is claimed, and no larger ball, however a processor rounds."""
     points, normals = [[-1, 0, 0], [1, 1 - 1e-8, 0]], [[1, 0, 0], [-1, 0, 0]]
     found = ng.is_stable(ng.Grasp(points, normals, ng.SoftContact(0.5, 0.1)))
-    assert not found
-    assert found.radius.upper > 0.0
     assert found.separating_direction is None
+    assert found.radius.upper > 0.0
+    assert found.radius.lower < 5e-9
+    assert found.stable == (found.radius.lower > 0.0)
 
 
 @pytest.mark.parametrize("origin", [1.0, 100.0, 1000.0])

@@ -1,5 +1,6 @@
 """The gripper that a page draws: fingers from the palm to the contacts, outside the body."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,8 +20,9 @@ def held(hand=HAND, posture=None):
     return SimpleNamespace(problem={"hand": hand.to_dict()}, hand=found if posture is None else posture)
 
 
-def test_fingers_end_at_the_contacts_and_the_palm_is_behind():
-    drawn = dict(jaws(held()))
+@pytest.mark.parametrize("axes", [{}, {"closing_axis": "y"}, {"closing_axis": "-z", "approach_axis": "x"}])
+def test_fingers_end_at_the_contacts_and_the_palm_is_behind(axes):
+    drawn = dict(jaws(held(replace(HAND, **axes))))
     approach = np.array(held().hand["approach"]["direction"])
     closing = (CONTACTS[1] - CONTACTS[0]) / np.linalg.norm(CONTACTS[1] - CONTACTS[0])
     for name, point, out in (("jaw 0", CONTACTS[0], -closing), ("jaw 1", CONTACTS[1], closing)):

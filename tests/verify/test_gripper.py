@@ -16,13 +16,36 @@ CONSTRAINTS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def data():
-    hand = ng.ParallelJaw(0.05, finger_length=0.04, finger_thickness=0.02)
+def stated_by(**axes):
+    hand = ng.ParallelJaw(0.05, finger_length=0.04, finger_thickness=0.02, **axes)
     points, normals = np.array([[0.01, 0.02, 0.0], [0.01, -0.02, 0.0]]), [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]
     problem = problem_of(BODY, 2, hand=hand, constraints=CONSTRAINTS)
     found = stated_file(problem, ["+y", "-y"], points, normals)
     return {**found, "hand": hand.at_contacts(points, BODY.size, distance_to_all(fields_of(BODY, CONSTRAINTS, 2)))}
+
+
+@pytest.fixture(scope="module")
+def data():
+    return stated_by()
+
+
+AXES = {"closing_axis": "y"}, {"closing_axis": "-y", "approach_axis": "x"}, {"closing_axis": (0.6, 0.8, 0.0)}
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_the_pose_of_a_gripper_with_other_axes(axes, data):
+    own = stated_by(**axes)
+    assert recomputed_file(own)["gripper"].passed, recomputed_file(own)["gripper"]
+    for hand, pose in ((data["problem"]["hand"], own["hand"]), (own["problem"]["hand"], data["hand"])):
+        lie = edited(own, lambda d, hand=hand, pose=pose: (d["problem"].update(hand=hand), d.update(hand=pose)))
+        check = recomputed_file(lie)["gripper"]
+        assert check.failed
+        assert "along the closing line and " in check.detail
+
+
+@pytest.mark.parametrize("axes", [{"closing_axis": "u"}, {"closing_axis": [0, 2, 0]}, {"closing_axis": "z"}])
+def test_axes_that_are_none_fail(axes, data):
+    assert recomputed_file(edited(data, lambda d: d["problem"]["hand"].update(axes)))["gripper"].failed
 
 
 def test_an_honest_pose_passes(data):

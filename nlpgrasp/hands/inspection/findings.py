@@ -13,9 +13,11 @@ from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.hands.inspection.opposition import TOUCH, Meeting, Opposition
 from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.spheres.hand_fits import WORTH_A_WARNING
+from nlpgrasp.hands.tips.of_shape import overhang
 from nlpgrasp.hands.urdf.urdf_arguments import joint_remarks
 
 FULL = 2.0 * np.pi - 0.02  # radians, about a full turn
+OFF, FAR_OFF = 1e-3, 5e-3  # metres that a fingertip is beyond its link: worth a word, and wrong
 PLACEHOLDER = 100.0  # newton-metres that no motor of a finger has; newtons of a sliding joint are not judged
 
 
@@ -47,7 +49,13 @@ def findings(hand: Inspected, met: Opposition | None) -> tuple[Finding, ...]:
     met : Opposition or None
         Which of its fingertips come together; None where none are stated.
     """
-    found = [*_palm(hand), *_shapes(hand), *_joints(hand), *([] if met is None else _tips(hand, met))]
+    found = [
+        *_palm(hand),
+        *_shapes(hand),
+        *_overhangs(hand),
+        *_joints(hand),
+        *([] if met is None else _tips(hand, met)),
+    ]
     return tuple(sorted(found, key=lambda finding: not finding.grave))
 
 
@@ -79,6 +87,19 @@ def _shapes(hand: Inspected) -> list[Finding]:
             deep = rounded(1e3 * fit.uncovered, 2)
             text = f"Link {link} is thicker than its fingertip: beside a contact it may reach {deep} mm into the body."
             found.append(Finding(text))
+    return found
+
+
+def _overhangs(hand: Inspected) -> list[Finding]:
+    """Return what is said of fingertips that reach beyond the shapes of their links."""
+    found = []
+    for i, (link, tip) in enumerate(hand.tree.tips):
+        beyond = overhang(tip, link, hand.tree.robot)
+        if beyond is not None and beyond > OFF:
+            text = f"Fingertip {i} ({link}) reaches up to {millimetres(beyond)} beyond the shapes of its link"
+            found.append(
+                Finding(f"{text}: where it touches there, the finger itself does not.", grave=beyond > FAR_OFF)
+            )
     return found
 
 

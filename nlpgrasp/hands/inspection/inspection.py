@@ -6,11 +6,13 @@ import warnings
 from dataclasses import dataclass
 
 from nlpgrasp.hands.base import Hand
-from nlpgrasp.hands.inspection.findings import Finding, findings
+from nlpgrasp.hands.inspection.findings import OFF, Finding, findings, millimetres
 from nlpgrasp.hands.inspection.inspected import Inspected, inspected
 from nlpgrasp.hands.inspection.opposition import Opposition, opposition
 from nlpgrasp.hands.inspection.stating import LISTED, ends_of, lines_to_paste
 from nlpgrasp.hands.robot.ends import GUESS
+from nlpgrasp.hands.tips import SphereTip
+from nlpgrasp.hands.tips.of_shape import overhang
 
 GOOD = "every visible link has a collision shape, every joint has limits, and every two fingertips can touch."
 
@@ -59,6 +61,12 @@ class Inspection:
         guess = ""
         if any(tip.guessed for tip in ends):
             guess = f" A radius of {GUESS:g} m stands for a link without a collision shape."
+            robot = self.hand.tree.robot
+            reaches = {t.link: overhang(SphereTip(GUESS), t.link, robot) or 0.0 for t in ends if t.guessed}
+            off = {link: reach for link, reach in reaches.items() if reach > OFF}
+            if off:
+                told = ", ".join(f"{link} by up to {millimetres(reach)}" for link, reach in off.items())
+                guess += f" It floats beyond the finger's own shapes at {told}: state tips that lie on the finger."
         return (Finding(f"No fingertips are stated. Links at the ends: {named}.{guess} To use them:"), *self.findings)
 
     @property

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.spheres.shapes import Shape
@@ -125,6 +126,25 @@ class Robot:
             joint = by_child.get(link)
             groups[link] = link if joint is None or joint.moves else groups[joint.parent]
         return groups
+
+    def fixed_transform(self, link: str, other: str) -> FloatArray | None:
+        """Return the transform (4, 4) from a link's frame to another's that no joint moves against it; else None."""
+        groups = self.rigid_groups
+        if groups[link] != groups[other]:
+            return None
+        return np.asarray(np.linalg.inv(self._in_group(other)) @ self._in_group(link))
+
+    def _in_group(self, link: str) -> FloatArray:
+        """Return the pose (4, 4) of a link in the topmost link that it is fixed to."""
+        pose, top = np.eye(4), self.rigid_groups[link]
+        for joint in reversed(self.chain(link)):
+            if joint.child == top:
+                break
+            step = np.eye(4)
+            step[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
+            step[:3, 3] = joint.xyz
+            pose = step @ pose
+        return pose
 
     def adjacent(self, a: str, b: str) -> bool:
         """Return whether one moving joint alone is between two links."""

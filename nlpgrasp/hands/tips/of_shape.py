@@ -1,4 +1,4 @@
-"""The fingertip that a link's own collision shape is, or one about as large."""
+"""Fingertips and the collision shapes of their links: the tip that a shape is, and how far a tip is beyond them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.spheres.shapes import Shape
 from nlpgrasp.hands.tips.base import Tip
 from nlpgrasp.hands.tips.capsule import CapsuleTip
@@ -25,6 +26,22 @@ def tip_of(shapes: Sequence[Shape]) -> Tip | None:
         start, end = sorted(shape.ends, key=lambda point: float(np.linalg.norm(point)))
         return CapsuleTip(shape.radius, start, end)
     return None if shape.centre is None else SphereTip(shape.radius, shape.centre)
+
+
+def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
+    """Return how far a fingertip's patch reaches beyond the shapes of its link and of what is fixed to it, metres.
+
+    Where the patch is beyond them, the finger does not touch what the patch touches. None where none of these links has
+    a shape. At rest: links that are fixed to each other do not move.
+    """
+    groups, surface = robot.rigid_groups, tip.surface().vertices
+    outside = []
+    for other, shapes in robot.shapes.items():
+        transform = robot.fixed_transform(link, other)
+        if groups[other] == groups[link] and transform is not None:
+            local = surface @ transform[:3, :3].T + transform[:3, 3]
+            outside += [-shape.depth(local) for shape in shapes]
+    return max(0.0, float(np.max(np.min(outside, axis=0)))) if outside else None
 
 
 def sphere_about(shapes: Sequence[Shape]) -> SphereTip | None:

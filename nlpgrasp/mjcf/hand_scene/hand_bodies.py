@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
@@ -45,6 +45,8 @@ class PlacedRobot:
         Of the joints' position control, by free joint.
     limits : mapping of str to float
         Torque limits by joint.
+    floating : collection of int
+        Fingertips that are off their links in the grasp: the scene has the links' own shapes alone there.
     """
 
     robot: Robot
@@ -53,6 +55,7 @@ class PlacedRobot:
     tips: tuple[Json, ...]
     gains: Mapping[str, float]
     limits: Mapping[str, float]
+    floating: Collection[int] = ()
 
 
 def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]], options: HandSceneOptions) -> None:
@@ -80,6 +83,10 @@ def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]],
     bodies: dict[str, Element] = {}
     above = {joint.child: joint for joint in robot.joints}
     own = {str(tip["link"]): surface for tip, surface in zip(placed.tips, surfaces, strict=True)}
+    for i in placed.floating:
+        group = robot.rigid_groups[str(placed.tips[i]["link"])]
+        for link in (link for link in robot.links if robot.rigid_groups[link] == group):
+            own.setdefault(link, surfaces[i])
     for link in robot.links:
         joint = above.get(link)
         parent = carried if joint is None else bodies[joint.parent]
@@ -93,7 +100,7 @@ def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]],
             _add_shape(asset, body, f"{PREFIX}{link}_{i}", shape, own.get(link, {}))
     for i, (tip, surface) in enumerate(zip(placed.tips, surfaces, strict=True)):
         geom = tip_geom(tip)
-        if geom is not None:
+        if geom is not None and i not in placed.floating:
             name = f"fingertip_{i}"
             SubElement(bodies[str(tip["link"])], "geom", {"name": name, "mass": "0", **geom, **TOUCHES, **surface})
     _add_actuators(root, placed)

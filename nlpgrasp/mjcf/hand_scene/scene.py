@@ -20,6 +20,7 @@ from nlpgrasp.mjcf.hand_scene.object_shape import Told, add_object_geoms
 from nlpgrasp.mjcf.hand_scene.options import HandSceneOptions
 from nlpgrasp.mjcf.parts import add_free_body, numbers
 from nlpgrasp.mjcf.scene import DENSITY, require_pressing, text
+from nlpgrasp.solution.obstructions import tips_off
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 from nlpgrasp.tasks.mass import mass_of
@@ -95,7 +96,8 @@ def mjcf_with_hand(
     gains = gains_of(robot, squeeze, given.gain)
     limits = _limits(solution)
     tips = tuple(solution.problem["hand"]["fingertips"])
-    placed = PlacedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits)
+    floating = tips_off(solution.hand)
+    placed = PlacedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits, floating)
     add_hand(root, placed, surfaces, given)
     scale = _scale(squeeze, given.normal_force)
     _require_effort(squeeze, scale)

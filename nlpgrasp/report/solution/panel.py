@@ -8,6 +8,7 @@ from html import escape
 
 from nlpgrasp.common.shown.numbers import at_most, outwards, percent, rounded, typeset
 from nlpgrasp.common.shown.text import capital
+from nlpgrasp.common.shown.words import headroom_words
 from nlpgrasp.report.solution.gauge import gauge, legend, share_left
 from nlpgrasp.solution.measures.quality import held_words
 from nlpgrasp.solution.records import Status
@@ -153,7 +154,7 @@ def _best(solution: GraspSolution) -> list[Fact]:
         return []
     upper = at_most(bound.upper)
     gap = bound.gap(solution.mu.lower)
-    told = f"no placement is more than {at_most(100.0 * gap, 2)} % better"
+    told = headroom_words(gap, 2).replace("%", " %")
     if bound.is_loose(gap) or not math.isfinite(gap):
         told = "no placement is above this"
     loose = ". A loose bound: it says little of this grasp" if bound.is_loose(gap) else ""

@@ -11,14 +11,16 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.asked import Asked
+from nlpgrasp.solution.link_depth import LinkDepth
 from nlpgrasp.solution.measures.needed import ForcesNeeded
+from nlpgrasp.solution.obstructions import jaws_depth, link_depth_of, no_approach, of_the_way, way_in_of
 from nlpgrasp.solution.phases.phase import Phase, phases_from
 from nlpgrasp.solution.squeezed.joints import JointSqueeze
 from nlpgrasp.solution.squeezed.squeeze import Squeeze, finger_wrenches
 
 MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
 ROUNDING = 1e-6  # relative
-FREE = 1e-3  # metres: a way in that leads no deeper into anything counts as free
+FINE = 5e-5  # metres: less is not worth a number
 
 
 class ByHand(Asked):
@@ -35,20 +37,51 @@ class ByHand(Asked):
             return None
         return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
 
+    @property
+    def link_depth(self) -> LinkDepth | None:
+        """How deep the hand's links are in the body and its surroundings; None of hands without links, or unknown."""
+        return link_depth_of(self.hand)
+
+    @property
+    def way_in(self) -> LinkDepth | None:
+        """How deep the links are in anything on the way to the grasp; None where no such way is known."""
+        return way_in_of(self.hand)
+
+    @property
+    def touches(self) -> bool:
+        """Whether a link is deeper in anything than is allowed; false where that is not known."""
+        return self.link_depth is not None and not self.link_depth.is_free
+
+    @property
+    def has_free_way(self) -> bool:
+        """Whether nothing that is known blocks the straight way to the grasp."""
+        return not of_the_way(self.hand)
+
     def approach_line(self) -> str:
         """Return in words why the palm does not come straight to the grasp; empty where it does, or none is known."""
-        reason = ((self.hand or {}).get("approach") or {}).get("reason")
-        return f"no free straight way of the palm to the grasp: {reason}" if reason else ""
+        return no_approach(self.hand)
 
     def lines_by_hand(self) -> list[str]:
         """Return what is known of the hand's joints, squeeze and way to the grasp, in words."""
-        return list(filter(None, (self.effort_line(), self.squeeze_line(), self.approach_line(), self.gripper_line())))
+        return list(filter(None, (self.effort_line(), self.squeeze_line(), self.links_line(), self.gripper_line())))
+
+    def links_line(self) -> str:
+        """Return in words how deep the links are in anything, in the grasp and before; empty where it is not known."""
+        depth, way = self.link_depth, self.way_in
+        if depth is None:
+            known = "tip_gaps" in (self.hand or {})
+            return "the hand's links have no collision shapes: what they run into is not known" if known else ""
+        allowed = f"{rounded(1e3 * depth.tolerance)} mm allowed"
+        there = depth.words if depth.depth > FINE else "the links are outside the body and its surroundings"
+        if way is None:
+            return f"{there} ({allowed})"
+        free = f"at most {rounded(1e3 * way.depth, 2)} mm inside anything" if way.depth > FINE else "outside as well"
+        return f"{there} ({allowed}); on the way in, looked at in {way.postures} postures, {free}"
 
     @property
     def way_blocked(self) -> float:
         """How deep the straight way of parallel jaws leads into what is beside it, metres; 0 where it is free."""
-        depth = float(((self.hand or {}).get("approach") or {}).get("depth", 0.0))
-        return depth if depth > FREE else 0.0
+        return jaws_depth(self.hand)
 
     def gripper_line(self) -> str:
         """Return in words how parallel jaws come to the grasp; empty of other hands."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from nlpgrasp.common.shown.drawing import Drawing
-from nlpgrasp.common.shown.numbers import at_most, rounded
+from nlpgrasp.common.shown.numbers import at_most
 from nlpgrasp.common.shown.words import measure_word
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
@@ -18,11 +18,12 @@ from nlpgrasp.solution.measures.by_hand import ByHand
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.measures.quality import Quality, held_words
+from nlpgrasp.solution.obstructions import of_the_grasp, of_the_way
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.schema.types import SolverData
-from nlpgrasp.solution.starts import passed_over, starts_lines, winner_of
+from nlpgrasp.solution.starts import ipopt_lines, passed_over, starts_lines, winner_of
 
 
 class Measured(ByHand):
@@ -50,7 +51,12 @@ class Measured(ByHand):
 
     @property
     def success(self) -> bool:
-        """Whether a grasp with a certified quality above zero was found."""
+        """Whether a grasp with a certified quality above zero was found, and no link of its hand is inside anything."""
+        return self.is_certified and not self.touches
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether a grasp with a certified quality above zero was found, whether its hand can take it or not."""
         return self.grasp is not None and self.mu.lower > 0.0
 
     @property
@@ -90,12 +96,14 @@ class Measured(ByHand):
         if self.status is Status.OPTIMAL:
             told = f"Optimal within {at_most(100.0 * self.gap)}%: {told.removeprefix('Optimal: ')}"
         head, _, rest = told.partition(": ")
+        if self.status is Status.TOUCHES:
+            return f"{head}: {'; and '.join(self.caveats)}; {rest}"
         return f"{head}, but {'; and '.join(self.caveats)}; {rest}" if self.caveats else told
 
     @property
     def caveats(self) -> list[str]:
         """What a user has to know of the grasp before anything else, in words; mostly nothing."""
-        said = []
+        said = [*of_the_grasp(self.hand), *of_the_way(self.hand)]
         if self.robust is not None and self.is_fragile:
             said.append(self.robust.fragile_words(self.mu, self.label))
         if self.needed is not None and self.max_force is not None and self.is_too_weak:
@@ -104,8 +112,6 @@ class Measured(ByHand):
             said.append("the hand cannot squeeze the body")
         if self.beyond_effort:
             said.append(self.beyond_effort)
-        if self.way_blocked:
-            said.append(f"the gripper's way in leads {rounded(1e3 * self.way_blocked, 2)} mm into what is beside it")
         return said
 
     @property
@@ -137,11 +143,11 @@ class Measured(ByHand):
         return winner_of(self.starts, self.best_start)
 
     def starts_lines(self) -> list[str]:
-        """Return in words how the starts ended, and why one with more mu is not the answer where there is one."""
+        """Return in words how the starts ended, why one with more mu is not the answer, and where IPOPT did not run."""
         before = 0.0 if self._room is None else float(self._room["mu_without"]["upper"])
         by_what_is_left = bool(self.solver.get("options", {}).get("maximise_robust"))
         over = passed_over(self.starts, self.winner, before, self.label, by_what_is_left, self.squeeze is not None)
-        return [*starts_lines(self.starts), *over]
+        return [*starts_lines(self.starts), *over, *ipopt_lines(self.solver)]
 
     def __str__(self) -> str:
         lines = [self.title, f"  {self.task_line()}"]

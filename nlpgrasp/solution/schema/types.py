@@ -87,6 +87,7 @@ class ContactData(TypedDict):
     face: NotRequired[str]
     surface_distance: NotRequired[float]
     surface_angle: NotRequired[float]
+    normal_angle: NotRequired[float]
     moved: NotRequired[float]
 
 
@@ -161,6 +162,7 @@ class StartData(TypedDict):
     seconds: dict[str, float]
     message: str
     history: NotRequired[Vector]
+    obstruction: NotRequired[str]
 
 
 class FoundData(TypedDict):
@@ -179,6 +181,8 @@ class SolverData(TypedDict, total=False):
 
     seed: int
     iterations: int
+    ipopt_calls: int
+    ipopt_failures: dict[str, int]
     seconds: dict[str, float]
     options: Json
     keep: int

@@ -1,31 +1,24 @@
-"""What is worth knowing once all starts are done: prices of limits, the pregrasp, or why there is no grasp."""
+"""Analyses after all starts: prices of limits, robustness, the hand's way in; or why there is no grasp."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
-from nlpgrasp.hands import URDFHand
 from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solve.after.drawing import drawing_of
-from nlpgrasp.solve.after.pregrasp import Pregrasp, pregrasp
 from nlpgrasp.solve.after.prices import shadow_prices
 from nlpgrasp.solve.after.robust import robustness
+from nlpgrasp.solve.after.way_in import approached, attempted
 from nlpgrasp.solve.after.why_not import why_not
-from nlpgrasp.solve.phases.keyframes import keyframes
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
-from nlpgrasp.solve.surface.link_depth import LinkDepth, link_depth
-from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -35,14 +28,10 @@ class Aftermath:
     Parameters
     ----------
     prices : tuple of ShadowPrice
-    pregrasp : Pregrasp or None
-        With a hand that has a pose.
-    phases : mapping or None
-        With a hand that has links: what the file says of its phases up to the grasp.
+    hand : mapping or None
+        The hand with its way in, as files state it, where the start does not say it itself.
     why_not : WhyNot or None
         Without a grasp.
-    link_depth : LinkDepth or None
-        With a hand that has links.
     robust : Robustness or None
     drawing : Drawing or None
     seconds : dict
@@ -50,13 +39,11 @@ class Aftermath:
     """
 
     prices: tuple[ShadowPrice, ...] = ()
-    pregrasp: Pregrasp | None = None
+    hand: Json | None = None
     why_not: WhyNot | None = None
-    link_depth: LinkDepth | None = None
     robust: Robustness | None = None
     drawing: Drawing | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
-    phases: Json | None = None
 
 
 def look_back(
@@ -72,32 +59,14 @@ def look_back(
             found_out = attempted(lambda: why_not(bench, results, seed, stop))
             clock.mark("why not")
             return Aftermath(why_not=found_out, seconds=clock.seconds)
-        before = before_grasp(bench, best.found, clock)
+        hand = best.hand or approached(bench, best, clock).hand
         told = extras(bench, best, stop, clock) if bench.options.extras else Aftermath(robust=best.robust)
-        return replace(told, pregrasp=before.pregrasp, phases=before.phases, seconds=clock.seconds)
-
-
-def before_grasp(bench: Workbench, found: OnBody, clock: Clock) -> Aftermath:
-    """Return the pregrasp and the phases of a grasp, with a hand that has them."""
-    hand, opened, phases = bench.problem.hand, None, None
-    if not bench.follows_contacts:
-        opened = attempted(lambda: pregrasp(bench, found, bench.options.pregrasp_clearance))
-        clock.mark("pregrasp")
-    if isinstance(hand, URDFHand):
-        linked, grasp = hand, found.placed.hand
-        phases = attempted(lambda: keyframes(bench.problem, linked, grasp, None if opened is None else opened.hand))
-        clock.mark("phases")
-    return Aftermath(pregrasp=opened, phases=phases)
+        return replace(told, hand=hand, seconds=clock.seconds)
 
 
 def extras(bench: Workbench, best: StartGrasp, stop: Stop, clock: Clock) -> Aftermath:
-    """Return what a grasp is not the worse for without: depth of the links, prices, robustness, drawing."""
-    hand, found = bench.problem.hand, best.found
-    depth, prices = None, None
-    if isinstance(hand, URDFHand):
-        linked = hand
-        depth = attempted(lambda: link_depth(bench.problem.body, linked, found.placed.hand))
-        clock.mark("link depth")
+    """Return what a grasp is not the worse for without: prices, robustness, drawing."""
+    hand, found, prices = bench.problem.hand, best.found, None
     if bench.options.shadow_prices:
         prices = attempted(lambda: shadow_prices(bench, best, stop))
         clock.mark("prices")
@@ -105,12 +74,4 @@ def extras(bench: Workbench, best: StartGrasp, stop: Stop, clock: Clock) -> Afte
     clock.mark("robustness")
     drawing = attempted(lambda: drawing_of(bench.problem.body, hand, found.placed.hand))
     clock.mark("drawing")
-    return Aftermath(prices or (), None, None, depth, robust, drawing)
-
-
-def attempted(work: Callable[[], T]) -> T | None:
-    """Return what the work returns, or None where it fails numerically."""
-    try:
-        return work()
-    except (RuntimeError, ArithmeticError, ValueError):
-        return None
+    return Aftermath(prices or (), robust=robust, drawing=drawing)

@@ -10,17 +10,16 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import integer, share
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.many.found import FoundGrasp
+from nlpgrasp.solution.obstructions import of_the_grasp, of_the_way
 from nlpgrasp.solve.after.least_forces import least_forces
-from nlpgrasp.solve.after.look_back import Aftermath, attempted, before_grasp
 from nlpgrasp.solve.after.robust import robustness
-from nlpgrasp.solve.answer import hand_data
+from nlpgrasp.solve.after.way_in import approached, attempted, hand_posture
 from nlpgrasp.solve.many.distinct import Distinct
 from nlpgrasp.solve.many.likeness import Likeness
 from nlpgrasp.solve.many.neighbours import neighbours
 from nlpgrasp.solve.start.given import Given, run_given
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import with_hand
-from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -82,8 +81,9 @@ class Collection:
         """Begin to work on grasps beside the answer, given with the results of all starts."""
         kept, runner, stop = self._kept, self._runner, self._stop
         kept.offer(best)
-        solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.index != best.record.index]
-        solved.sort(key=lambda r: (-r.record.mu.lower, r.record.index))
+        ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
+        solved = [r for r in ended if r.record.index != best.record.index]
+        solved.sort(key=lambda r: (not r.solved, -r.record.mu.lower, r.record.index))
         for start in solved:
             kept.offer(start)
         self._ends = runner.begin(partial(_finished, stop=stop), kept.grasps[1:])
@@ -102,9 +102,14 @@ class Collection:
             self._begun = self._next()
         found = [*self._ends(), *self._filled]
         weighs = self._runner.options.weighs_fragility
-        if self._runner.options.maximise_robust:
-            return tuple(sorted(found, key=lambda f: -(f.mu if f.robust is None else f.robust.mu).lower))
-        return tuple(sorted(found, key=lambda f: (weighs and f.is_fragile, -f.mu.lower)))
+        by_robust = self._runner.options.maximise_robust
+
+        def order(grasp: FoundGrasp) -> tuple[bool, bool, bool, float]:
+            bounds = grasp.robust.mu if by_robust and grasp.robust is not None else grasp.mu
+            fragile = weighs and not by_robust and grasp.is_fragile
+            return bool(of_the_grasp(grasp.hand)), bool(of_the_way(grasp.hand)), fragile, -bounds.lower
+
+        return tuple(sorted(found, key=order))
 
     def _next(self) -> Callable[[], list[_Filled | None]] | None:
         """Begin to certify and finish about as many as are missing; None where there are none, or no time."""
@@ -141,14 +146,14 @@ def _finished(bench: Workbench, start: StartGrasp, stop: Stop) -> FoundGrasp:
     placed, grasp = start.found.placed, start.found.grasp
     with one_thread():
         if stop.requested():
-            return _told(bench, start, start.robust, Aftermath())
+            return _told(bench, replace(start, hand=hand_posture(bench.problem, start)), start.robust)
         robust = start.robust
         if robust is None and bench.options.extras:
             robust = attempted(lambda: robustness(bench, placed, grasp, quickly=True))
-        return _told(bench, start, robust, before_grasp(bench, start.found, Clock()))
+        return _told(bench, start if start.hand else approached(bench, start), robust)
 
 
-def _told(bench: Workbench, start: StartGrasp, robust: Robustness | None, before: Aftermath) -> FoundGrasp:
+def _told(bench: Workbench, start: StartGrasp, robust: Robustness | None) -> FoundGrasp:
     found, bounds = start.found, start.record.mu
     exerted = least_forces(bench.problem, found.grasp, bench.budget(found.placed), bounds)
     return FoundGrasp(
@@ -156,7 +161,7 @@ def _told(bench: Workbench, start: StartGrasp, robust: Robustness | None, before
         found.placed.faces,
         bounds,
         bench.problem.task.measure,
-        hand_data(bench.problem, found, before),
+        start.hand,
         None if robust is None else robust.beside(bounds),
         exerted.forces,
         exerted.moments,

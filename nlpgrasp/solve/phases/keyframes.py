@@ -16,6 +16,7 @@ from nlpgrasp.solution.phases.phase import APPROACH, GRASP, LIFT, PREGRASP, SQUE
 from nlpgrasp.solve.phases.approach import free_approach, ways_of_palm
 from nlpgrasp.solve.phases.lifted import lifted
 from nlpgrasp.solve.phases.opened import opened_straight
+from nlpgrasp.solve.space.link_depth import LinkDepths
 from nlpgrasp.solve.space.room import least_room
 from nlpgrasp.solve.space.surroundings import Surroundings
 
@@ -24,7 +25,9 @@ DIRECTIONS = 60
 NO_PREGRASP = "the hand has no pregrasp"
 
 
-def keyframes(problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Values | None) -> Json:
+def keyframes(
+    problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Values | None, links: LinkDepths | None = None
+) -> Json:
     """Return the phases up to the grasp, as they stand in a file beside the pregrasp.
 
     The palm keeps its orientation. It comes straight, in the first free one of many directions, that in which it faces
@@ -36,15 +39,18 @@ def keyframes(problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Va
     hand : URDFHand
     grasp, pregrasp : dict
         Values of the hand's variables; None where there is no pregrasp.
+    links : LinkDepths, optional
+        Of the same problem and hand, where they are known.
 
     Returns
     -------
     dict
-        ``approach`` (``direction`` and ``distance``, or the ``reason`` why there is none), ``phases`` and ``lift``.
+        ``approach`` (``direction`` and ``distance``, or the ``reason`` why there is none), ``way_in`` (how deep the
+        links themselves are in anything on that way and while the fingers close), ``phases`` and ``lift``.
     """
     around = Surroundings(problem, hand)
     last = Phase.of(GRASP, hand.describe(grasp))
-    rest = {"phases": [last.to_dict()], "lift": lifted(around, problem, grasp)}
+    rest: dict[str, Json | list[Json]] = {"phases": [last.to_dict()], "lift": lifted(around, problem, grasp)}
     if pregrasp is None:
         return {"approach": _none(NO_PREGRASP), **rest}
     before = pregrasp  # by another name, for the closure
@@ -59,6 +65,10 @@ def keyframes(problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Va
     if found.fingers is None:
         return {"approach": _none(found.reason), **rest}
     open_hand = hand.describe(found.fingers.values)
+    turns = [found.fingers.values] if found.direction is None else [found.outside[-1].values, found.fingers.values]
+    links = links or LinkDepths(problem, hand)
+    if links.has_shapes:
+        rest["way_in"] = links.on_the_way(turns, grasp).to_dict()
     if found.direction is None:
         phases = [Phase.of(PREGRASP, open_hand), last]
         return {"approach": _none(found.reason), **rest, "phases": [phase.to_dict() for phase in phases]}

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nlpgrasp.bodies import Body, Mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Table
@@ -13,10 +14,10 @@ from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.fields import Field, fields_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve.space.surroundings import Surroundings
-from nlpgrasp.solve.surface.link_depth import body_samples
 
 LIFT = 0.2  # metres
 STEP = 2e-3  # metres between two looks where something is near
+SAMPLES = 4000  # of the body's surface
 
 
 def lifted(around: Surroundings, problem: GraspProblem, values: Values) -> Json:
@@ -48,6 +49,15 @@ def lifted(around: Surroundings, problem: GraspProblem, values: Values) -> Json:
         height, blocked_by = _free(others, points, radii, around.tolerance)
         reason = f"{blocked_by} is in the way of a lift by {1e3 * LIFT:.0f} mm" if blocked_by else ""
     return {"direction": up.tolist(), "distance": height, **({"reason": reason} if reason else {})}
+
+
+def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
+    """Return samples (m, 3) of the body's surface; of a mesh its vertices too."""
+    if isinstance(body, Mesh):
+        vertices = np.asarray(body.mesh.vertices, dtype=float)
+        return np.concatenate([vertices, body.surface_samples(SAMPLES, rng)[0]])
+    each = max(SAMPLES // len(body.face_names), 50)
+    return np.concatenate([body.sample(name, each, rng) for name in body.face_names])
 
 
 def _free(fields: Sequence[Field], points: FloatArray, radii: FloatArray, tolerance: float) -> tuple[float, str]:

@@ -12,14 +12,12 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality import Bounds, mu
-from nlpgrasp.solution.placed import SurfaceMatch
-from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.ascent.exchange import exchange
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.surface.match import match_on_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
-from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -103,17 +101,17 @@ def _as_given(bench: Workbench, given: Given) -> OnBody:
     own, match = bench.inward_normals(placed), None
     smooth = own
     if isinstance(body, Mesh):
-        points, outward, apart = body.closest(placed.points)
+        points, outward, _ = body.closest(placed.points)
         placed, own = Placed(placed.faces, points, placed.hand), -outward
     if given.normals.shape == own.shape:
         known = ~np.any(np.isnan(given.normals), axis=1)
         own = np.where(known.reshape(-1, 1), given.normals, own)
         points = np.where(known.reshape(-1, 1), given.placed.points, placed.points)
         placed = Placed(placed.faces, points, placed.hand)
+    grasp = bench.grasp_at(placed.points, own)
     if isinstance(body, Mesh):
-        angles = np.arccos(np.clip(np.sum(smooth * own, axis=1), -1.0, 1.0))
-        match = SurfaceMatch(apart, angles, np.linalg.norm(placed.points - given.placed.points, axis=1))
-    return OnBody.of(bench, placed, bench.grasp_at(placed.points, own), match)
+        match = match_on_mesh(body, given.placed.points, grasp, smooth, bench.follows_contacts)
+    return OnBody.of(bench, placed, grasp, match)
 
 
 def _certified(bench: Workbench, found: OnBody, state: AscentState, start: _Start, floor: float) -> StartGrasp:
@@ -121,16 +119,5 @@ def _certified(bench: Workbench, found: OnBody, state: AscentState, start: _Star
     bounds = mu(found.grasp, bench.problem.task, bench.options.rtol, force_budget=budget)
     if found.allowed:
         bounds = Bounds(max(bounds.lower, floor), max(bounds.upper, floor), bounds.worst_direction)
-    record = StartRecord(
-        start.index,
-        Status.SOLVED if bounds.lower > 0.0 and found.allowed else Status.NO_GRASP,
-        found.placed.faces,
-        bounds,
-        found.violation,
-        state.effort.iterations,
-        seconds={"given": time.perf_counter() - start.begun},
-        message=start.message,
-        history=tuple(state.history),
-    )
-    reports = constraint_reports(bench, found, state.multipliers)
-    return StartGrasp(record, found, reports, state.effort, None, state.placed)
+    seconds = {"given": time.perf_counter() - start.begun}
+    return StartGrasp.of(bench, start.index, found, bounds, state, start.message, seconds)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.joint_room import JointRoom
+from nlpgrasp.solution.link_depth import LinkDepth
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
-from nlpgrasp.solve.ascent.state import Effort
+from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.workbench import Workbench
 
 
 @dataclass(frozen=True)
@@ -26,7 +31,7 @@ class StartResult:
 
     @property
     def solved(self) -> bool:
-        """Whether the start ended with a certified grasp that keeps the constraints."""
+        """Whether the start ended with a certified grasp that keeps the constraints, and that its hand can take."""
         return self.record.status is Status.SOLVED
 
     @property
@@ -51,6 +56,12 @@ class StartGrasp(StartResult):
         Where the exchange ended, before the contacts went onto a mesh itself.
     room : JointRoom or None
         How far the hand's joints are from their limits, where that was looked at.
+    depth : LinkDepth or None
+        Penetration of the links, with a hand whose links have shapes.
+    tip_gaps : tuple of (float or None)
+        How far each contact is from its fingertip's link, metres, with a hand that has links.
+    hand : mapping or None
+        The hand with its way in, as files state it, where that was looked at.
     """
 
     found: OnBody
@@ -59,6 +70,45 @@ class StartGrasp(StartResult):
     robust: Robustness | None
     ascended: Placed
     room: JointRoom | None = None
+    depth: LinkDepth | None = None
+    tip_gaps: tuple[float | None, ...] = ()
+    hand: Json | None = None
+
+    @classmethod
+    def of(
+        cls,
+        bench: Workbench,
+        index: int,
+        found: OnBody,
+        bounds: Bounds,
+        state: AscentState,
+        message: str,
+        seconds: Mapping[str, float] | None = None,
+        robust: Robustness | None = None,
+    ) -> StartGrasp:
+        """Return the end of a start, with its record: solved where the grasp is certified, allowed and free."""
+        depth, gaps, links = None, list[float | None](), bench.link_depths
+        if links is not None:
+            depth = links.at(found.placed.hand) if links.has_shapes else None
+            gaps = links.tip_gaps(found.placed.hand, found.grasp.points)
+        status = Status.SOLVED if bounds.lower > 0.0 and found.allowed else Status.NO_GRASP
+        touches = depth is not None and not depth.is_free
+        if touches and status is Status.SOLVED:
+            status = Status.TOUCHES
+        record = StartRecord(
+            index,
+            status,
+            found.placed.faces,
+            bounds,
+            found.violation,
+            state.effort.iterations,
+            seconds=seconds or {},
+            message=message,
+            history=tuple(state.history),
+            obstruction=depth.words if depth is not None and touches else "",
+        )
+        reports = constraint_reports(bench, found, state.multipliers)
+        return cls(record, found, reports, state.effort, robust, state.placed, depth=depth, tip_gaps=tuple(gaps))
 
     @property
     def effort(self) -> Effort:

@@ -22,7 +22,6 @@ from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.surface.facing import has_jaws_on_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import put_on_body
-from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
@@ -146,18 +145,9 @@ class _Attempts:
             self.clock.mark("robust")
         bounds = _certified(bench, found, state, self.stop.certificate_deadline(GRACE))
         self.clock.mark("certificate")
-        record = StartRecord(
-            self.index,
-            Status.SOLVED if bounds.lower > 0.0 and found.allowed else Status.NO_GRASP,
-            found.placed.faces,
-            bounds,
-            found.violation,
-            state.effort.iterations,
-            message=first.message,
-            history=tuple(state.history),
-        )
-        reports = constraint_reports(bench, found, state.multipliers)
-        return StartGrasp(record, found, reports, state.effort, robust, state.placed)
+        end = StartGrasp.of(bench, self.index, found, bounds, state, first.message, robust=robust)
+        self.clock.mark("link depth")
+        return end
 
 
 def _slowest(bench: Workbench, first: FirstResult) -> float:
@@ -197,9 +187,13 @@ def _certified(bench: Workbench, found: OnBody, state: AscentState, deadline: fl
 
 
 def _best_attempt(attempts: _Attempts) -> StartGrasp:
-    """Return the best of the first attempts that exert the task and keep the constraints; without any, the first."""
+    """Return the best of the first attempts that exert the task and keep the constraints; without any, the first.
+
+    Its effort is that of all attempts.
+    """
     each = iter(attempts)
     first = following = next(each)
+    effort = first.effort
     solved: list[StartGrasp] = []
     while True:
         solved += [following] if following.solved else []
@@ -209,4 +203,6 @@ def _best_attempt(attempts: _Attempts) -> StartGrasp:
         if found is None:
             break
         following = found
-    return max(solved, key=lambda grasp: grasp.rank.lower) if solved else first
+        effort += found.effort
+    best = max(solved, key=lambda grasp: grasp.rank.lower) if solved else first
+    return replace(best, spent=effort)

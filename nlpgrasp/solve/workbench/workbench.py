@@ -13,10 +13,12 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.hands import URDFHand
 from nlpgrasp.nlp import CompiledProgram, Scaling, VirtualWork
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.space.link_depth import LinkDepths
 from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.mesh_climb import MeshClimb
 from nlpgrasp.solve.workbench.placed import Placed
@@ -65,6 +67,12 @@ class Workbench:
         self.exchange = ExchangeProgram(problem, options, cuts)
         self._first: dict[int, CompiledProgram] = {}  # by the number of samples
 
+    @cached_property
+    def link_depths(self) -> LinkDepths | None:
+        """What measures how deep links are in the body and its surroundings; None without a hand that has links."""
+        hand = self.problem.hand
+        return LinkDepths(self.problem, hand, self.options.link_tolerance) if isinstance(hand, URDFHand) else None
+
     def with_task(self, problem: GraspProblem) -> Workbench:
         """Return the workbench of a problem that differs in its task alone: programs and samples are shared.
 
@@ -102,6 +110,7 @@ class Workbench:
     def _sharing(self, other: Workbench) -> Workbench:
         """Return another workbench with this one's rows and samples, which neither task nor budget changes."""
         other.rows, other.surface, other.hand_points = self.rows, self.surface, self.hand_points
+        other.link_depths = self.link_depths
         return other
 
     @cached_property

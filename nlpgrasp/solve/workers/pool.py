@@ -21,6 +21,7 @@ from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.choice import chosen
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
+from nlpgrasp.solve.after.way_in import with_free_way
 from nlpgrasp.solve.ascent.steps.registry import model_of
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.outlook import Outlook, outlook
@@ -144,6 +145,19 @@ class Runner:
         if best is None or not self.options.seeks_room or self.problem.hand is None or stop.requested():
             return best
         return next(iter(self.begin(partial(with_room, stop=stop), [best])()), best)
+
+    def reachable(self, best: StartGrasp | None, results: list[StartResult], stop: Stop) -> StartGrasp | None:
+        """Return the answer with its hand's way in: the best start, or the next one whose way is free.
+
+        The results of the starts that were looked at are replaced, with what blocks them.
+        """
+        if best is None or self.problem.hand is None or stop.requested():
+            return best
+        seen = self.begin(partial(with_free_way, results=list(results), stop=stop), [best])
+        looked_at = next(iter(seen()), (best,))
+        by_index = {start.record.index: start for start in looked_at}
+        results[:] = [by_index.get(result.record.index, result) for result in results]
+        return looked_at[0]
 
     def begin(self, work: Callable[[Workbench, Item], Found], items: Sequence[Item]) -> Callable[[], list[Found]]:
         """Begin what a function of some module makes of the workbench and each item.

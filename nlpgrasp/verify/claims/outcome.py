@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from nlpgrasp.common.shown.words import headroom_words
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check
 
-WITH_GRASP = (Status.SOLVED, Status.OPTIMAL)
+WITH_GRASP = (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES)
 WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
 SAME = 1e-9  # relative
 KEPT = 0.5  # of the best start's mu: what a grasp that is not fragile has at least, to win over a fragile one
@@ -33,9 +34,11 @@ def _status(solution: GraspSolution) -> Iterator[str]:
         yield f"{status}, and a grasp with mu in {solution.mu}"
     elif solution.status in WITH_GRASP and not solution.mu.lower > 0.0:
         yield f"{status}, and no certified quality above zero"
+    if solution.status in WITH_GRASP and (solution.status is Status.TOUCHES) != solution.touches:
+        yield f"{status}, and links that are stated to be {'inside something' if solution.touches else 'free'}"
     asked = solution.solver.get("options", {}).get("gap")
     if solution.status is Status.OPTIMAL and not (isinstance(asked, float) and solution.gap <= asked):
-        yield f"optimal, and {solution.gap:.2%} below the best possible, {asked} asked for"
+        yield f"optimal, with a gap of {asked} asked for, and {headroom_words(solution.gap)}"
     if solution.why_not is not None:
         yield "a grasp, and why there is none"
 
@@ -54,7 +57,7 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
     if best is None:
         return
     name = f"start {best.index}"
-    if best.status is not Status.SOLVED:
+    if not best.has_grasp:
         yield f"{name} won and ended {best.status.name.lower()}"
     if best.faces != solution.faces:
         yield f"{name} won on other faces"
@@ -65,7 +68,9 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
     if not options.get("maximise_robust", False):
         most = max(best.mu.upper, _without_room(solution))
         most /= KEPT if options.get("rank") == "robust" and _is_steady(solution) else 1.0
-        better = [s.index for s in solution.starts if s.status is Status.SOLVED and s.mu.lower > most]
+        free = solution.has_free_way  # then starts that something obstructs rank behind it
+        rivals = [s for s in solution.starts if s.status is Status.SOLVED and not (free and s.obstruction)]
+        better = [s.index for s in rivals if s.mu.lower > most]
         if better:
             yield f"start {better[0]} is better than start {best.index}, which won"
 

@@ -24,7 +24,7 @@ def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     clearance, name = number("clearance", data["clearance"], at_least=0.0), str(data["name"])
 
     def row(part: str, centre: FloatArray, radius: float, error: float) -> RowValue:
-        value = float(surface.distance(_local(data, centre)[None])[0])
+        value = float(surface.distance(in_frame_of(data, centre)[None])[0])
         lower, doubt = radius + clearance, error + surface.rough
         return RowValue(
             f"{name}, {part}", value, lower, scale=placement.size, error=doubt, stated_below=surface.rough > 0.0
@@ -36,10 +36,11 @@ def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
         yield row(ball.name, ball.centre, ball.radius, placement.error)
 
 
-def _local(data: Json, point: FloatArray) -> FloatArray:
-    """Return a point in the obstacle's frame."""
+def in_frame_of(data: Json, points: FloatArray) -> FloatArray:
+    """Return a point (space,), or points (m, space), in the obstacle's frame."""
+    point = points
     if data["position"] is not None:
-        point = point - array("position", data["position"], point.shape)
+        point = point - array("position", data["position"], point.shape[-1:])
     if data["quaternion_wxyz"] is None:
         return point
     turned = Rotation.from_quat(unit("quaternion_wxyz", data["quaternion_wxyz"], 4), scalar_first=True)

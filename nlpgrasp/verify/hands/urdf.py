@@ -26,6 +26,7 @@ from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.hands.kinematics import Link, jacobian, loaded, poses, ranges, reach
 from nlpgrasp.verify.hands.links import links_in
+from nlpgrasp.verify.hands.shapes import LinkShape, link_shapes
 from nlpgrasp.verify.hands.tips import Touching, centre_of, radius_of, touching_rows
 from nlpgrasp.verify.placement import Ball, Palm, StatedPlacement
 from nlpgrasp.verify.rows import PROMISE, RowValue
@@ -116,6 +117,23 @@ class URDFNumbers:
         if hashlib.sha256(place.read_bytes()).hexdigest() != self.data["sha256"]:
             raise NotMadeError(f"{place.name} has another sha256 than the file records")
         return links_in(place, str(self.data["palm"]))
+
+    @cached_property
+    def shapes(self) -> dict[str, list[LinkShape]]:
+        """The collision shapes of the links below the palm, by link."""
+        place = self.sources.find(self.data.get("source"))
+        below = {str(self.data["palm"]), *(link.name for link in self.links)}
+        return {link: shapes for link, shapes in link_shapes(place, place.read_bytes()).items() if link in below}
+
+    def is_fixed(self, link: str, other: str) -> bool:
+        """Return whether no joint moves between two links."""
+        return self._rigid_root(link) == self._rigid_root(other)
+
+    def _rigid_root(self, link: str) -> str:
+        above = {below.name: below for below in self.links}
+        while link in above and not above[link].moves:
+            link = above[link].parent
+        return link
 
     @cached_property
     def poses(self) -> dict[str, FloatArray]:

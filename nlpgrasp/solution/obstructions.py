@@ -1,0 +1,60 @@
+"""Obstructions of a hand in its grasp and on the straight way there, as ``hand`` of a file states them."""
+
+from __future__ import annotations
+
+from nlpgrasp.common.shown.numbers import rounded
+from nlpgrasp.common.types import Json
+from nlpgrasp.solution.link_depth import TOLERANCE, LinkDepth
+
+
+def link_depth_of(hand: Json | None) -> LinkDepth | None:
+    """Return the penetration of the links in the grasp; None of hands without links, or where it is unknown."""
+    return _depth(hand, "link_depth")
+
+
+def way_in_of(hand: Json | None) -> LinkDepth | None:
+    """Return the penetration of the links on the way to the grasp; None where no such way is known."""
+    return _depth(hand, "way_in")
+
+
+def tips_off(hand: Json | None) -> dict[int, float]:
+    """Return how far contacts are off the links of their fingertips, metres, by finger: those off by a millimetre."""
+    gaps = (hand or {}).get("tip_gaps") or ()
+    return {i: float(gap) for i, gap in enumerate(gaps) if gap is not None and gap > TOLERANCE}
+
+
+def jaws_depth(hand: Json | None) -> float:
+    """Return how deep the straight way of parallel jaws leads into anything, metres; 0 where it is free."""
+    depth = float(((hand or {}).get("approach") or {}).get("depth", 0.0))
+    return depth if depth > TOLERANCE else 0.0
+
+
+def no_approach(hand: Json | None) -> str:
+    """Return in words why the palm does not come straight to the grasp; empty where it does, or none is known."""
+    reason = ((hand or {}).get("approach") or {}).get("reason")
+    return f"no free straight way of the palm to the grasp: {reason}" if reason else ""
+
+
+def of_the_grasp(hand: Json | None) -> list[str]:
+    """Return what is wrong with the hand in the grasp itself, in words: links inside something, contacts off links."""
+    depth, links = link_depth_of(hand), (hand or {}).get("fingertips") or ()
+    said = [] if depth is None or depth.is_free else [depth.words]
+    for i, gap in tips_off(hand).items():
+        link = f" {links[i]}" if i < len(links) else ""
+        said.append(f"contact {i} is {rounded(1e3 * gap, 2)} mm off its fingertip's link{link}, by that link's shape")
+    return said
+
+
+def of_the_way(hand: Json | None) -> list[str]:
+    """Return what is wrong with the straight way to the grasp, in words."""
+    said, jaws, way, depth = [], jaws_depth(hand), way_in_of(hand), link_depth_of(hand)
+    if jaws:
+        said.append(f"the gripper's way in leads {rounded(1e3 * jaws, 2)} mm into what is beside it")
+    if way is not None and not way.is_free and (depth is None or depth.is_free):
+        said.append(f"on the way in {way.words}")
+    return said + list(filter(None, [no_approach(hand)]))
+
+
+def _depth(hand: Json | None, key: str) -> LinkDepth | None:
+    stated = (hand or {}).get(key)
+    return None if stated is None else LinkDepth.from_dict(stated, f"hand.{key}")

@@ -1,0 +1,113 @@
+"""Hand of a grasp as files state it, with its way in; and the choice of a grasp that the hand reaches freely."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import Approach
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.problem.fields import distance_to_all, fields_of
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.obstructions import of_the_way
+from nlpgrasp.solve.after.pregrasp import pregrasp
+from nlpgrasp.solve.phases.keyframes import keyframes
+from nlpgrasp.solve.posture.roomy import with_room
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.workbench.clock import Clock
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.one_thread import one_thread
+
+T = TypeVar("T")
+
+
+def with_free_way(
+    bench: Workbench, best: StartGrasp, results: Sequence[StartResult], stop: Stop
+) -> tuple[StartGrasp, ...]:
+    """Return the start that is the answer, with its way in, then others whose way in was found to be blocked.
+
+    That is the best one where its way is free; else the next in the order of mu whose way is, and the best one again
+    where there is none.
+
+    Parameters
+    ----------
+    bench : Workbench
+    best : StartGrasp
+        The best start, by quality and robustness.
+    results : sequence of StartResult
+        All of them.
+    stop : Stop
+    """
+    with one_thread():
+        first = approached(bench, best)
+        if not first.record.obstruction or not first.solved:
+            return (first,)
+        blocked = [first]
+        others = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.index != best.record.index]
+        for other in sorted(others, key=lambda r: (-r.record.mu.upper, r.record.index)):
+            if stop.requested():
+                break
+            found = approached(bench, with_room(bench, other, stop) if bench.options.seeks_room else other)
+            if found.solved and not found.record.obstruction:
+                return (found, *blocked)
+            blocked.append(found)
+        return tuple(blocked)
+
+
+def approached(bench: Workbench, start: StartGrasp, clock: Clock | None = None) -> StartGrasp:
+    """Return a start with its hand as files state it: posture, pregrasp, phases, penetration of its links."""
+    clock = clock or Clock()
+    problem, placed = bench.problem, start.found.placed
+    hand = hand_posture(problem, start)
+    if hand is None:
+        return start
+    if not bench.follows_contacts:
+        opened = attempted(lambda: pregrasp(bench, start.found, bench.options.pregrasp_clearance))
+        clock.mark("pregrasp")
+        model, links = problem.hand, bench.link_depths
+        if opened is not None and model is not None:
+            hand["pregrasp"] = {"clearance": opened.clearance, **model.describe(opened.hand)}
+        if isinstance(model, URDFHand) and links is not None:
+            before = None if opened is None else opened.hand
+            hand |= attempted(lambda: keyframes(problem, model, placed.hand, before, links)) or {}
+        clock.mark("phases")
+    if start.record.obstruction:
+        return replace(start, hand=hand)
+    return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(of_the_way(hand))))
+
+
+def hand_posture(problem: GraspProblem, start: StartGrasp) -> dict[str, object] | None:
+    """Return the hand in the grasp as JSON data, None where nothing is to be said of it."""
+    hand, found = problem.hand, start.found
+    if hand is None:
+        return None
+    data = dict(hand.describe(found.placed.hand)) if found.placed.hand else {}
+    cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
+    data |= hand.at_contacts(found.grasp.points, problem.body.size, lambda points: _distance(problem, points), cones)
+    if not data:
+        return None
+    if start.depth is not None:
+        data["link_depth"] = start.depth.to_dict()
+    if start.tip_gaps:
+        data["tip_gaps"] = list(start.tip_gaps)
+    if start.room is not None:
+        data["room"] = start.room.to_dict()
+    return data
+
+
+def _distance(problem: GraspProblem, points: FloatArray) -> FloatArray:
+    """Return the distances of points (m, space) from the body and what constraints keep a hand away from, (m,)."""
+    return distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models)))(points)
+
+
+def attempted(work: Callable[[], T]) -> T | None:
+    """Return what the work returns, or None where it fails numerically."""
+    try:
+        return work()
+    except (RuntimeError, ArithmeticError, ValueError):
+        return None
