@@ -38,7 +38,10 @@ def no_approach(hand: Json | None) -> str:
 def of_the_grasp(hand: Json | None) -> list[str]:
     """Return what is wrong with the hand in the grasp itself, in words: links inside something, contacts off links."""
     depth, links = link_depth_of(hand), (hand or {}).get("fingertips") or ()
-    said = [] if depth is None or depth.is_free else [depth.words]
+    said = []
+    if depth is not None and depth.depth > min(depth.tolerance, TOLERANCE):
+        allowed = f" ({rounded(1e3 * depth.tolerance)} mm allowed)" if depth.is_free else ""
+        said.append(f"{depth.words}{allowed}")
     for i, gap in tips_off(hand).items():
         link = f" {links[i]}" if i < len(links) else ""
         said.append(f"contact {i} is {rounded(1e3 * gap, 2)} mm off its fingertip's link{link}, by that link's shape")

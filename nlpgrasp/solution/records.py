@@ -51,7 +51,8 @@ class StartRecord:
     violation : float
         Largest violation of a constraint row, relative to the row's scale; inf when unknown.
     iterations : int
-        IPOPT iterations of all its solves.
+        IPOPT iterations of the attempt that is kept; 0 where the start began from a known grasp and every step was a
+        quadratic program.
     seconds : mapping
         Wall time by stage: ``screen``, ``vertex``, ``exchange``, ``mesh``, ``certificate``.
     message : str

@@ -50,11 +50,14 @@ def solve(
 ) -> GraspSolution:
     """Find the best grasp over several seeded starts and certify it.
 
-    A short look over all placements bounds mu from above and meets grasps that half of the starts begin from. Each
-    other start draws random placements, screens them, solves the first program, refines the best contacts with
-    the exchange, puts them on the body and certifies them. The answer is the start with the best certified
-    bounds; ``solution.gap`` says how far it is from the best possible, at most, and with ``SolveOptions(gap=...)``
-    the search goes on until it is as close as that. The same seed gives the same answer with any number of workers
+    A short branch and bound over all placements, where it covers the problem, bounds mu from above and gives grasps
+    from which up to three quarters of the starts begin (up to half on a mesh, or where it leaves out a part). Every
+    other start draws random placements, screens them, and solves the first program by IPOPT. An ascent by cutting
+    planes in a trust region refines each candidate: its steps are quadratic programs of the program's linearisation, or
+    IPOPT's where the program holds forces. The contacts then go onto the body and are certified, and the links of a
+    hand are measured there. The answer is the start with the best certified bounds whose hand is free and comes to it
+    freely, if any is; ``solution.gap`` says how far it is from the best possible, at most, and with
+    ``SolveOptions(gap=...)`` the search goes on until it is as close as that. The same seed gives the same answer with any number of workers
     (unless a time limit or Ctrl-C cuts the solve short).
 
     Parameters
@@ -96,7 +99,8 @@ def solve(
     Warns
     -----
     UserWarning
-        Once, of a mesh whose smooth surface is far from it beside its walls or the hand's fingertips.
+        Once, of a mesh whose smooth surface is far from it beside its walls or the hand's fingertips; once, where IPOPT
+        did not run in some of its calls, with its own status.
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, NO_PROBLEM)

@@ -97,7 +97,7 @@ class Measured(ByHand):
             told = f"Optimal within {at_most(100.0 * self.gap)}%: {told.removeprefix('Optimal: ')}"
         head, _, rest = told.partition(": ")
         if self.status is Status.TOUCHES:
-            return f"{head}: {'; and '.join(self.caveats)}; {rest}"
+            return f"{head}: {'; and '.join(self.caveats)}; {rest.partition(', and ')[2]}"
         return f"{head}, but {'; and '.join(self.caveats)}; {rest}" if self.caveats else told
 
     @property

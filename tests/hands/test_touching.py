@@ -1,0 +1,218 @@
+"""Grasps whose links are inside something, or whose fingertips are off their links, are not called solved."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import nlpgrasp as ng
+from nlpgrasp.cli.main import command_line
+from nlpgrasp.hands.inspection.inspected import without_fingertips
+from nlpgrasp.hands.inspection.inspection import inspect
+from nlpgrasp.mjcf.hand_scene.scene import mjcf_with_hand
+from nlpgrasp.report.solution.panel import facts
+from nlpgrasp.solve.space.link_depth import LinkDepths
+from tests.hands.described import in_millimetres, two_fingers
+
+TASK = ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01])
+QUICK = ng.SolveOptions(workers=1, extras=False, global_bound=False)
+BODY = ng.Cylinder(0.02, 0.1)
+THICKER = "ignore:link .* is thicker than its fingertip:UserWarning"
+RIGHT = np.pi / 2.0
+FLOATING = {"t1": 0.01, "t2": 0.01}
+
+
+def pads(behind):
+    """Flat fingertips so many metres behind the inner faces of the fingers."""
+    return {
+        f"f{i}": ng.FlatTip([0.012, 0.03], [0, -behind * side, 0.02], (-side * RIGHT, 0, 0))
+        for i, side in ((1, 1), (2, -1))
+    }
+
+
+FLUSH, DEEP = pads(0.0), pads(0.004)
+
+
+def solved(path, tips, options=QUICK, **more):
+    hand = ng.URDFHand.load(path, tips)
+    problem = ng.GraspProblem(BODY, ng.SoftContact(0.7, 0.005), TASK, hand=hand, name="two", **more)
+    return problem, ng.solve(problem, starts=1, options=options)
+
+
+@pytest.fixture(scope="module")
+def deep(tmp_path_factory):
+    """A grasp with links inside the body, and the folder of its hand."""
+    folder = tmp_path_factory.mktemp("deep")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        problem, solution = solved(two_fingers(folder, tip_frames=False), DEEP)
+    return folder, problem, solution
+
+
+def test_links_inside_the_body_are_said_first(deep):
+    _, _, solution = deep
+    depth = solution.link_depth
+    assert solution.status is ng.Status.TOUCHES
+    assert not solution.success
+    assert solution.is_certified
+    assert depth.link in ("f1", "f2")
+    assert depth.depth == pytest.approx(0.004, abs=1e-3)
+    mm = f"{1e3 * depth.depth:.2g}"
+    assert str(solution).startswith(f"two: Touches: link {depth.link} is {mm} mm inside the body; ")
+    assert solution.starts[0].status is ng.Status.TOUCHES
+    assert "1 got a link inside something" in str(solution) or "the only start found no grasp" in str(solution)
+
+
+def test_verify_finds_the_links_there_and_does_not_pass(deep):
+    folder, _, solution = deep
+    found = ng.verify(solution.save(folder / "deep.json"))
+    assert [check.name for check in found.checks if check.failed] == ["links inside something"]
+    assert found.verdict.startswith("NOT verified")
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        lambda d: d.update(status="solved"),
+        lambda d: (d.update(status="solved"), d["hand"]["link_depth"].update(depth=0.0)),
+        lambda d: (d.update(status="solved"), d["hand"].pop("link_depth")),
+        lambda d: (d["hand"]["link_depth"].update(tolerance=0.01), d["solver"]["options"].update(link_tolerance=0.01)),
+        lambda d: (d.update(status="solved"), d["hand"]["link_depth"].update(tolerance=0.01)),
+    ],
+)
+def test_lies_about_the_links_are_found(deep, lie):
+    folder, _, solution = deep
+    data = json.loads(json.dumps(solution.to_dict()))
+    lie(data)
+    found = ng.verify(ng.GraspSolution.from_dict(data), folders=[folder])
+    assert not found or "is 4" in found.verdict  # a larger tolerance is an option: then the verdict says how deep
+
+
+def test_the_report_leads_with_it(deep):
+    _, _, solution = deep
+    first = facts(solution)[0]
+    assert (first.title, first.value, first.tone) == ("Status", "Touches", "bad")
+    assert "inside the body" in first.lines[0]
+
+
+@pytest.mark.filterwarnings(THICKER)
+def test_the_command_line_ends_with_1(tmp_path):
+    two_fingers(tmp_path, tip_frames=False)
+    script = tmp_path / "deep.py"
+    script.write_text(
+        "import nlpgrasp as ng\n"
+        "tips = {f'f{i}': ng.FlatTip([0.012, 0.03], [0, -0.004 * s, 0.02], (-s * 1.5707963267948966, 0, 0))"
+        " for i, s in ((1, 1), (2, -1))}\n"
+        "def problem():\n"
+        f"    hand = ng.URDFHand.load({str(tmp_path / 'two.urdf')!r}, tips)\n"
+        "    task = ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01])\n"
+        "    return ng.GraspProblem(ng.Cylinder(0.02, 0.1), ng.SoftContact(0.7, 0.005), task, hand=hand)\n"
+    )
+    out = tmp_path / "deep.json"
+    words = ["solve", str(script), "--out", str(out), "--starts", "1", "--workers", "1", "--quick"]
+    done = CliRunner().invoke(command_line(words), words)
+    assert done.exit_code == 1
+    assert "Touches: link" in done.output
+    assert json.loads(out.read_text())["status"] == "touches"  # the result is not lost
+
+
+@pytest.mark.filterwarnings(THICKER)
+def test_a_fingertip_flush_with_its_link_is_solved(tmp_path):
+    _, solution = solved(two_fingers(tmp_path, tip_frames=False), FLUSH)
+    assert solution.status is ng.Status.SOLVED
+    assert solution.link_depth.depth < 2e-4
+    assert max(solution.hand["tip_gaps"]) < 2e-4
+    assert solution.squeeze is not None  # also of a solve without extras
+    assert ng.verify(solution.save(tmp_path / "two.json"))
+
+
+@pytest.mark.filterwarnings(THICKER)
+def test_a_tolerance_is_an_option_and_is_told(tmp_path):
+    options = ng.SolveOptions(workers=1, extras=False, global_bound=False, link_tolerance=0.006)
+    _, solution = solved(two_fingers(tmp_path, tip_frames=False), DEEP, options)
+    assert solution.success
+    assert solution.to_dict()["solver"]["options"]["link_tolerance"] == 0.006
+    assert "inside the body" in solution.title  # a word all the same
+    found = ng.verify(solution.save(tmp_path / "two.json"))
+    assert found
+    assert "inside the body" in found.verdict
+
+
+def test_fingertips_off_their_links_are_said(tmp_path):
+    path = two_fingers(tmp_path)
+    _, solution = solved(path, FLOATING)
+    gaps = solution.hand["tip_gaps"]
+    assert max(gaps) == pytest.approx(0.01, abs=1e-3)
+    assert "mm off its fingertip's link t" in solution.title
+    found = ng.verify(solution.save(tmp_path / "two.json"))
+    assert "mm off its fingertip's link t" in found.verdict
+    data = json.loads((tmp_path / "two.json").read_text())
+    data["hand"]["tip_gaps"] = [0.0, 0.0]
+    lie = ng.verify(ng.GraspSolution.from_dict(data), folders=[tmp_path])
+    assert [check.name for check in lie.checks if check.failed] == ["contacts on their links"]
+
+
+def test_proposals_of_floating_fingertips_say_so(tmp_path):
+    path = two_fingers(tmp_path)
+    said = inspect(without_fingertips(path, None, (0, 0, 1))).lines[1]
+    assert "floats beyond the finger's own shapes at t1 by up to 10 mm, t2 by up to 10 mm" in said
+    stated = inspect(ng.URDFHand.load(path, FLOATING))
+    assert any("Fingertip 0 (t1) reaches up to 10 mm beyond the shapes of its link" in f.text for f in stated.findings)
+
+
+def test_scenes_leave_out_fingertips_that_are_not_there(tmp_path):
+    path = two_fingers(tmp_path)
+    problem, solution = solved(path, FLOATING)
+    scene = mjcf_with_hand(ng.with_extras(solution, problem), path)
+    assert "fingertip_0" not in scene
+    near = replace(solution, hand={**solution.hand, "tip_gaps": [0.0, 0.0]})
+    assert "fingertip_0" in mjcf_with_hand(ng.with_extras(near, problem), path)
+
+
+@pytest.mark.filterwarnings(THICKER)
+def test_millimetres_for_metres_are_not_solved(tmp_path):
+    tips = {f"f{i}": ng.SphereTip(0.01, [0, 0, 0.06]) for i in (1, 2)}
+    _, solution = solved(in_millimetres(tmp_path), tips)
+    assert solution.status is not ng.Status.SOLVED
+    if solution.grasp is not None:
+        assert solution.link_depth.depth > 1.0
+
+
+def test_a_hand_without_shapes_claims_nothing_of_its_links(tmp_path):
+    text = two_fingers(tmp_path).read_text()
+    bare = tmp_path / "bare.urdf"
+    while "<collision>" in text:
+        start, rest = text.split("<collision>", 1)
+        text = start + rest.split("</collision>", 1)[1]
+    bare.write_text(text)
+    _, solution = solved(bare, FLOATING)
+    assert solution.link_depth is None
+    assert solution.hand["tip_gaps"] == [None, None]
+    assert "what they run into is not known" in str(solution)
+    found = ng.verify(solution.save(tmp_path / "bare.json"))
+    assert "what they run into is not known" in str(found)
+
+
+@pytest.mark.filterwarnings(THICKER)
+def test_links_under_a_table_and_in_an_obstacle_count(tmp_path):
+    hand = ng.URDFHand.load(two_fingers(tmp_path, tip_frames=False), FLUSH)
+    wall = ng.Obstacle(ng.Box([0.02, 0.02, 0.02]), position=[0.5, 0.0, 0.0], name="wall")
+    problem = ng.GraspProblem(
+        BODY, ng.SoftContact(0.7, 0.005), TASK, hand=hand, constraints=[ng.Table(-0.1, clearance=0.02), wall]
+    )
+    depths, joints = LinkDepths(problem, hand), np.zeros(2)
+    quaternion = np.array([1.0, 0.0, 0.0, 0.0])
+
+    def at(position):
+        values = {"palm_position": np.array(position, float), "palm_quaternion": quaternion, "joints": joints}
+        return depths.at(values)
+
+    above, on_table, in_wall = at([0.0, 0.0, 0.1]), at([0.0, 0.3, -0.093]), at([0.5, 0.0, 0.004])
+    assert above.depth < 1e-6
+    assert (on_table.thing, on_table.link) == ("the table", "palm")
+    assert on_table.depth == pytest.approx(0.003, abs=1e-4)  # the clearance is no solid
+    assert in_wall.thing == "wall"
+    assert in_wall.depth == pytest.approx(0.016, abs=1e-3)
