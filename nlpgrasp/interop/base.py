@@ -8,10 +8,12 @@ from enum import Enum
 from pathlib import Path
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.mjcf import HandSceneOptions
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.obstructions import of_the_grasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 
@@ -95,11 +97,19 @@ class ExportFormat:
         ------
         InputError
             When the solution lacks what the format needs.
+
+        Warns
+        -----
+        UserWarning
+            Of a link inside something, and of contacts that are off their fingertips' links.
         """
         if self.needs is Need.GRASP:
             solution.require_grasp()
         if self.needs is Need.DRAWING:
             solution.require_drawing()
+        wrong = of_the_grasp(solution.hand)
+        if wrong:
+            warn(f"{solution.name}: exported though {'; and '.join(wrong)}")
         written = self.write(solution, options or ExportOptions())
         return written.encode("utf-8") if isinstance(written, str) else written
 

@@ -76,7 +76,7 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
         Of a gripper, named in the options, that closes along another axis than the pose.
     """
     given = options or ExportOptions()
-    best = max((s.mu.upper for s in solutions.values() if s.success), default=0.0)
+    best = max((s.mu.upper for s in solutions.values() if s.is_certified), default=0.0)
     grasps = {}
     hands = {name: HandStates.of(solution, given.joints, name) for name, solution in solutions.items()}
     for name, solution in solutions.items():

@@ -57,8 +57,8 @@ def solve(
     IPOPT's where the program holds forces. The contacts then go onto the body and are certified, and the links of a
     hand are measured there. The answer is the start with the best certified bounds whose hand is free and comes to it
     freely, if any is; ``solution.gap`` says how far it is from the best possible, at most, and with
-    ``SolveOptions(gap=...)`` the search goes on until it is as close as that. The same seed gives the same answer with any number of workers
-    (unless a time limit or Ctrl-C cuts the solve short).
+    ``SolveOptions(gap=...)`` the search goes on until it is as close as that. The same seed gives the same answer with
+    any number of workers (unless a time limit or Ctrl-C cuts the solve short).
 
     Parameters
     ----------

@@ -1,7 +1,9 @@
 """Grasps whose links are inside something, or whose fingertips are off their links, are not called solved."""
 
+import io
 import json
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +14,7 @@ import nlpgrasp as ng
 from nlpgrasp.cli.main import command_line
 from nlpgrasp.hands.inspection.inspected import without_fingertips
 from nlpgrasp.hands.inspection.inspection import inspect
+from nlpgrasp.interop.registry import formats
 from nlpgrasp.mjcf.hand_scene.scene import mjcf_with_hand
 from nlpgrasp.report.solution.panel import facts
 from nlpgrasp.solve.space.link_depth import LinkDepths
@@ -96,6 +99,21 @@ def test_the_report_leads_with_it(deep):
     first = facts(solution)[0]
     assert (first.title, first.value, first.tone) == ("Status", "Touches", "bad")
     assert "inside the body" in first.lines[0]
+
+
+@pytest.mark.filterwarnings("ignore:the straight way in:UserWarning")
+@pytest.mark.parametrize("name", [known.name for known in formats()])
+def test_every_export_of_it_says_so(deep, name):
+    export = next(known for known in formats() if known.name == name).export
+    with pytest.warns(UserWarning, match="exported though link f. is 4 mm inside the body"), suppress(ng.InputError):
+        export(deep[2])  # of a solve without extras: formats that draw refuse it then
+
+
+@pytest.mark.filterwarnings("ignore:two. exported though:UserWarning")
+def test_arrays_of_it_flag_it(deep):
+    npz = next(known for known in formats() if known.name == "npz")
+    arrays = np.load(io.BytesIO(npz.export(deep[2])))
+    assert not arrays["way_in_free"][0]
 
 
 @pytest.mark.filterwarnings(THICKER)

@@ -11,6 +11,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.jaw_pose import APPROACH_AXIS, CLOSING_AXIS, own_axes
+from nlpgrasp.solution.obstructions import of_the_grasp, of_the_way
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.squeeze import squeeze_for_task
 
@@ -83,7 +84,7 @@ class HandStates:
         hand = solution.hand or {}
         with within(f"{name}: "):
             solution.require_grasp()
-        if not solution.success or "palm_pose" not in hand:
+        if not solution.is_certified or "palm_pose" not in hand:
             found = "a grasp found with an ng.URDFHand or, in space, an ng.ParallelJaw"
             raise InputError(name, "no hand with a palm pose and joints", found)
         if "joint_positions" in hand:
@@ -137,6 +138,7 @@ def _of_joints(solution: GraspSolution, hand: Json) -> HandStates:
     direction = (solution.problem.get("hand") or {}).get("approach")
     way = hand.get("approach") or {}
     blocked = str(way.get("reason") or UNKNOWN_WAY) if way.get("direction") is None else ""
+    blocked = "; ".join([*of_the_grasp(hand)[:1], *([blocked] if blocked else of_the_way(hand))])
     return HandStates(
         solution.palm,
         _pose(hand["palm_pose"]),

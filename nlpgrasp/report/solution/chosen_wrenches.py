@@ -39,7 +39,7 @@ class ChosenWrench:
 def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     """Return the hardest wrench of the task and the ends of its semi-axes; those that fingers can exert."""
     grasp = solution.grasp
-    if grasp is None or not solution.success:
+    if grasp is None or not solution.is_certified:
         return []
     task = solution.task
     wrenches, names = [], []

@@ -15,7 +15,7 @@ FARTHEST = 4.0  # of the certified quality: a best possible beyond is named in w
 
 def share_left(solution: GraspSolution) -> float | None:
     """Return the certified share of mu left at the worst placement found; None where it was not looked for."""
-    if solution.robust is None or not solution.success:
+    if solution.robust is None or not solution.is_certified:
         return None
     return solution.robust.share(solution.mu)
 

@@ -11,6 +11,7 @@ from nlpgrasp.common.shown.text import capital
 from nlpgrasp.common.shown.words import headroom_words
 from nlpgrasp.report.solution.gauge import gauge, legend, share_left
 from nlpgrasp.solution.measures.quality import held_words
+from nlpgrasp.solution.obstructions import tips_off
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.squeeze import NONE
@@ -63,7 +64,7 @@ def facts(solution: GraspSolution) -> list[Fact]:
     """Return the facts of a solution, the most telling first."""
     found = [] if solution.grasp is None else [_quality(solution), *_left(solution), _effort(solution)]
     found += [*_squeeze(solution), *_approach(solution), *_gripper(solution), *_best(solution)]
-    found = [_verdict(solution), *found] if verdict(solution)[1] == "bad" else [*found, _verdict(solution)]
+    found = [_verdict(solution), *found] if verdict(solution)[1] in ("bad", "weak") else [*found, _verdict(solution)]
     if sum(not fact.broad for fact in found) % 2:  # two a row
         found[-1] = replace(found[-1], broad=True)
     return found
@@ -73,6 +74,8 @@ def verdict(solution: GraspSolution) -> tuple[str, str]:
     """Return how the solve ended in a word or two, and its tone."""
     if not solution.success:
         return solution.status.value.split(":")[0], "bad"
+    if tips_off(solution.hand):
+        return "Contacts off the fingers", "bad"
     if solution.is_fragile:
         return "Fragile", "bad"
     if solution.is_too_weak:
@@ -87,7 +90,7 @@ def _verdict(solution: GraspSolution) -> Fact:
     sentence = solution.status.value.partition(": ")[2]
     why = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
     lines = (capital(sentence), *why)
-    if solution.success:
+    if solution.is_certified:
         lines = (*(f"{capital(words)}." for words in solution.caveats), *lines)
     return Fact("Status", told, lines, tone, broad=tone == "bad")
 

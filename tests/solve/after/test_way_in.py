@@ -20,7 +20,8 @@ def walled():
     """A box that is best held by its y sides, where walls leave no room for the gripper's fingers."""
     task = ng.lift([0, 0, 0], mass=0.2) + ng.disturbance(0.5, 0.01)
     walls = [
-        ng.Obstacle(ng.Box([0.2, 0.02, 0.3]), position=[0.0, side * 0.045, 0.0], name=f"wall {side}") for side in (1, -1)
+        ng.Obstacle(ng.Box([0.2, 0.02, 0.3]), position=[0.0, side * 0.045, 0.0], name=f"wall {side}")
+        for side in (1, -1)
     ]
     jaw = ng.ParallelJaw(0.08, finger_length=0.08, finger_thickness=0.01)
     contacts = [ng.SoftContact(0.6, 0.005)] * 2
@@ -44,7 +45,9 @@ def test_the_answer_has_a_free_way_though_a_blocked_one_is_better(solution):
 
 def test_it_is_said_why_a_better_start_is_passed_over(solution):
     best = max(solution.starts, key=lambda start: start.mu.upper)
-    assert f"start {best.index} found mu-tilde in {best.mu}: passed over, as the gripper's way in leads" in str(solution)
+    assert f"start {best.index} found mu-tilde in {best.mu}: passed over, as the gripper's way in leads" in str(
+        solution
+    )
 
 
 def test_grasps_kept_are_in_this_order_too(solution):
