@@ -1,9 +1,12 @@
 """Penetration of a hand's links into the body and its surroundings, by the links' own collision shapes.
 
-The depth of a link L in a thing T is ``max over x of d_L(x) + d_T(x)``, where ``d`` is how far a point of a solid is
-from the solid's surface. It is at least the depth of any point of one surface inside the other solid, and at most the
-shortest translation that parts the two: balls of radius ``d_L(x)`` and ``d_T(x)`` about x lie inside them, and a
-translation that parts two balls with one centre is as long as the sum of their radii.
+Two measures of depth are taken, and the larger counts:
+
+- ``max over x of d_L(x) + d_T(x)``, where ``d`` is how far a point of a solid is from the solid's surface. It is at
+  least the depth of any point of one surface inside the other solid, and at most the shortest translation that parts
+  the two: balls of radius ``d_L(x)`` and ``d_T(x)`` about x lie inside them, and a translation that parts two balls
+  with one centre is as long as the sum of their radii.
+- Of convex solids that meet, the shortest translation itself: thin plates that cross are parted by a long one only.
 """
 
 from __future__ import annotations
@@ -18,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.bodies import Body, Mesh
-from nlpgrasp.common.directions import directions_around
+from nlpgrasp.bodies.mesh.triangles import triangles
+from nlpgrasp.common.directions import directions_around, directions_beside
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
@@ -30,10 +34,14 @@ from nlpgrasp.solution.link_depth import BODY, TOLERANCE, LinkDepth
 
 FINE = (1e-4, 0.05)  # metres and share: triangles are divided until none can hold a point deeper by more than this
 MOST = 1000  # triangles that are divided together: of more the most promising ones
+IMPLIED = 20_000  # triangles that stand for an implicit body, at most
 SAMPLES = 400  # of a face of a curved body, that tell how far its triangles are inside it
 BEGINNINGS = 6  # points of either surface that the search inside begins from
+SHEET = 0.05  # of its hull's volume: a surface that encloses less is none of a solid
 CONVEX, PLANES = 0.999, 500  # of its hull's volume: a surface that counts as convex; planes that stand for its faces
 SAME = 6  # digits in which the normals of one plane's triangles agree
+AROUND, BESIDE = 200, 12  # directions all around, and about the best one, for the shortest way out
+ANGLES = (0.1, 1e-4)  # radians: first and last of that search
 STEPS = (1e-3, 1e-5)  # metres: first and last step of that search
 
 ON = 1e-7  # metres: how far outside a solid a point of its surface may be by rounding
@@ -59,18 +67,22 @@ class Thing:
     points : (n, 3) array
         Points of its surface, corners among them, metres, body frame: they may be inside a link whose own surface is
         outside.
+    convex : _Convex or None
+        Where it is convex.
     """
 
     name: str
     fast: Distance
     fine: Distance
     points: FloatArray
+    convex: _Convex | None = None
 
     def seen_from(self, pose: FloatArray) -> Thing:
         """Return the same thing for points in a frame that has this pose (4, 4)."""
         fast, fine, turn, shift = self.fast, self.fine, pose[:3, :3].T, pose[:3, 3]
         points = (self.points - shift) @ pose[:3, :3]
-        return Thing(self.name, lambda p: fast(p @ turn + shift), lambda p: fine(p @ turn + shift), points)
+        convex = None if self.convex is None else self.convex.turned(pose)
+        return Thing(self.name, lambda p: fast(p @ turn + shift), lambda p: fine(p @ turn + shift), points, convex)
 
 
 def _things(constraints: Sequence[PlacementConstraint]) -> Iterator[Thing]:
@@ -103,15 +115,17 @@ def _solid_body(name: str, body: Body) -> Thing:
     rng = np.random.default_rng(0)
     sampled = np.concatenate([body.sample(face, SAMPLES, rng) for face in body.face_names])
     surface = body.triangles()
-    if surface is None:
-        return Thing(name, body.signed_distance, body.signed_distance, _some(sampled))
-    within = _Solid.of(*surface).distance
+    solid = _Solid.of(*(triangles(body, IMPLIED) if surface is None else surface))
+    within = solid.distance
     off = max(0.0, float(np.max(within(sampled), initial=0.0)))
 
     def fast(points: FloatArray) -> FloatArray:
         return within(points) - off
 
-    return Thing(name, fast, lambda p: np.maximum(body.signed_distance(p), fast(p)), _some(surface[0]))
+    points = _some(solid.corners.reshape(-1, 3))
+    if surface is None:  # nothing is known of how an implicit function grows away from its surface
+        return Thing(name, fast, fast, points, solid.convex)
+    return Thing(name, fast, lambda p: np.maximum(body.signed_distance(p), fast(p)), points, solid.convex)
 
 
 def _some(points: FloatArray) -> FloatArray:
@@ -129,14 +143,17 @@ class _Solid:
         Of the surface's triangles, metres.
     distance : callable
         Points (m, 3) to metres, negative inside: exact there, and outside never too large.
+    convex : _Convex or None
+        Where the solid is convex.
     """
 
     corners: FloatArray
     distance: Distance
+    convex: _Convex | None = None
 
     @classmethod
     def of(cls, vertices: FloatArray, faces: IntArray) -> _Solid:
-        """Return the solid of triangles.
+        """Return the solid of triangles; of sheets, which enclose next to nothing, their convex hull, as MuJoCo does.
 
         Inside a convex polyhedron the nearest point of its surface is on the nearest of its faces' planes. One with
         many faces is taken as the hull of its outermost vertices in ``PLANES`` directions, within the planes that touch
@@ -145,15 +162,54 @@ class _Solid:
         corners = vertices[faces]
         volume = float(np.sum(np.linalg.det(corners - corners.mean(axis=(0, 1))))) / 6.0
         hull = _hull(vertices)
-        if hull is None or not abs(volume) >= CONVEX * hull.volume:
+        if hull is None or SHEET * hull.volume <= abs(volume) < CONVEX * hull.volume:
             return cls(corners, SearchTree(vertices, faces).clearance)
+        if abs(volume) < SHEET * hull.volume:
+            corners = vertices[hull.simplices]
         normals, ends = np.unique(hull.equations[:, :3].round(SAME), axis=0), vertices[hull.vertices]
+        offsets = np.max(normals @ ends.T, axis=1)[:, None]
         if len(normals) > PLANES:
             normals = directions_around(np.eye(3)[2], PLANES)
-            outermost = ends[np.unique(np.argmax(normals @ ends.T, axis=1))]
-            corners = outermost[ConvexHull(outermost).simplices]
-        offsets = np.max(normals @ ends.T, axis=1)[:, None]
-        return cls(corners, lambda points: np.asarray(np.max(normals @ points.T - offsets, axis=0)))
+            offsets = np.max(normals @ ends.T, axis=1)[:, None]
+            ends = ends[np.unique(np.argmax(normals @ ends.T, axis=1))]
+            corners = ends[ConvexHull(ends).simplices]
+        shape = _Convex(ends, normals)
+        return cls(corners, lambda points: np.asarray(np.max(normals @ points.T - offsets, axis=0)), shape)
+
+
+@dataclass(frozen=True)
+class _Convex:
+    """Corners (n, 3) of a convex solid, metres, and unit normals (m, 3) of its faces."""
+
+    corners: FloatArray
+    normals: FloatArray
+
+    def turned(self, pose: FloatArray) -> _Convex:
+        """Return the same solid for points in a frame that has this pose (4, 4)."""
+        return _Convex((self.corners - pose[:3, 3]) @ pose[:3, :3], self.normals @ pose[:3, :3])
+
+
+def _way_out(one: _Convex, other: _Convex) -> float:
+    """Return the length of the shortest translation that parts two convex solids, metres; 0 where they are apart.
+
+    That is the least sum over directions of how far one reaches along it and the other against it: among the normals of
+    both, then near the best of them.
+    """
+
+    def overlap(directions: FloatArray) -> FloatArray:
+        return np.asarray(np.max(one.corners @ directions.T, axis=0) - np.min(other.corners @ directions.T, axis=0))
+
+    directions = np.concatenate([one.normals, -other.normals, directions_around(np.eye(3)[2], AROUND)])
+    values = overlap(directions)
+    best, least, angle = directions[int(np.argmin(values))], float(np.min(values)), ANGLES[0]
+    while angle >= ANGLES[1] and least > 0.0:
+        beside = directions_beside(best, angle, BESIDE)
+        values = overlap(beside)
+        if np.min(values) < least:
+            best, least = beside[int(np.argmin(values))], float(np.min(values))
+        else:
+            angle /= 2.0
+    return max(0.0, least)
 
 
 def _hull(vertices: FloatArray) -> ConvexHull | None:
@@ -273,15 +329,15 @@ class _LinkSolid:
 
     Parameters
     ----------
-    parts : sequence of callable
-        Signed distance from each shape, metres, negative inside, of points (m, 3) in the link's frame.
+    parts : sequence of _Solid
+        Of each shape, in the link's frame.
     corners : (m, 3, 3) array
         Of the triangles of all their surfaces, metres, link frame.
     centre, radius : (3,) array and float
         Of a ball around all of them.
     """
 
-    parts: Sequence[Distance]
+    parts: Sequence[_Solid]
     corners: FloatArray
     centre: FloatArray
     radius: float
@@ -293,7 +349,7 @@ class _LinkSolid:
         every = corners.reshape(-1, 3)
         centre = (every.min(axis=0) + every.max(axis=0)) / 2.0
         radius = float(np.max(np.linalg.norm(every - centre, axis=1)))
-        return cls([solid.distance for solid in solids], corners, centre, radius)
+        return cls(tuple(solids), corners, centre, radius)
 
     def depth_in(self, thing: Thing) -> float:
         """Return how deep the link is in a thing that is seen from the link's frame, metres, at least zero."""
@@ -303,11 +359,17 @@ class _LinkSolid:
             found = self._distance(there)
             order = np.argsort(found, kind="stable")[:BEGINNINGS]
             points = np.concatenate([points, there[order[found[order] < 0.0]]])
-        return _deepest_inside(thing.fine, self._distance, points) if len(points) else 0.0
+        if not len(points):
+            return 0.0
+        inside = _deepest_inside(thing.fine, self._distance, points)
+        ways = [
+            0.0 if thing.convex is None or s.convex is None else _way_out(s.convex, thing.convex) for s in self.parts
+        ]
+        return max(inside, *ways) if inside > 0.0 else 0.0
 
     def _distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance from the link, negative inside, of points (m, 3) in its frame."""
-        return np.asarray(np.min([part(points) for part in self.parts], axis=0))
+        return np.asarray(np.min([part.distance(points) for part in self.parts], axis=0))
 
 
 def _of_shape(shape: Shape) -> _Solid:
