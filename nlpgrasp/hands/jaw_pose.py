@@ -32,6 +32,7 @@ ACROSS = 5  # lines of the palm
 WAY = 2.0  # of the body's size: how far back the way in is looked at
 NEAR = 0.02  # of the body's size: what is in the way by less than this is not, pads on tilted faces for example
 ALONG = 1e-9  # part of a unit direction across the closing line: a cone about this line has no middle across it
+WALK, STEEP = 2.5e-4, 0.5  # metres of a step along a line, and share of it by which the distance falls into something
 NEARLY = 0.1  # of the clearest way's mean distance: the steepest way down is taken where it is clear but for so much
 SAME = 1e-6  # of the body's size: directions as clear as each other
 
@@ -154,20 +155,20 @@ class Jaws:
 
     def way(self, approach: FloatArray, size: float) -> FloatArray:
         """Return points (n, space) of fingers and palm on their way in along a direction."""
-        half = 0.5 * self.thickness * self.closing
         back = -approach * np.linspace(0.0, self.length + WAY * size, STEPS)[:, None]
-        lines = [self.points[0] - half + back, self.points[1] + half + back]
+        lines = [start + back for start in self._starts]
         if self.length > 0.0:
             ends = -approach * np.linspace(self.length, self.length + WAY * size, STEPS)[:, None]
             lines += [(1.0 - s) * lines[0][0] + s * lines[1][0] + ends for s in np.linspace(0.0, 1.0, ACROSS)]
         return np.concatenate(lines)
 
-    def clearest(self, size: float, distance: Distance) -> tuple[FloatArray, float]:
-        """Return the approach that is clearest, (space,), and how deep its way leads into anything, metres.
+    def clearest(self, size: float, distance: Distance) -> tuple[FloatArray, float, bool]:
+        """Return the clearest approach, (space,), its depth in anything, metres, and whether it passes through.
 
         Of the directions that are the least deep in anything, to ``NEAR`` of the body's size, the one whose way is
         farthest from everything on average, of equals the one that comes down the last axis most steeply; the steepest
-        of all directions where it is clear but for a tenth of that.
+        of all directions where it is clear but for a tenth of that. One that passes through something thin is taken
+        only where all do.
         """
         directions = self.approaches()
         ways = np.stack([self.way(direction, size) for direction in directions])
@@ -178,12 +179,40 @@ class Jaws:
         steepest = np.where(free & (mean >= best - SAME * size), -directions[:, -1], -np.inf)
         down = int(np.argmin(directions[:, -1]))
         chosen = down if free[down] and mean[down] >= (1.0 - NEARLY) * best > 0.0 else int(np.argmax(steepest))
-        return directions[chosen], float(depth[chosen])
+        order = [chosen, *(int(i) for i in np.argsort(-np.where(free, mean, -np.inf)) if free[i] and i != chosen)]
+        through = next((i for i in order if not self.passes_through(directions[i], size, distance)), None)
+        kept = chosen if through is None else through
+        return directions[kept], float(depth[kept]), through is None
+
+    def passes_through(self, approach: FloatArray, size: float, distance: Distance) -> bool:
+        """Return whether a finger or the palm runs into something on its way in, however thin that is.
+
+        The same lines are walked in steps of ``WALK`` from the pads outwards: the distance falls to zero, and steeply,
+        where a line enters something, while along a face that a finger touches it hardly changes.
+        """
+        one, other = self._starts
+        lines = [(start, 0.0) for start in (one, other)]
+        if self.length > 0.0:
+            lines += [((1.0 - s) * one + s * other, self.length) for s in np.linspace(0.0, 1.0, ACROSS)]
+        for start, first in lines:
+            along = np.arange(first, self.length + WAY * size, WALK)[:, None]
+            clear = distance(start - along * approach) - 0.5 * self.thickness
+            if np.any((clear[:-1] > 0.0) & (clear[1:] <= 0.0) & (np.diff(clear) < -STEEP * WALK)):
+                return True
+        return False
+
+    @property
+    def _starts(self) -> tuple[FloatArray, FloatArray]:
+        """Where the middle lines of both fingers begin, (space,) each, metres."""
+        half = 0.5 * self.thickness * self.closing
+        return self.points[0] - half, self.points[1] + half
 
     def posture(self, size: float, distance: Distance) -> Json:
         """Return opening, approach, depth and, in space, the pose of the gripper's frame, as JSON data."""
-        approach, depth = self.clearest(size, distance)
-        way = {"direction": approach.tolist(), "depth": depth}
+        approach, depth, through = self.clearest(size, distance)
+        way: dict[str, object] = {"direction": approach.tolist(), "depth": depth}
+        if through:
+            way["passes_through"] = True
         told: dict[str, object] = {"opening": self.opening, "approach": way}
         if len(approach) == 2:
             return told

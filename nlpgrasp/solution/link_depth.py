@@ -10,6 +10,7 @@ from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
 
 TOLERANCE = 1e-3  # metres: a link that is deeper in anything is not free
+MOST_TOLERANCE = 0.01  # metres: no more may be allowed
 BODY = "the body"
 
 

@@ -29,6 +29,11 @@ def jaws_depth(hand: Json | None) -> float:
     return depth if depth > TOLERANCE else 0.0
 
 
+def passes_through(hand: Json | None) -> bool:
+    """Return whether the straight way of parallel jaws passes through something thin."""
+    return bool(((hand or {}).get("approach") or {}).get("passes_through", False))
+
+
 def no_approach(hand: Json | None) -> str:
     """Return in words why the palm does not come straight to the grasp; empty where it does, or none is known."""
     reason = ((hand or {}).get("approach") or {}).get("reason")
@@ -48,11 +53,23 @@ def of_the_grasp(hand: Json | None) -> list[str]:
     return said
 
 
+def unknown_links(hand: Json | None) -> str:
+    """Return which contacts' links have no shapes where other links have, in words; empty where there are none."""
+    gaps = (hand or {}).get("tip_gaps") or ()
+    bare = [str(i) for i, gap in enumerate(gaps) if gap is None]
+    if not bare or link_depth_of(hand) is None:
+        return ""
+    which = f"contact{'s' * (len(bare) > 1)} {', '.join(bare)}"
+    return f"the links of {which} have no collision shapes, and may be inside anything"
+
+
 def of_the_way(hand: Json | None) -> list[str]:
     """Return what is wrong with the straight way to the grasp, in words."""
     said, jaws, way, depth = [], jaws_depth(hand), way_in_of(hand), link_depth_of(hand)
     if jaws:
         said.append(f"the gripper's way in leads {rounded(1e3 * jaws, 2)} mm into what is beside it")
+    elif passes_through(hand):
+        said.append("the gripper's way in passes through something thin")
     if way is not None and not way.is_free and (depth is None or depth.is_free):
         said.append(f"on the way in {way.words}")
     return said + list(filter(None, [no_approach(hand)]))

@@ -7,6 +7,7 @@ from math import inf
 
 from nlpgrasp.common.validation import integer, number, share
 from nlpgrasp.errors import InputError
+from nlpgrasp.solution.link_depth import MOST_TOLERANCE
 
 RANKS = ("robust", "mu")
 TRANSCRIPTIONS = ("vertex", "support")
@@ -37,7 +38,7 @@ class SolveOptions:
         Relative gap of the answer's certificate.
     link_tolerance : float
         How deep a link of a hand may be in the body, a table or an obstacle, metres, by the link's own collision
-        shapes: a grasp whose links are deeper is not called solved.
+        shapes: a grasp whose links are deeper is not called solved. At most 0.01.
     pregrasp_clearance : float
         How far the fingers of a hand with a pose open for the pregrasp, metres.
     shadow_prices : bool
@@ -119,6 +120,8 @@ class SolveOptions:
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), above=0.0))
         for name in ("link_tolerance", "robust_offset", "robust_friction", "joint_margin", "room_price"):
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), at_least=0.0))
+        if self.link_tolerance > MOST_TOLERANCE:
+            raise InputError("SolveOptions.link_tolerance", self.link_tolerance, f"at most {MOST_TOLERANCE:g} m")
         for name in ("robust_friction", "room_price"):
             if getattr(self, name) >= 1.0:
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "a share below 1")

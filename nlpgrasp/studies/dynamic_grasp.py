@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solution.obstructions import of_the_grasp
 from nlpgrasp.solution.solution import GraspSolution
 
 
@@ -77,5 +78,6 @@ class DynamicGrasp:
         for step in self.steps:
             bounds, kind = step.solution.mu, step.solution.kind
             text = f"{step.parameter:10.4g}: {kind} in {bounds}, {step.how}"
-            lines.append(f"{text}; staying would give at most {step.stayed:.4g}")
+            wrong = "".join(f"; {words}" for words in of_the_grasp(step.solution.hand))
+            lines.append(f"{text}; staying would give at most {step.stayed:.4g}{wrong}")
         return "\n".join(lines)

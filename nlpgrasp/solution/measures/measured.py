@@ -18,7 +18,7 @@ from nlpgrasp.solution.measures.by_hand import ByHand
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.measures.quality import Quality, held_words
-from nlpgrasp.solution.obstructions import of_the_grasp, of_the_way
+from nlpgrasp.solution.obstructions import of_the_grasp, of_the_way, unknown_links
 from nlpgrasp.solution.placed import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import StartRecord, Status
@@ -103,7 +103,7 @@ class Measured(ByHand):
     @property
     def caveats(self) -> list[str]:
         """What a user has to know of the grasp before anything else, in words; mostly nothing."""
-        said = [*of_the_grasp(self.hand), *of_the_way(self.hand)]
+        said = [*of_the_grasp(self.hand), *of_the_way(self.hand), *filter(None, [unknown_links(self.hand)])]
         if self.robust is not None and self.is_fragile:
             said.append(self.robust.fragile_words(self.mu, self.label))
         if self.needed is not None and self.max_force is not None and self.is_too_weak:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.bodies.fast import Distance, fast_distance
 from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError
+from nlpgrasp.verify.constraints.obstacle import in_frame_of
 from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.hands.free import FreeHand
 from nlpgrasp.verify.placement import Ball, StatedPlacement, Surface
@@ -22,6 +25,7 @@ UNIT = 1e-9  # of a direction or a quaternion
 CLOSE = 1e-6  # of the body's size
 TURNED = 1e-3  # radians beyond a cone: what the tolerance of its row leaves
 POINTS, PALM = 24, 5  # of a line on the way in; lines of the palm
+WALK, STEEP, LEAST = 2e-4, 0.6, 2e-5  # metres of a step, share of it that is steep, metres that count as inside
 WAY = 2.0  # of the body's size
 DIRECTION = "hand.approach.direction"
 LETTERS = "xyz"  # coordinate axes of the gripper's own frame
@@ -54,8 +58,11 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
         The body; None where it is not there.
     """
     asked, hand = solution.problem.get("hand") or {}, solution.hand or {}
-    if asked.get("type") != "parallel_jaw" or "opening" not in hand:
+    if asked.get("type") != "parallel_jaw":
         return []
+    if "opening" not in hand:
+        states = "link_tolerance" in solution.solver.get("options", {})  # as all do that this version writes
+        return [Check("gripper", False, "the file states no pose of the gripper")] if states else []
     wrong = "; ".join([*_pose(asked, hand, placement), *_cones(solution, hand, placement.points.shape[1])])
     checks = [Check("gripper", not wrong, wrong or f"opening {1e3 * hand['opening']:.4g} mm, pose of the contacts")]
     try:
@@ -66,8 +73,17 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     stated = number("hand.approach.depth", hand["approach"]["depth"])
     same = abs(stated - depth) <= off
     told = f"leads {1e3 * stated:.3g} mm deep into what is beside it" if depth > off else "free"
+    told = "passes through something thin" if hand["approach"].get("passes_through") else told
     wrong = f"stated to lead {1e3 * stated:.3g} mm deep into what is beside it, {1e3 * depth:.3g} mm found"
-    return [*checks, Check("way in", same, told if same else wrong)]
+    checks.append(Check("way in", same, told if same else wrong))
+    if hand["approach"].get("passes_through") or depth > off:
+        return checks
+    try:
+        through = _runs_into(solution, asked, hand, placement, surface)
+    except NotMadeError as reason:
+        return [*checks, Check.not_made("way in, thin things", str(reason))]
+    told = "fingers or palm pass through something thin" if through else f"none in steps of {1e3 * WALK:g} mm"
+    return [*checks, Check("way in, thin things", not through, told)]
 
 
 def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
@@ -148,6 +164,46 @@ def _depth(
             continue  # an expression of a script's own, which speaks of no link
         values += [row.value - row.lower for row in rows if "probe/" in row.name and row.value is not None]
     return max(0.0, thickness / 2.0 - float(np.min(values)))
+
+
+def _runs_into(
+    solution: GraspSolution, asked: Json, hand: Json, placement: StatedPlacement, surface: Surface | None
+) -> bool:
+    """Return whether a line of fingers or palm enters body, table or obstacle steeply on its way from the pads out."""
+    if surface is None:
+        raise NotMadeError(NO_BODY)
+    p, q = placement.points
+    closing, approach = (q - p) / np.linalg.norm(q - p), array(DIRECTION, hand["approach"]["direction"], p.shape)
+    thickness = number("finger_thickness", asked.get("finger_thickness", 0.0), at_least=0.0)
+    length = number("finger_length", asked.get("finger_length", 0.0), at_least=0.0)
+    far = length + WAY * float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+    one, other = p - closing * thickness / 2.0, q + closing * thickness / 2.0
+    starts = [(one, 0.0), (other, 0.0)]
+    starts += [(one + s * (other - one), length) for s in np.linspace(0.0, 1.0, PALM)] if length > 0.0 else []
+    distances = [fast_distance(surface)]
+    for data in solution.problem["constraints"]:
+        if data["type"] == "table":
+            floor = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
+            distances.append(partial(_above, floor))
+        elif data["type"] == "obstacle":
+            away = number("clearance", data["clearance"], at_least=0.0)
+            distances.append(partial(_off, data, fast_distance(placement.surface_of(data["body"])), away))
+    for start, first in starts:
+        walk = start - np.arange(first, far, WALK)[:, None] * approach
+        clear = np.min([distance(walk) for distance in distances], axis=0) - thickness / 2.0
+        if np.any((clear[:-1] > 0.0) & (clear[1:] <= -LEAST) & (np.diff(clear) < -STEEP * WALK)):
+            return True
+    return False
+
+
+def _above(floor: float, points: FloatArray) -> FloatArray:
+    """Return how far points (m, space) are above a height along the last axis, metres."""
+    return np.asarray(points[:, -1] - floor)
+
+
+def _off(data: Json, distance: Distance, clearance: float, points: FloatArray) -> FloatArray:
+    """Return the distance of points (m, space) from an obstacle, less its clearance, metres."""
+    return np.asarray(distance(in_frame_of(data, points)) - clearance)
 
 
 def _way(asked: Json, hand: Json, placement: StatedPlacement, surface: Surface, thickness: float) -> FloatArray:

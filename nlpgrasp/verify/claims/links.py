@@ -7,7 +7,7 @@ distances of this package, ``verify``, alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -18,12 +18,13 @@ from scipy.optimize import minimize
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.solution.link_depth import TOLERANCE, LinkDepth
+from nlpgrasp.errors import InputError
+from nlpgrasp.solution.link_depth import BODY, MOST_TOLERANCE, TOLERANCE, LinkDepth
 from nlpgrasp.solution.obstructions import link_depth_of, way_in_of
 from nlpgrasp.solution.phases.phase import APPROACH, GRASP, PREGRASP, Phase
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.bodies.mesh import MeshSurface
+from nlpgrasp.verify.bodies.fast import Distance, fast_distance
 from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError
 from nlpgrasp.verify.constraints.obstacle import in_frame_of
 from nlpgrasp.verify.hands.shapes import LinkShape
@@ -37,7 +38,6 @@ BEGINNINGS = 3  # of its samples, the deepest ones, that the search begins from
 ON = 1e-6  # metres: how far outside a solid a point of its surface may be by rounding
 SLACK, SHARE = 3e-4, 0.2  # metres and share by which two measurements of one depth may differ
 STATION, MOST_STATIONS = 2e-3, 50  # metres that a link moves between two looks on the way in; looks at a leg
-Distance = Callable[[FloatArray], FloatArray]
 
 
 def link_checks(
@@ -57,9 +57,13 @@ def link_checks(
     if (solution.problem.get("hand") or {}).get("type") not in ("urdf",):
         return []
     try:
-        solids = _Solids.of(solution, hand, surface, placement)
+        return _checks(solution, _Solids.of(solution, hand, surface, placement), placement.points)
     except NotMadeError as reason:
         return [Check.not_made("links inside something", str(reason))]
+
+
+def _checks(solution: GraspSolution, solids: _Solids, points: FloatArray) -> list[Check]:
+    """Return the checks of links whose shapes are there."""
     if not solids.shapes:
         stated = (solution.hand or {}).get("link_depth") is not None
         told = "the hand's links have no collision shapes: what they run into is not known"
@@ -69,14 +73,16 @@ def link_checks(
     if solution.phases:
         wrong, told = solids.on_the_way()
         checks.append(Check("links on the way in", not wrong, wrong or told))
-    wrong, told = solids.contacts_off_links(placement.points)
+    elif solids.states_all:
+        checks.append(Check("links on the way in", False, "the file states no phases of the hand"))
+    wrong, told = solids.contacts_off_links(points)
     return [*checks, Check("contacts on their links", not wrong, wrong or told)]
 
 
 class _Solids:
     """The links' shapes, what they may be inside of, and what a file states of both."""
 
-    def __init__(self, solution: GraspSolution, hand: URDFNumbers, things: Mapping[str, Distance]) -> None:
+    def __init__(self, solution: GraspSolution, hand: URDFNumbers, things: Sequence[tuple[str, Distance]]) -> None:
         self.solution, self.hand, self.things = solution, hand, things
         self.shapes, self.contacts = hand.shapes, solution.require_grasp().points
         rng = np.random.default_rng(2)
@@ -86,6 +92,9 @@ class _Solids:
         }
         asked = solution.solver.get("options", {}).get("link_tolerance", TOLERANCE)
         self.tolerance = number("solver.options.link_tolerance", asked, at_least=0.0)
+        if self.tolerance > MOST_TOLERANCE:
+            raise InputError("solver.options.link_tolerance", asked, f"at most {MOST_TOLERANCE:g} m")
+        self.states_all = "link_tolerance" in solution.solver.get("options", {})  # as files of this version do
 
     @classmethod
     def of(
@@ -98,13 +107,14 @@ class _Solids:
             raise NotMadeError("nothing recomputes the links of a hand of this type")
         if surface is None:
             raise NotMadeError(NO_BODY)
-        things: dict[str, Distance] = {"the body": _distance(surface)}
+        things: list[tuple[str, Distance]] = [(BODY, fast_distance(surface))]
         for data in solution.problem["constraints"]:
             if data["type"] == "table":
                 height = number("height", data["height"])
-                things["the table"] = partial(_above, height)
+                things.append(("the table", partial(_above, height)))
             elif data["type"] == "obstacle":
-                things[str(data["name"])] = partial(_beside, data, _distance(placement.surface_of(data["body"])))
+                distance = fast_distance(placement.surface_of(data["body"]))
+                things.append((str(data["name"]), partial(_beside, data, distance)))
         return cls(solution, hand, things)
 
     def in_grasp(self) -> tuple[str, str]:
@@ -119,8 +129,8 @@ class _Solids:
         seen = max((self._at(hand) for hand in self._stations(way)), key=lambda d: d.depth, default=LinkDepth())
         stated = way_in_of(self.solution.hand)
         if stated is None:
-            told = f"{seen.words} on the way in" if seen.depth > self.tolerance + SLACK else "free"
-            return "", f"not stated; {told}"
+            told = f"not stated; {seen.words if seen.depth > self.tolerance + SLACK else 'free'}"
+            return (told, "") if self.states_all else ("", told)
         wrong = self._differs(stated, seen)
         return wrong, f"{len(way)} keyframes; " + (seen.words if seen.depth > self.tolerance else "free")
 
@@ -133,9 +143,11 @@ class _Solids:
             for i, gap in enumerate(seen)
             if gap is not None and gap > TOLERANCE
         ]
+        unknown = ", ".join(str(i) for i, gap in enumerate(seen) if gap is None)
+        off += [f"not known of contact {unknown}, whose links have no collision shapes"] if unknown else []
         told = "; ".join(off) or "all are"
         if stated is None:
-            return "", f"not stated; {told}"
+            return ("not stated", "") if self.states_all else ("", f"not stated; {told}")
         for i, (known, gap) in enumerate(zip(stated, seen, strict=True)):
             if (known is None) != (gap is None) or (gap is not None and abs(known - gap) > SLACK + SHARE * gap):
                 return f"contact {i} is stated to be {known} m off its link, {gap} m found", ""
@@ -143,7 +155,8 @@ class _Solids:
 
     def _judged(self, stated: LinkDepth | None, seen: LinkDepth, called_free: bool) -> tuple[str, str]:
         more = f" ({1e3 * self.tolerance:g} mm allowed)"
-        wrong = "" if stated is None else self._differs(stated, seen)
+        missing = "not stated" if self.states_all else ""
+        wrong = missing if stated is None else self._differs(stated, seen)
         if seen.depth > self.tolerance + SLACK:
             word = f", called {self.solution.status.name.lower()}" if called_free else ""
             return f"{seen.words}{more}{word}" + (f"; {wrong}" if wrong else ""), ""
@@ -167,7 +180,7 @@ class _Solids:
             there = samples @ pose[:3, :3].T + pose[:3, 3]
             middle = (there.min(axis=0) + there.max(axis=0)) / 2.0
             reach = float(np.max(np.linalg.norm(there - middle, axis=1)))
-            for name, distance in self.things.items():
+            for name, distance in self.things:
                 if float(distance(middle[None])[0]) < reach:
                     depth = self._depth(link, pose, there, distance)
                     if depth > worst.depth:
@@ -236,13 +249,6 @@ def _above(height: float, points: FloatArray) -> FloatArray:
 def _beside(data: Json, distance: Distance, points: FloatArray) -> FloatArray:
     """Return the signed distance of points (m, 3) from an obstacle, whose own frame ``distance`` is in."""
     return distance(in_frame_of(data, points))
-
-
-def _distance(surface: Surface) -> Distance:
-    """Return the signed distance from a body; from a mesh by its search tree, as there are many points."""
-    if isinstance(surface, MeshSurface):
-        return SearchTree(surface.triangles.vertices, surface.triangles.faces).clearance
-    return surface.distance
 
 
 def _samples(shapes: Sequence[LinkShape], rng: np.random.Generator) -> FloatArray:

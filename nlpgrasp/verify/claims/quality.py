@@ -93,6 +93,7 @@ def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceB
     nothing = stated.mu.upper <= NOTHING * solution.mu.upper
     good = overlap("", stated.mu, found).passed and (nothing or width("", stated.mu, found, ANY_GAP).passed)
     good = good and set(stated.lost) == over
+    good = good and solution.solver.get("options", {}).get("robust_offset", stated.offset) == stated.offset
     good = good and off <= OFF_BY * stated.offset + 1e-9 and stated.mu.lower <= solution.mu.upper
     share, fragile = stated.stated or (stated.share(solution.mu), stated.is_fragile(solution.mu))
     good = good and abs(share - stated.share(solution.mu)) <= SAME and fragile == stated.is_fragile(solution.mu)
