@@ -37,6 +37,7 @@ MOST = 1000  # triangles that are divided together: of more the most promising o
 IMPLIED = 20_000  # triangles that stand for an implicit body, at most
 SAMPLES = 400  # of a face of a curved body, that tell how far its triangles are inside it
 BEGINNINGS = 6  # points of either surface that the search inside begins from
+BULGE = 0.02  # share by which a thing may be larger than the points of its surface that are known
 SHEET = 0.05  # of its hull's volume: a surface that encloses less is none of a solid
 CONVEX, PLANES = 0.999, 500  # of its hull's volume: a surface that counts as convex; planes that stand for its faces
 SAME = 6  # digits in which the normals of one plane's triangles agree
@@ -129,8 +130,10 @@ def _solid_body(name: str, body: Body) -> Thing:
 
 
 def _some(points: FloatArray) -> FloatArray:
-    """Return at most ``MOST`` of some points (n, 3), evenly chosen."""
-    return points[:: max(1, len(points) // MOST)]
+    """Return about ``MOST`` of some points (n, 3), evenly chosen, with the outermost ones."""
+    around = directions_around(np.eye(3)[2], AROUND)
+    outermost = points[np.unique(np.argmax(points @ around.T, axis=0))]
+    return np.concatenate([points[:: max(1, len(points) // MOST)], outermost])
 
 
 @dataclass(frozen=True)
@@ -353,7 +356,7 @@ class _LinkSolid:
 
     def depth_in(self, thing: Thing) -> float:
         """Return how deep the link is in a thing that is seen from the link's frame, metres, at least zero."""
-        points = _deepest_points(thing.fast, self.corners)[:BEGINNINGS]
+        points = _deepest_points(thing.fast, self._near(thing))[:BEGINNINGS]
         there = thing.points[np.linalg.norm(thing.points - self.centre, axis=1) < self.radius]
         if len(there):
             found = self._distance(there)
@@ -362,10 +365,23 @@ class _LinkSolid:
         if not len(points):
             return 0.0
         inside = _deepest_inside(thing.fine, self._distance, points)
-        ways = [
-            0.0 if thing.convex is None or s.convex is None else _way_out(s.convex, thing.convex) for s in self.parts
-        ]
-        return max(inside, *ways) if inside > 0.0 else 0.0
+        return max(inside, *self._ways_out(thing)) if inside > 0.0 else 0.0
+
+    def _ways_out(self, thing: Thing) -> list[float]:
+        """Return how far each convex part is from being outside a convex thing, metres."""
+        if thing.convex is None:
+            return [0.0]
+        return [0.0, *(_way_out(part.convex, thing.convex) for part in self.parts if part.convex is not None)]
+
+    def _near(self, thing: Thing) -> FloatArray:
+        """Return the corners (m, 3, 3) of the triangles that may reach a ball around a thing."""
+        if not len(thing.points):
+            return self.corners
+        middle = (thing.points.min(axis=0) + thing.points.max(axis=0)) / 2.0
+        reach = float(np.max(np.linalg.norm(thing.points - middle, axis=1))) * (1.0 + BULGE)
+        centres = self.corners.mean(axis=1)
+        radii = np.max(np.linalg.norm(self.corners - centres[:, None], axis=2), axis=1)
+        return np.asarray(self.corners[np.linalg.norm(centres - middle, axis=1) - radii < reach])
 
     def _distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance from the link, negative inside, of points (m, 3) in its frame."""

@@ -31,6 +31,7 @@ KNOWN = "from the search of all placements"  # message of a start
 FACING = "from a pair of places that face each other"  # the same
 SLOWEST = 0.01  # relative gain over some rounds, below which the exchange from a grasp that was climbed to ends
 SLOWEST_BEFORE = 0.03  # the same where contacts climb over the mesh itself afterwards
+MOST_TOUCHING = 2  # attempts of a start whose hand touches, before it ends
 GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 
 
@@ -187,22 +188,24 @@ def _certified(bench: Workbench, found: OnBody, state: AscentState, deadline: fl
 
 
 def _best_attempt(attempts: _Attempts) -> StartGrasp:
-    """Return the best of the first attempts that exert the task and keep the constraints; without any, the first.
+    """Return the best of the first attempts that exert the task and keep the constraints.
 
-    Its effort is that of all attempts.
+    Without any, the best whose links are inside something, of which there are few; without these, the first. Its effort
+    is that of all attempts.
     """
     each = iter(attempts)
     first = following = next(each)
     effort = first.effort
-    solved: list[StartGrasp] = []
+    solved, touching = list[StartGrasp](), list[StartGrasp]()
     while True:
         solved += [following] if following.solved else []
-        if len(solved) >= attempts.wanted or attempts.stop.requested():
+        touching += [following] if following.record.status is Status.TOUCHES else []
+        if len(solved) >= attempts.wanted or len(touching) >= MOST_TOUCHING or attempts.stop.requested():
             break
         found = next(each, None)
         if found is None:
             break
         following = found
         effort += found.effort
-    best = max(solved, key=lambda grasp: grasp.rank.lower) if solved else first
+    best = max(solved or touching or [first], key=lambda grasp: grasp.rank.lower)
     return replace(best, spent=effort)
