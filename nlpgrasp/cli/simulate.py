@@ -69,7 +69,7 @@ def simulate_command(
         emit(_data(found))
     else:
         typer.echo(str(found))
-        typer.echo(_verdict(found))
+        typer.echo(found.verdict)
     picture = write_strip(found, solution, target)
     if not as_json:
         typer.echo(f"pictures written to {picture}")
@@ -109,17 +109,6 @@ def _through_the_hand(
         raise typer.Exit(1)
 
 
-def _verdict(found: ng.Simulation) -> str:
-    """Return the verdict in a sentence."""
-    if found.confirmed:
-        return "confirmed: the grasp as solved holds what is certified, and loses what is more"
-    if not found.held:
-        return "NOT confirmed: lost a wrench that the certificate says can be held"
-    if found.lost_at is not None and found.lost_at < 1.0:
-        return "NOT confirmed: lost before the certified bounds"
-    return "NOT confirmed: held more than the certificate says is possible"
-
-
 def _data(found: ng.Simulation) -> dict[str, object]:
     trials = [
         {"condition": t.condition, "wrench": t.label, "slip": t.slip, "turn": t.turn, "held": t.held}
@@ -128,11 +117,13 @@ def _data(found: ng.Simulation) -> dict[str, object]:
     return {
         "name": found.name,
         "confirmed": found.confirmed,
+        "verdict": found.verdict,
         "share": found.share,
         "mass": found.mass,
         "effort": found.effort,
         "lost_at": found.lost_at,
         "upper_bound": found.gap,
+        "touching": found.touching,
         "trials": trials,
         "notes": list(found.notes),
     }

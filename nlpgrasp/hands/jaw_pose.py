@@ -4,9 +4,10 @@ The closing direction points from contact 0 to contact 1; the approach, in which
 right angles to it: the clearest such direction within the cones of the problem. The pose is that of the gripper's own
 frame, in which both directions are axes of its model: x and z unless the hand says otherwise.
 
-The way in consists of the middle lines of both fingers and, where a finger's length is stated, of the palm across their
-ends, on a straight line: from the grasp back by twice the body's size. The pads' breadth, the gripper's body and an arm
-play no part.
+The way in is straight: from the grasp back by twice the body's size. What moves on it are both fingers, rectangles as
+thick as stated from the pads outwards, and, where a finger's length is stated, the palm between their ends. They are
+walked along lines two millimetres apart, the faces of the fingers included: what lies between two lines is at most one
+deep. The pads' breadth, the gripper's body and an arm play no part.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.types import Json
@@ -27,13 +29,14 @@ CLOSING_AXIS, APPROACH_AXIS = "x", "z"  # of a gripper that states no others
 LETTERS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 DIGITS = 1e-4  # from unit length and a right angle: directions are written with few digits
 TURNS = 36  # directions about the closing line that are looked at
-STEPS = 24  # points of each line
-ACROSS = 5  # lines of the palm
+APART = 2e-3  # metres between two lines, at most
 WAY = 2.0  # of the body's size: how far back the way in is looked at
 NEAR = 0.02  # of the body's size: what is in the way by less than this is not, pads on tilted faces for example
 ALONG = 1e-9  # part of a unit direction across the closing line: a cone about this line has no middle across it
-WALK, STEEP = 2.5e-4, 0.5  # metres of a step along a line, and share of it by which the distance falls into something
+WALK, FINE = 2.5e-4, 2e-5  # metres of the least step along pads and inside something, and of any other
+STEEP = 0.5  # share of a step by which the distance falls where a line enters something
 NEARLY = 0.1  # of the clearest way's mean distance: the steepest way down is taken where it is clear but for so much
+ROUNDING = 1e-9  # of a number of lines
 SAME = 1e-6  # of the body's size: directions as clear as each other
 
 
@@ -153,15 +156,6 @@ class Jaws:
         angles = np.arange(TURNS) * 2.0 * np.pi / TURNS
         return np.asarray(np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(line, first)))
 
-    def way(self, approach: FloatArray, size: float) -> FloatArray:
-        """Return points (n, space) of fingers and palm on their way in along a direction."""
-        back = -approach * np.linspace(0.0, self.length + WAY * size, STEPS)[:, None]
-        lines = [start + back for start in self._starts]
-        if self.length > 0.0:
-            ends = -approach * np.linspace(self.length, self.length + WAY * size, STEPS)[:, None]
-            lines += [(1.0 - s) * lines[0][0] + s * lines[1][0] + ends for s in np.linspace(0.0, 1.0, ACROSS)]
-        return np.concatenate(lines)
-
     def clearest(self, size: float, distance: Distance) -> tuple[FloatArray, float, bool]:
         """Return the clearest approach, (space,), its depth in anything, metres, and whether it passes through.
 
@@ -171,41 +165,78 @@ class Jaws:
         only where all do.
         """
         directions = self.approaches()
-        ways = np.stack([self.way(direction, size) for direction in directions])
-        clear = distance(ways.reshape(-1, ways.shape[-1])).reshape(ways.shape[:2]) - 0.5 * self.thickness
-        depth, mean = np.maximum(-clear.min(axis=1), 0.0), clear.mean(axis=1)
+        depth, mean, through = self.walk(directions, size, distance)
         free = depth <= max(float(depth.min()), NEAR * size)
         best = float(mean[free].max())
         steepest = np.where(free & (mean >= best - SAME * size), -directions[:, -1], -np.inf)
         down = int(np.argmin(directions[:, -1]))
         chosen = down if free[down] and mean[down] >= (1.0 - NEARLY) * best > 0.0 else int(np.argmax(steepest))
-        order = [chosen, *(int(i) for i in np.argsort(-np.where(free, mean, -np.inf)) if free[i] and i != chosen)]
-        through = next((i for i in order if not self.passes_through(directions[i], size, distance)), None)
-        kept = chosen if through is None else through
-        return directions[kept], float(depth[kept]), through is None
+        if through[chosen] and not np.all(through[free]):
+            chosen = int(np.argmax(np.where(free & ~through, mean, -np.inf)))
+        return directions[chosen], float(depth[chosen]), bool(through[chosen])
 
-    def passes_through(self, approach: FloatArray, size: float, distance: Distance) -> bool:
-        """Return whether a finger or the palm runs into something on its way in, however thin that is.
+    def walk(
+        self, directions: FloatArray, size: float, distance: Distance
+    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Walk the lines of fingers and palm from the grasp outwards, the way in backwards.
 
-        The same lines are walked in steps of ``WALK`` from the pads outwards: the distance falls to zero, and steeply,
-        where a line enters something, while along a face that a finger touches it hardly changes.
+        A step outside is longer than the distance to the nearest thing by ``FINE`` alone, so that nothing thicker is
+        between two points; inside it is as long as it takes to get deeper than the deepest point so far. There, and
+        along pads, no step is shorter than ``WALK``.
+
+        Parameters
+        ----------
+        directions : (m, space) array
+            Unit approaches.
+        size : float
+            Of the body, metres.
+        distance : callable
+            Points (n, space) to distances from everything that is to be kept clear of, (n,), metres.
+
+        Returns
+        -------
+        depth : (m,) array
+            Of the deepest point in anything, metres, at least zero.
+        mean : (m,) array
+            Mean distance along the lines, metres.
+        through : (m,) bool array
+            Whether a line enters something, however thin that is: there the distance falls to zero steeply. Lines
+            along the pads of thick fingers are left out; they slide along the body.
         """
-        one, other = self._starts
-        lines = [(start, 0.0) for start in (one, other)]
-        if self.length > 0.0:
-            lines += [((1.0 - s) * one + s * other, self.length) for s in np.linspace(0.0, 1.0, ACROSS)]
-        for start, first in lines:
-            along = np.arange(first, self.length + WAY * size, WALK)[:, None]
-            clear = distance(start - along * approach) - 0.5 * self.thickness
-            if np.any((clear[:-1] > 0.0) & (clear[1:] <= 0.0) & (np.diff(clear) < -STEEP * WALK)):
-                return True
-        return False
+        starts, firsts, on_pads = self._lines()
+        count, far = len(starts), self.length + WAY * size
+        start, back = np.tile(starts, (len(directions), 1)), np.repeat(-directions, count, axis=0)
+        along = np.tile(firsts, len(directions))
+        clear, area = distance(start + along[:, None] * back), np.zeros(len(start))
+        least = np.minimum(clear, distance(start + far * back)).reshape(-1, count).min(axis=1)
+        least, enters = np.minimum(least, 0.0), np.zeros(len(start), dtype=bool)
+        while (left := np.flatnonzero(along < far)).size:
+            now, before = clear[left], along[left]
+            reach = np.where(now > 0.0, now + FINE, now - least[left // count])
+            coarse = (now <= 0.0) | on_pads[left % count]
+            along[left] = np.minimum(before + np.where(coarse, np.maximum(reach, WALK), reach), far)
+            step, then = along[left] - before, distance(start[left] + along[left, None] * back[left])
+            enters[left] |= (now > 0.0) & (then <= 0.0) & (then - now < -STEEP * step)
+            np.minimum.at(least, left // count, then)
+            area[left] += 0.5 * step * (now + then)
+            clear[left] = then
+        lines = (len(directions), count)
+        mean = (area.reshape(lines) / (far - firsts)).mean(axis=1)
+        return 0.0 - least, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
 
-    @property
-    def _starts(self) -> tuple[FloatArray, FloatArray]:
-        """Where the middle lines of both fingers begin, (space,) each, metres."""
-        half = 0.5 * self.thickness * self.closing
-        return self.points[0] - half, self.points[1] + half
+    def _lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Return points (n, space) of lines along the approach, how far back each begins, and which are along pads.
+
+        Lines of the fingers begin at the pads, those of the palm, between them, a finger's length behind; metres.
+        """
+        (one, other), closing = self.points, self.closing
+        across = _spread(self.thickness)
+        palm = _spread(self.opening)[1:-1] if self.length > 0.0 else np.zeros(0)
+        fingers = [one - across[:, None] * closing, other + across[:, None] * closing]
+        starts = np.concatenate([*fingers, one + palm[:, None] * closing])
+        firsts = np.concatenate([np.zeros(2 * len(across)), np.full(len(palm), self.length)])
+        on_pads = np.isin(np.arange(len(starts)), [0, len(across)])
+        return starts, firsts, on_pads
 
     def posture(self, size: float, distance: Distance) -> Json:
         """Return opening, approach, depth and, in space, the pose of the gripper's frame, as JSON data."""
@@ -221,3 +252,8 @@ class Jaws:
         position = self.points.mean(axis=0) - self.length * approach
         quaternion = turn.as_quat(canonical=True, scalar_first=True).tolist()
         return {"palm_pose": {"position": position.tolist(), "quaternion_wxyz": quaternion}, **told}
+
+
+def _spread(width: float) -> FloatArray:
+    """Return places evenly across a width, both ends included, at most ``APART`` from each other, metres."""
+    return np.linspace(0.0, width, 1 + int(np.ceil(width / APART - ROUNDING)))

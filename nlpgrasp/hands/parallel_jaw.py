@@ -46,7 +46,7 @@ class ParallelJaw(Hand):
     finger_length : float
         From the middle between the pads back to the gripper's frame, metres; 0 puts the frame between the pads.
     finger_thickness : float
-        Of a finger in the closing direction, metres; 0 looks at the pads' lines alone.
+        Of a finger in the closing direction, outwards from its pad, metres; 0 looks at the pads' lines alone.
     closing_axis : str or (3,) sequence of float
         Direction of the closing line in the gripper's own frame, from the jaw at contact 0 to that at contact 1:
         ``"x"``, ``"y"``, ``"z"``, with a sign such as ``"-x"``, or a unit direction. The Franka hand closes along y.

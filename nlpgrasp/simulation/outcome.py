@@ -70,6 +70,8 @@ class Simulation:
         The run in which it grew.
     notes : tuple of str
         What could not be tried, and why.
+    touching : str
+        Links that are inside something and contacts off their links, in words; empty where there are none.
     """
 
     name: str
@@ -81,6 +83,7 @@ class Simulation:
     lost_at: float | None
     growing: Trial
     notes: tuple[str, ...] = ()
+    touching: str = ""
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -98,12 +101,31 @@ class Simulation:
 
     @property
     def confirmed(self) -> bool:
-        """Whether both ends were seen: held at the share, and lost within or just beside the certified bounds."""
+        """Whether both ends were seen: held at the share, and lost within or just beside the certified bounds.
+
+        Just beside: at no less than 0.92 of the lower one and no more than 1.05 of the upper; ``verdict`` says where.
+        """
         return self.held and self.lost_at is not None and 1.0 - EARLY <= self.lost_at <= self.gap * (1.0 + LATE)
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in a sentence: up to which share of the certified bound the hardest wrench was held."""
+        if not self.held:
+            return "NOT confirmed: lost a wrench that the certificate says can be held"
+        if self.lost_at is None or self.lost_at > self.gap * (1.0 + LATE):
+            return "NOT confirmed: held more than the certificate says is possible"
+        if self.lost_at >= 1.0:
+            return "confirmed: the grasp as solved holds what is certified, and loses what is more"
+        share = f"{np.floor(1e3 * self.lost_at) / 1e3:.3f} of the certified share"
+        least = f"simulated friction creeps: {1.0 - EARLY:g} is enough"
+        if self.confirmed:
+            return f"confirmed to {share}: there the grasp as solved loses the hardest wrench ({least})"
+        return f"NOT confirmed: loses the hardest wrench at {share} ({least})"
 
     def __str__(self) -> str:
         first = f"{self.name}: wrenches up to {self.share:g} of certified mu, effort {self.effort:.4g}"
-        lines = [f"{first}, mass {self.mass:.3g} kg"]
+        lines = [f"{self.name}: {self.touching}"] if self.touching else []
+        lines.append(f"{first}, mass {self.mass:.3g} kg")
         lines += [in_words(condition, self.of(condition)) for condition in self.conditions]
         lost = "never lost" if self.lost_at is None else f"lost at {self.lost_at:.3f}"
         lines.append(f"  hardest wrench, growing  {lost}; certified in [1, {self.gap:.3f}] of the lower bound")

@@ -17,6 +17,7 @@ from nlpgrasp.simulation.loads import Loads, answered
 from nlpgrasp.simulation.outcome import Simulation, Trial, in_words
 from nlpgrasp.simulation.snapshot import Snapshot
 from nlpgrasp.solution.given import given_solution
+from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution
 
 RISE, PAUSE, GROW, HOLD = 4.0, 4.0, 12.0, 10.0  # of a run, units of time
@@ -58,9 +59,15 @@ def simulate(
         Without a grasp, with bilateral contacts, or with more mass than the hand can carry.
     MissingExtraError
         Without MuJoCo (extra ``sim``).
+
+    Warns
+    -----
+    UserWarning
+        Of a link inside something, and of contacts that are off their fingertips' links.
     """
     solution = given_solution(solution)
     import_mujoco("a simulation")
+    touching = warn_of_touching(solution.name, solution.hand)
     share = number("share", share, above=0.0)
     if share >= 1.0:
         raise InputError("share", share, "less than 1: beyond it nothing is certified")
@@ -91,7 +98,8 @@ def simulate(
     tell("  the hardest wrench, growing ...")
     lost_at, growing = grow(start)
     gap = solution.mu.upper / solution.mu.lower
-    return Simulation(solution.name, share, start.effort, start.mass.mass, tuple(trials), gap, lost_at, growing, notes)
+    name, kilograms, tried = solution.name, start.mass.mass, tuple(trials)
+    return Simulation(name, share, start.effort, kilograms, tried, gap, lost_at, growing, notes, touching)
 
 
 def _trials(start: Given, condition: str, there: Grasp, loads: Loads, gravity: float) -> list[Trial]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from nlpgrasp.common.shown.numbers import rounded
+from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.types import Json
 from nlpgrasp.solution.link_depth import TOLERANCE, LinkDepth
 
@@ -50,6 +51,23 @@ def of_the_grasp(hand: Json | None) -> list[str]:
     for i, gap in tips_off(hand).items():
         link = f" {links[i]}" if i < len(links) else ""
         said.append(f"contact {i} is {rounded(1e3 * gap, 2)} mm off its fingertip's link{link}, by that link's shape")
+    return said
+
+
+def warn_of_touching(name: str, hand: Json | None) -> str:
+    """Warn of what is wrong with the hand in the grasp itself, and return it in words; empty where nothing is.
+
+    Parameters
+    ----------
+    name : str
+        The solution's.
+    hand : mapping or None
+        As files state it.
+    """
+    said, depth = "; and ".join(of_the_grasp(hand)), link_depth_of(hand)
+    if said:
+        said = said if depth is None or depth.is_free else f"Touches: {said}"
+        warn(f"{name}: {said}")
     return said
 
 

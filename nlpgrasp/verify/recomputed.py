@@ -23,6 +23,7 @@ from nlpgrasp.verify.claims.phases import phase_checks
 from nlpgrasp.verify.claims.room import room_checks
 from nlpgrasp.verify.claims.squeeze import squeeze_checks
 from nlpgrasp.verify.claims.torques import torque_checks
+from nlpgrasp.verify.claims.ways import way_checks
 from nlpgrasp.verify.hands.room import room_rows
 from nlpgrasp.verify.hands.unknown import UnknownHand
 from nlpgrasp.verify.ownership import Owner, Scales, constraint_owner, hand_owner, links_owner, margin_owner, room_owner
@@ -80,7 +81,8 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     checks += guarded("room of joints", lambda: room_checks(solution, hand))
     checks += guarded("gripper", lambda: gripper_checks(solution, placement, surface))
     checks += guarded("links inside something", lambda: link_checks(solution, hand, surface, placement))
-    checks += guarded("phases", lambda: phase_checks(solution, hand, surface))
+    checks += guarded("phases", lambda: phase_checks(solution))
+    checks += guarded("approach", lambda: way_checks(solution, hand, surface, placement))
     checks += guarded("drawing", lambda: _drawing_checks(solution, surface))
     slack = partial(_slack, stated=stated, scales=_scales(solution, grasp, unseen * size), promise=promise)
     return [*checks, face_check(solution), *rows, *_stated_check(solution, stated, owners, slack)]

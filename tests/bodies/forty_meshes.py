@@ -5,6 +5,7 @@ import trimesh
 
 from tests.bodies.made_meshes import (
     ALL_TURNED,
+    APART,
     BURIED,
     COPIES,
     FILLED,
@@ -25,6 +26,7 @@ from tests.bodies.made_meshes import (
 )
 
 A = box([0.1, 0.06, 0.04])
+LONG = box([0.2, 0.03, 0.02])  # its ends are 2.7 % of its surface
 ACROSS = box([0.04, 0.1, 0.03], (0.013, 0.011, 0.004))
 INNER = box([0.05, 0.03, 0.02])
 SHELL = box([0.099, 0.059, 0.039])  # half a millimetre inside A
@@ -99,7 +101,7 @@ def _touching():
         "a gap of rounding": Made(joined(A, gap), (A, gap), ("that touch overlap",)),
         "touching at an edge": Made(joined(A, at_edge), (A, at_edge)),
         "touching at a corner": Made(joined(A, at_corner), (A, at_corner)),
-        "two apart": Made(joined(A, apart), (A, apart)),
+        "two apart": Made(joined(A, apart), (A, apart), (APART,)),
     }
 
 
@@ -112,7 +114,7 @@ def _turned():
         "two parts inside out": Made(inverted(joined(A, ACROSS)), (A, ACROSS), (ALL_TURNED, JOINED)),
         "hollow inside out": Made(inverted(joined(A, inverted(INNER))), (A,), (ALL_TURNED, HOLLOW)),
         "one part inside out": Made(joined(A, inverted(ACROSS)), (A, ACROSS), (SOME_TURNED, JOINED)),
-        "one apart inside out": Made(joined(A, inverted(apart)), (A, apart), (SOME_TURNED,)),
+        "one apart inside out": Made(joined(A, inverted(apart)), (A, apart), (SOME_TURNED, APART)),
         "triangles of both ways": Made(trimesh.Trimesh(WHOLE.vertices, mixed, process=False), (WHOLE,), (ROUND,)),
     }
 
@@ -125,9 +127,13 @@ def _broken():
         "a copy": Made(joined(WHOLE, WHOLE), (WHOLE,), (COPIES,)),
         "some copies": Made(chosen(WHOLE, [*range(len(WHOLE.faces)), 5, 9]), (WHOLE,), (COPIES,)),
         "degenerate triangles": Made(trimesh.Trimesh(A.vertices, lines, process=False), (A,)),
-        "without lid": Made(chosen(A, A.face_normals[:, 2] < 0.5), (A,), (FILLED,)),
+        "without an end": Made(chosen(LONG, LONG.face_normals[:, 0] < 0.5), (LONG,), (FILLED,)),
+        "without an end, and a part": Made(
+            joined(chosen(LONG, LONG.face_normals[:, 0] < 0.5), ACROSS), (LONG, ACROSS), (FILLED, JOINED)
+        ),
+        "without lid": Made(chosen(A, A.face_normals[:, 2] < 0.5), (), ("24 % of the surface, the largest around",)),
         "without lid, and a part": Made(
-            joined(chosen(A, A.face_normals[:, 2] < 0.5), ACROSS), (A, ACROSS), (FILLED, JOINED)
+            joined(chosen(A, A.face_normals[:, 2] < 0.5), ACROSS), (), ("15 % of the surface, the largest around",)
         ),
         "a triangle inside": Made(joined(A, inner), (A,), (FILLED, BURIED)),
         "half a ball": Made(chosen(WHOLE, WHOLE.triangles_center[:, 2] < 0.0), (), ("an open surface",)),

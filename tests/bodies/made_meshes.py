@@ -9,7 +9,7 @@ import trimesh
 JOINED, HOLLOW = "the outer surface of their union is left", "no finger gets there"
 ALL_TURNED, SOME_TURNED = "turned inside out: the triangles faced inwards", "parts inside out: their triangles faced"
 BURIED, COPIES, FILLED = "of the area was buried", "there more than once", "filled holes"
-ROUND = "turned round to face as those beside"
+ROUND, APART = "turned round to face as those beside", "pieces that do not touch"
 
 
 @dataclass(frozen=True)

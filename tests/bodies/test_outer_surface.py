@@ -10,6 +10,8 @@ from tests.bodies.forty_meshes import ACROSS, INNER, A, forty
 from tests.bodies.made_meshes import JOINED, ball, box, inverted, joined, off_the_outer_surface, soup, winding
 from tests.quick import every
 
+pytestmark = pytest.mark.filterwarnings("ignore:the mesh is 2 pieces")
+
 FORTY = forty()
 HELD = [name for name, made in FORTY.items() if made.solids]
 REFUSED = [name for name, made in FORTY.items() if not made.solids]

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.hands import hand_from_dict
+from nlpgrasp.hands.jaw_pose import Jaws
 from nlpgrasp.problem.fields import distance_to_all, fields_of
 
 BODY = ng.Box([0.08, 0.04, 0.06])
@@ -74,6 +75,77 @@ def test_what_is_in_the_way_on_all_sides_is_told():
         for sign in (-1.0, 1.0)
     ]
     assert posture(constraints=walls)["approach"]["depth"] > 0.005
+
+
+def corners(jaws, approach, far):
+    """Corners of both fingers, flat boxes from the pads back."""
+    (p, q), closing = jaws.points, jaws.closing
+    faces = (p, p - jaws.thickness * closing, q, q + jaws.thickness * closing)
+    return np.array([face - back * approach for face in faces for back in (0.0, far)])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_depth_in_a_table_is_that_of_the_fingers_corners(seed):
+    """Boxes of any thickness and length about a ball, in any direction, against the half space and its clearance."""
+    rng = np.random.default_rng(seed)
+    ball = ng.Sphere(0.02)
+    closing = rng.normal(size=3)
+    closing /= np.linalg.norm(closing)
+    jaws = Jaws(-0.02 * np.outer([1, -1], closing), *rng.uniform([0.03, 0.004], [0.09, 0.03]))
+    height, clearance = rng.uniform([-0.06, 0.0], [-0.005, 0.02])
+    distance = distance_to_all(fields_of(ball, [ng.Table(height, clearance)], 2))
+    directions = jaws.approaches()
+    depth, _, through = jaws.walk(directions, ball.size, distance)
+    low = [corners(jaws, d, jaws.length + 2.0 * ball.size)[:, 2].min() for d in directions]
+    np.testing.assert_allclose(depth, np.maximum(height + clearance - np.array(low), 0.0), atol=1e-8)
+    assert np.any(depth > 0.0)
+    assert not np.any(through & (depth < 1e-8))
+
+
+@pytest.mark.parametrize(("above", "depth"), [(5e-3, 0.0), (4.5e-3, 0.0), (1.5e-3, 3e-3)])
+def test_a_gripper_that_has_the_room_asked_for_is_not_in_the_tables_way(above, depth):
+    """Fingers 20 mm thick beside the part, as far above a table as contacts are to be: no half finger counts there."""
+    points, hand = PADS - [0.0, 0.0, 0.025], ng.ParallelJaw(0.05, finger_length=0.06, finger_thickness=0.02)
+    table = ng.Table(-0.025 - above, clearance=4.5e-3)
+    found = posture(hand, [table], points=points)["approach"]
+    assert found["depth"] == pytest.approx(depth, abs=1e-9)
+    assert found["direction"][2] < 0.0
+
+
+def plate(thickness, height):
+    return ng.Obstacle(ng.Box([0.4, 0.4, thickness]), 0.0, [0.0, 0.0, height], name="plate")
+
+
+@pytest.mark.parametrize("thickness", [3e-4, 4e-3, 0.03])
+def test_one_walk_finds_depth_and_what_is_passed_through(thickness):
+    """Plates on the way from above, at any height: half of them deep, entered however thin; beside them all is free."""
+    jaws = Jaws(PADS, 0.05, 0.01)
+    for height in np.linspace(0.06, 0.14, 7):
+        distance = distance_to_all(fields_of(BODY, [plate(thickness, height)], 2))
+        directions = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+        depth, mean, through = jaws.walk(directions, BODY.size, distance)
+        np.testing.assert_allclose(depth, [0.5 * thickness, 0.0], atol=1.3e-4)
+        assert through.tolist() == [True, False]
+        assert mean[1] > 0.0
+
+
+def test_depth_is_that_of_a_dense_walk():
+    """Among balls, against points a tenth of a millimetre apart on both fingers and the palm."""
+    rng = np.random.default_rng(1)
+    radii, centres = rng.uniform(4e-3, 0.02, 12), 0.06 * rng.normal(size=(12, 3))
+    balls = [ng.Obstacle(ng.Sphere(r), 0.0, centre) for r, centre in zip(radii, centres, strict=True)]
+    distance = distance_to_all(fields_of(BODY, balls, 2))
+    jaws = Jaws(PADS, 0.05, 0.01)
+    directions = jaws.approaches()[::6]
+    far = jaws.length + 2.0 * BODY.size
+    for direction, depth in zip(directions, jaws.walk(directions, BODY.size, distance)[0], strict=True):
+        fingers = (np.arange(0.02, 0.0301, 5e-4), np.arange(0.0, far, 1e-4))
+        palm = (np.arange(0.0, 0.02, 5e-4), np.arange(jaws.length, far, 1e-4))
+        grids = [np.stack(np.meshgrid(*places), axis=-1).reshape(-1, 2) for places in (fingers, palm)]
+        across, back = np.concatenate(grids).T
+        both = [s * across[:, None] * jaws.closing - back[:, None] * direction for s in (-1.0, 1.0)]
+        true = max(0.0, -float(min(distance(points).min() for points in both)))
+        assert true - 1e-3 <= depth <= true + 1e-4
 
 
 def test_the_palm_does_not_go_through_the_body():
@@ -165,10 +237,9 @@ def test_a_cone_about_the_closing_line_allows_no_way_in_but_half_a_turn_does():
 def test_how_the_gripper_comes_is_said_and_first_of_all_a_way_that_is_not_free():
     body, task = ng.Box([0.06, 0.04, 0.06]), ng.TaskEllipsoid([1.0] * 3 + [0.02] * 3)
     hand = ng.ParallelJaw(0.05, finger_length=0.06, finger_thickness=0.02)
-    low = [ng.Workspace(ng.BoxRegion([-1, -1, -1], [1, 1, -0.025])), ng.Table(-0.03)]
     free, stuck = (
         ng.solve(ng.GraspProblem(body, SOFT, task, hand=hand, constraints=more), 1, options=OPTIONS)
-        for more in ([], low)
+        for more in ([], [ABOVE, ng.Approach([0, 0, -1], 0.3)])
     )
     assert "the jaws are 40 mm apart and come in along [" in str(free)
     assert "way in" not in free.title

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import warnings
 from contextlib import suppress
 from dataclasses import replace
@@ -114,6 +115,30 @@ def test_arrays_of_it_flag_it(deep):
     npz = next(known for known in formats() if known.name == "npz")
     arrays = np.load(io.BytesIO(npz.export(deep[2])))
     assert not arrays["way_in_free"][0]
+
+
+SAID = r"Touches: link f. is 4 mm inside the body"
+
+
+@pytest.mark.filterwarnings(THICKER)
+def test_a_way_of_the_palm_says_so_first(deep):
+    _, problem, solution = deep
+    with pytest.warns(UserWarning, match=f"^two: {SAID}$"):
+        path = ng.palm_path(solution, problem)
+    assert re.fullmatch(SAID, str(path).splitlines()[0])
+    assert path.to_dict()["touching"] == path.touching
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(THICKER)
+def test_simulations_say_so_first(deep):
+    folder, problem, solution = deep
+    file, hand = ng.with_extras(solution, problem).save(folder / "whole.json"), ["--hand", str(folder / "two.urdf")]
+    for more in (["--wrenches", "1"], hand):
+        words = ["simulate", str(file), *more]
+        with pytest.warns(UserWarning, match=f"^two: {SAID}$"):
+            done = CliRunner().invoke(command_line(words), words)
+        assert re.fullmatch(f"two: {SAID}", done.stdout.splitlines()[0]), done.output
 
 
 @pytest.mark.filterwarnings(THICKER)

@@ -296,11 +296,13 @@ def test_a_pregrasp_or_a_way_in_that_is_not_stated_is_flagged(held):
 
 def test_the_way_in_of_jaws_is_free_where_it_leads_into_nothing(jaws):
     way = jaws.hand["approach"]
-    for depth, free in ((0.0, True), (0.004, False)):
-        with np.load(io.BytesIO(benchmark_arrays(without(jaws, approach={**way, "depth": depth})))) as data:
+    deep, thin = {"depth": 0.004}, {"depth": 0.0, "passes_through": True}
+    for found, free in (({"depth": 0.0}, True), (deep, False), (thin, False)):
+        with np.load(io.BytesIO(benchmark_arrays(without(jaws, approach={**way, **found})))) as data:
             assert data["way_in_free"].tolist() == [free]
-    stuck = isaac_grasp({"g": without(jaws, approach={**way, "depth": 0.004})})
-    assert yaml.safe_load(stuck)["grasps"]["g"]["way_in"].startswith("not free: it leads 4 mm deep into the body")
+    for found, said in ((deep, "leads 4 mm into what is beside it"), (thin, "passes through something thin")):
+        stuck = yaml.safe_load(isaac_grasp({"g": without(jaws, approach={**way, **found})}))
+        assert stuck["grasps"]["g"]["way_in"] == f"not free: the gripper's way in {said}"
 
 
 def closing_along(jaws, axis):

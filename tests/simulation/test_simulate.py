@@ -17,10 +17,45 @@ from nlpgrasp.simulation.conditions import as_felt, displaced
 from nlpgrasp.simulation.contact_moments import components
 from nlpgrasp.simulation.given import given
 from nlpgrasp.simulation.loads import answered, gripping
+from nlpgrasp.simulation.outcome import Simulation, Trial
+from nlpgrasp.simulation.snapshot import Snapshot
 from nlpgrasp.simulation.strip import write_strip
 from tests.images import panels_drawn, size
 from tests.once import solve_once
 from tests.test_problems import VALUES
+
+
+def outcome(lost_at, slip=0.0, touching=""):
+    """A simulation that slipped so far as solved, and lost the hardest wrench at a share of what is certified."""
+    seen = Snapshot(1.0, slip, 0.0, 0.5, np.eye(3), np.zeros(3), np.zeros((2, 3)))
+    trials = tuple(Trial(condition, "f_x 1 N", (seen,)) for condition in ("as solved", "without gravity"))
+    return Simulation("box", 0.8, 1.0, 0.1, trials, 1.01, lost_at, trials[0], touching=touching)
+
+
+@pytest.mark.parametrize(
+    ("lost_at", "confirmed", "said"),
+    [
+        (1.0, True, "confirmed: the grasp as solved holds what is certified, and loses what is more"),
+        (1.03, True, "confirmed: the grasp as solved holds what is certified, and loses what is more"),
+        (0.9999, True, "confirmed to 0.999 of the certified share: there the grasp as solved loses the hardest wrench"),
+        (0.955, True, "confirmed to 0.955 of the certified share: there the grasp as solved loses the hardest wrench"),
+        (0.91, False, "NOT confirmed: loses the hardest wrench at 0.910 of the certified share"),
+        (1.2, False, "NOT confirmed: held more than the certificate says is possible"),
+        (None, False, "NOT confirmed: held more than the certificate says is possible"),
+    ],
+)
+def test_the_verdict_says_up_to_which_share_it_is_confirmed(lost_at, confirmed, said):
+    found = outcome(lost_at)
+    assert found.confirmed is confirmed
+    creeps = " (simulated friction creeps: 0.92 is enough)" if lost_at and lost_at < 1.0 else ""
+    assert found.verdict == said + creeps
+    assert outcome(lost_at, slip=0.01).verdict == "NOT confirmed: lost a wrench that the certificate says can be held"
+
+
+def test_what_the_hand_touches_is_the_first_line():
+    touching = "Touches: link f1 is 4 mm inside the body"
+    assert str(outcome(1.0, touching=touching)).startswith(f"box: {touching}\nbox: wrenches up to 0.8")
+    assert str(outcome(1.0)).startswith("box: wrenches up to 0.8")
 
 
 @pytest.fixture(scope="module")

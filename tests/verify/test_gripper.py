@@ -16,12 +16,12 @@ CONSTRAINTS = [
 ]
 
 
-def stated_by(**axes):
+def stated_by(constraints=CONSTRAINTS, **axes):
     hand = ng.ParallelJaw(0.05, finger_length=0.04, finger_thickness=0.02, **axes)
     points, normals = np.array([[0.01, 0.02, 0.0], [0.01, -0.02, 0.0]]), [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]
-    problem = problem_of(BODY, 2, hand=hand, constraints=CONSTRAINTS)
+    problem = problem_of(BODY, 2, hand=hand, constraints=constraints)
     found = stated_file(problem, ["+y", "-y"], points, normals)
-    return {**found, "hand": hand.at_contacts(points, BODY.size, distance_to_all(fields_of(BODY, CONSTRAINTS, 2)))}
+    return {**found, "hand": hand.at_contacts(points, BODY.size, distance_to_all(fields_of(BODY, constraints, 2)))}
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +87,18 @@ def test_lies_about_the_gripper(name, data):
     check = recomputed_file(edited(data, lambda d: d.update(hand=change(d["hand"]))))[where]
     assert check.failed
     assert said in check.detail
+
+
+@pytest.mark.parametrize("thickness", [1e-4, 3e-4])
+@pytest.mark.parametrize("height", [0.05, 0.0637, 0.09])
+def test_a_thin_plate_that_is_left_out_is_found(thickness, height):
+    plate = ng.Obstacle(ng.Box([0.4, 0.4, thickness]), 0.0, [0.0, 0.0, height], name="plate")
+    data = stated_by([plate])
+    assert recomputed_file(data)["way in, thin things"].passed
+    down = edited(data, lambda d: d["hand"]["approach"].update(direction=[0.0, 0.0, -1.0], depth=0.0))
+    checks = recomputed_file(down)
+    assert checks["way in"].passed
+    assert checks["way in, thin things"].failed
 
 
 def test_without_the_body_the_way_in_is_not_judged(data):

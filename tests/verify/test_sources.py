@@ -81,8 +81,7 @@ def test_older_files_do_not_say_the_unit(block, tmp_path):
 
 
 def not_made(found):
-    """Return the checks that could not be made; that of the approach is there where a direction is free."""
-    return [name for name, check in found.items() if not check.made and name != "approach"]
+    return [name for name, check in found.items() if not check.made]
 
 
 def test_older_files_do_not_hold_the_links_spheres():
@@ -93,7 +92,7 @@ def test_older_files_do_not_hold_the_links_spheres():
     found = recomputed_file(edited(honest.fingers(), forget), FOLDER)
     assert found["hand"].passed
     assert found["joints"].passed
-    assert [n for n, c in found.items() if not c.made and n != "approach"] == [
+    assert not_made(found) == [
         "constraint 0, table",
         "constraint 1, approach",
         "links",
@@ -103,7 +102,7 @@ def test_older_files_do_not_hold_the_links_spheres():
 
 def test_a_urdf_that_is_not_there_is_not_made():
     found = recomputed_file(honest.fingers())
-    assert [n for n, c in found.items() if not c.made and n != "approach"] == [
+    assert not_made(found) == [
         "links inside something",
         "constraint 0, table",
         "hand",

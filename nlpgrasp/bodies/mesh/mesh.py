@@ -11,6 +11,7 @@ import numpy as np
 
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.mesh.defects import defect_warnings, refuse_guessed_surface
 from nlpgrasp.bodies.mesh.edges import SharpEdges
 from nlpgrasp.bodies.mesh.fineness import FINEST, automatic_fineness
 from nlpgrasp.bodies.mesh.normal_cone import angles_off_normals
@@ -22,6 +23,7 @@ from nlpgrasp.common.meshes.mass import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, scaled_mesh, usable_mesh
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.registry import incomplete
+from nlpgrasp.common.shown.once import say_once
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 
@@ -59,7 +61,7 @@ class Mesh(Body):
     mesh : trimesh.Trimesh
         The mesh as used.
     repairs : tuple of str
-        What was mended, one sentence each.
+        What was mended, and what was not and is worth a warning, one sentence each.
     unit : str or None
         Of the file's coordinates, where ``load`` read one.
     smoothing : float
@@ -70,8 +72,8 @@ class Mesh(Body):
     Raises
     ------
     InputError
-        When the mesh has no volume, is open or crosses itself beyond repair, has NaN, or is 1000 times too large or
-        small.
+        When the mesh has no volume, is open or crosses itself beyond repair, has holes of more than 5 % of its surface
+        or faces with a reversed copy that repair would not restore, has NaN, or is 1000 times too large or small.
     """
 
     kind: ClassVar[str] = "mesh"
@@ -91,7 +93,14 @@ class Mesh(Body):
             resolution = integer("Mesh.resolution", resolution, at_least=8, at_most=FINEST)
         self.source = None if source is None else str(source)
         self.unit: str | None = None
-        self.mesh, self.repairs = usable_mesh(scaled_mesh(mesh, metres_per("Mesh.unit", unit)))
+        given = scaled_mesh(mesh, metres_per("Mesh.unit", unit))
+        self.mesh, repairs = usable_mesh(given)
+        if repairs:
+            refuse_guessed_surface(given)
+        warnings = defect_warnings(self.mesh)
+        for text in warnings:
+            say_once(text)
+        self.repairs = (*repairs, *warnings)
         if smoothing is None or resolution is None:
             chosen = automatic_fineness(np.ptp(self.mesh.bounds, axis=0), self.wall, smoothing, resolution)
             smoothing, resolution = chosen.smoothing, chosen.resolution

@@ -142,7 +142,8 @@ def with_own_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray
 def without_doubles(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
     """Return which triangles (f, 3) to keep, and how many go: as copies of another, and back to back with another.
 
-    Triangles back to back bound nothing. They go unless they are hardly anything, or all there is.
+    Triangles back to back bound nothing. They go unless they are hardly anything, or all there is; where the rest is
+    open without them, the one of two that closes it stays.
     """
     ordered = np.argsort(faces, axis=1, kind="stable")
     way = np.where(np.isin(ordered @ np.array([9, 3, 1]), (5, 15, 19)), 1, -1)  # 012, 120, 201: even permutations
@@ -158,4 +159,30 @@ def without_doubles(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.b
     wanted = np.flatnonzero((net[group] == 0) | (way == np.sign(net[group])))
     np.minimum.at(first, group[wanted], wanted)
     copies = (net[group] != 0) & (first[group] != np.arange(len(faces)))
-    return ~(copies | balanced), int(copies.sum()), int(balanced.sum())
+    closing = _closing(faces, group, ~(copies | balanced), balanced)
+    return ~(copies | balanced) | closing, int(copies.sum()), int((balanced & ~closing).sum())
+
+
+def _closing(faces: IntArray, group: IntArray, kept: NDArray[np.bool_], pairs: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which triangles (f, 3) of those back to back close open edges of the kept ones, one of a group at most.
+
+    An open edge with one group of undecided triangles decides for that group; its other edges are looked at next.
+    """
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
+    keys = np.sort(ends, axis=2) @ np.array([faces.max() + 1, 1])
+    edges = np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
+    ways = np.where(ends[..., 0] < ends[..., 1], 1, -1)
+    count = edges.max() + 1
+    undecided, closing = pairs.copy(), np.zeros(len(faces), dtype=bool)
+    members = np.maximum(np.bincount(group, pairs), 1.0)[group]
+    while True:
+        left = np.bincount(edges[kept | closing].ravel(), ways[kept | closing].ravel(), count)
+        groups = np.bincount(edges[undecided].ravel(), np.repeat(1.0 / members[undecided], 3), count)
+        fits = (left[edges] == -ways) & (np.abs(groups[edges] - 1.0) < 0.5) & undecided[:, None]
+        contrary = (left[edges] == ways) & (np.abs(groups[edges] - 1.0) < 0.5)
+        wanted = np.flatnonzero(fits.any(axis=1) & ~contrary.any(axis=1))
+        if not len(wanted):
+            return closing
+        wanted = wanted[np.unique(group[wanted], return_index=True)[1]]
+        closing[wanted] = True
+        undecided &= ~np.isin(group, group[wanted])

@@ -14,6 +14,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 ALSO_RECORDED = {
     "unit",
+    "meshes",
     "approach",
     "link_spheres",
     "watched_pairs",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.mjcf.mjcf_joints import transform
 from nlpgrasp.hands.mjcf.mjcf_names import body_name, geom_name
-from nlpgrasp.hands.spheres.shapes import Shape
+from nlpgrasp.hands.spheres.shapes import MeshFile, Shape
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -70,4 +71,11 @@ def _mesh(model: MjModel, mesh: int, pose: FloatArray) -> Shape:
     vertices = np.array(model.mesh_vert[first : first + count], dtype=float)
     solid = trimesh.Trimesh(vertices, np.array(model.mesh_face[start : start + faces]))
     solid.apply_transform(pose)
-    return Shape("mesh", solid)
+    return Shape("mesh", solid, file=_mesh_file(model, mesh))
+
+
+def _mesh_file(model: MjModel, mesh: int) -> MeshFile | None:
+    """Return the file of a mesh, by the mesh's name in the model; None of one whose vertices the MJCF itself states."""
+    start = int(model.mesh_pathadr[mesh])
+    path = Path(model.paths[start : model.paths.index(b"\0", start)].decode()) if start >= 0 else None
+    return MeshFile.of(model.mesh(mesh).name, path) if path is not None and path.is_file() else None

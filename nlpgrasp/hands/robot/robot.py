@@ -112,6 +112,12 @@ class Robot:
         """The joints that move and follow no other."""
         return tuple(j for j in self.joints if j.moves and j.mimic is None)
 
+    @property
+    def mesh_files(self) -> dict[str, str]:
+        """The sha256 of each mesh file that a collision shape was read from, by the file's name for it."""
+        every = (shape.file for shapes in self.shapes.values() for shape in shapes)
+        return {file.name: file.sha256 for file in every if file is not None}
+
     @cached_property
     def parents(self) -> dict[str, str]:
         """Each link's parent link."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,6 +15,18 @@ from nlpgrasp.common.validation import FloatArray
 
 if TYPE_CHECKING:
     import trimesh
+
+
+class MeshFile(NamedTuple):
+    """A mesh file by the name that the hand's file has for it, and the sha256 of its bytes, hexadecimal."""
+
+    name: str
+    sha256: str
+
+    @classmethod
+    def of(cls, name: str, path: Path) -> MeshFile:
+        """Return the file at a path."""
+        return cls(name, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
 @dataclass(frozen=True)
@@ -30,6 +44,8 @@ class Shape:
         Of what is no sphere and no mesh, metres: radius and length, or the lengths of a box.
     pose : (4, 4) array, optional
         Of the same in the link's frame, along its z axis.
+    file : MeshFile, optional
+        That the mesh was read from.
     """
 
     kind: str
@@ -38,6 +54,7 @@ class Shape:
     radius: float = 0.0
     size: tuple[float, ...] = ()
     pose: FloatArray | None = None
+    file: MeshFile | None = None
 
     @classmethod
     def sphere(cls, radius: float, pose: FloatArray) -> Shape:

@@ -225,11 +225,12 @@ class URDFHand(LinkedHand):
         return fits_of(self.robot, self.spheres_per_link)
 
     def to_dict(self) -> Json:
-        """Return source, fingerprint, fingertips, limits, the spheres and how closely they fit."""
+        """Return source, fingerprints, fingertips, limits, the spheres and how closely they fit."""
         return {
             "type": self.kind,
             "source": self.robot.source,
             "sha256": self.robot.sha256,
+            "meshes": self.robot.mesh_files,
             "palm": self.robot.root,
             "fingertips": [{"link": link, **tip.to_dict()} for link, tip in self.tips],
             "clearance": self.clearance,

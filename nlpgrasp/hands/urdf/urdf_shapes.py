@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.meshes.robot_meshes import find_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.hands.spheres.shapes import Shape
+from nlpgrasp.hands.spheres.shapes import MeshFile, Shape
 from nlpgrasp.hands.urdf.urdf_values import numbers
 
 
@@ -104,4 +104,4 @@ def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missin
         mesh.apply_scale(trimesh.units.unit_conversion(mesh.units or "meters", "meters"))
     mesh.apply_scale(scale)
     mesh.apply_transform(pose)
-    return Shape("mesh", mesh)
+    return Shape("mesh", mesh, file=MeshFile.of(name, path))

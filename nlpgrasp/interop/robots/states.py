@@ -169,7 +169,6 @@ def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> Ha
     opening, most = hand["opening"] / len(joints), asked["opening"] / len(joints)
     pose, closed = _pose(hand["palm_pose"]), asked["closed"] / len(joints)
     axes = own_axes(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
-    deep = f"it leads {1e3 * solution.way_blocked:.2g} mm deep into the body, a table or an obstacle"
     return HandStates(
         solution.palm,
         pose,
@@ -180,7 +179,7 @@ def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> Ha
         efforts,
         axes[:, 2],
         axes[:, 0],
-        blocked=deep if solution.way_blocked else "",
+        blocked="; ".join(of_the_way(hand)),
         no_squeeze=why,
     )
 

@@ -33,6 +33,8 @@ class HandSimulation:
         What says how heavy the object is, in words.
     normal_forces : tuple of float
         What each finger was to press with, newtons.
+    touching : str
+        Links that are inside something and contacts off their links, in words; empty where there are none.
     """
 
     name: str
@@ -43,6 +45,7 @@ class HandSimulation:
     grasp: Seen
     mass_source: str = ""
     normal_forces: tuple[float, ...] = ()
+    touching: str = ""
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -112,11 +115,13 @@ class HandSimulation:
             "push": self.push,
             "normal_force": self.normal_force,
             "normal_forces": list(self.normal_forces),
+            "touching": self.touching,
             "trials": trials,
         }
 
     def __str__(self) -> str:
         source = f", {self.mass_source}" if self.mass_source else ""
         pressed = pressing(self.normal_force, self.normal_forces)
-        lines = [f"{self.name}: {self.mass:.3g} kg{source}; {pressed}", *legend(self.trials, self.push)]
+        lines = [f"{self.name}: {self.touching}"] if self.touching else []
+        lines += [f"{self.name}: {self.mass:.3g} kg{source}; {pressed}", *legend(self.trials, self.push)]
         return "\n".join([*lines, *(row(self.of(condition)) for condition in self.conditions)])

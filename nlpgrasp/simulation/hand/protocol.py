@@ -20,6 +20,7 @@ from nlpgrasp.simulation.hand.table import name_of, result
 from nlpgrasp.simulation.hand.trial import AS_SOLVED, CONTROL, LIFTED, HandTrial
 from nlpgrasp.simulation.hand.world import SETTLE, TRAVEL, HandWorld, Seen
 from nlpgrasp.solution.given import given_solution
+from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution
 
 PUSH, SECONDS = 1.0, 2.0  # newtons, and for how long each
@@ -68,9 +69,15 @@ def simulate_hand(
         As ``mjcf_with_hand`` does.
     MissingExtraError
         Without MuJoCo or, for bodies that are not convex, coacd (extra ``sim``).
+
+    Warns
+    -----
+    UserWarning
+        Of a link inside something, and of contacts that are off their fingertips' links.
     """
     solution = given_solution(solution)
     import_mujoco("a simulation")
+    touching = warn_of_touching(solution.name, solution.hand)
     size = number("push", push, above=0.0)
     given = HandSceneOptions() if options is None else options
     mass = object_mass(solution, given.mass, LIGHT)
@@ -95,8 +102,8 @@ def simulate_hand(
     add(CONTROL, [*_pushed(CONTROL, HandWorld(scene), size, squeeze=False), _lifted(CONTROL, HandWorld(scene), False)])
     pressed = given.normal_force or squeeze.normal_force
     forces = tuple((squeeze.normal * (pressed / squeeze.normal_force)).tolist())
-    grasp = _in_the_grasp(scene)
-    return HandSimulation(solution.name, mass.kilograms, size, pressed, tuple(trials), grasp, mass.source, forces)
+    grasp, done = _in_the_grasp(scene), tuple(trials)
+    return HandSimulation(solution.name, mass.kilograms, size, pressed, done, grasp, mass.source, forces, touching)
 
 
 def _pushed(

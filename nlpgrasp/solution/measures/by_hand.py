@@ -92,8 +92,8 @@ class ByHand(Asked):
         down = float(np.degrees(np.arccos(np.clip(-direction[-1], -1.0, 1.0))))
         along = f"[{vector(direction)}], {rounded(down, 2, 0.5)} degrees off straight down"
         told = f"the jaws are {rounded(1e3 * hand['opening'])} mm apart and come in along {along}"
-        deep = f"; that way leads {rounded(1e3 * self.way_blocked, 2)} mm deep into the body, a table or an obstacle"
-        return told + (deep if self.way_blocked else "")
+        deep = f"that way leads {rounded(1e3 * self.way_blocked, 2)} mm deep into the body, a table or an obstacle"
+        return f"{told}; {deep}, clearances included" if self.way_blocked else told
 
     def squeeze_line(self) -> str:
         """Return in words what the squeeze needs, or why there is none; empty where neither is known."""

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
 
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Approach
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.problem.fields import distance_to_all, fields_of
+from nlpgrasp.problem.fields import Distance, distance_to_all, fields_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import of_the_way
 from nlpgrasp.solve.after.pregrasp import pregrasp
@@ -88,7 +88,7 @@ def hand_posture(problem: GraspProblem, start: StartGrasp) -> dict[str, object] 
         return None
     data = dict(hand.describe(found.placed.hand)) if found.placed.hand else {}
     cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
-    data |= hand.at_contacts(found.grasp.points, problem.body.size, lambda points: _distance(problem, points), cones)
+    data |= hand.at_contacts(found.grasp.points, problem.body.size, _distance(problem), cones)
     if not data:
         return None
     if start.depth is not None:
@@ -100,9 +100,10 @@ def hand_posture(problem: GraspProblem, start: StartGrasp) -> dict[str, object] 
     return data
 
 
-def _distance(problem: GraspProblem, points: FloatArray) -> FloatArray:
-    """Return the distances of points (m, space) from the body and what constraints keep a hand away from, (m,)."""
-    return distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models)))(points)
+def _distance(problem: GraspProblem) -> Distance:
+    """Return the distance to the body and what constraints keep a hand away from, compiled where it is first asked."""
+    made = cache(lambda: distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models))))
+    return lambda points: made()(points)
 
 
 def attempted(work: Callable[[], T]) -> T | None:

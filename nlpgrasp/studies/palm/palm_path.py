@@ -10,6 +10,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.phases.approach import Approach, BlockedDirection, free_approach, ways_of_palm
 from nlpgrasp.solve.phases.opened import Opened, opened, openings
@@ -55,20 +56,25 @@ def palm_path(
     ------
     InputError
         Where the solution is not the problem's, has no grasp or no pregrasp, or the hand has no links.
+
+    Warns
+    -----
+    UserWarning
+        Of a link inside something in the grasp itself, and of contacts that are off their fingertips' links.
     """
     hand = _hand(solution, problem)
     distance = number("distance", distance, above=0.0)
     directions = integer("directions", directions, at_least=1, at_most=10_000)
     grasp, pregrasp = hand.values_of(solution.hand or {}), hand.values_of((solution.hand or {})["pregrasp"])
-    around = Surroundings(problem, hand)
+    around, touching = Surroundings(problem, hand), warn_of_touching(solution.name, solution.hand)
     reason = _beyond_limits(hand, grasp, pregrasp)
     if reason:
-        return _none(around, distance, reason, ())
+        return _none(around, distance, reason, (), touching)
     ways = [_given(direction)] if direction is not None else ways_of_palm(hand, grasp, directions)
     found = free_approach(around, lambda times: opened(around, grasp, pregrasp, times), ways, lambda *_: distance)
     if found.fingers is None or found.direction is None:
-        return _none(around, distance, found.reason, found.blocked)
-    return _found(around, found.fingers, found.direction, found)
+        return _none(around, distance, found.reason, found.blocked, touching)
+    return _found(around, found.fingers, found.direction, found, touching)
 
 
 def _hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
@@ -106,7 +112,7 @@ def _beyond_limits(hand: URDFHand, *postures: Values) -> str:
     return ""
 
 
-def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: Approach) -> PalmPath:
+def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: Approach, touching: str) -> PalmPath:
     """Return the record of a way, from afar to the grasp."""
     tree, others = around.hand.tree, ~around.of_tips()
     outside, inside = list(reversed(found.outside)), list(reversed(fingers.places))[1:]
@@ -126,10 +132,13 @@ def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: 
         clearances=np.array(clear),
         blocked=found.blocked,
         tolerance=around.tolerance,
+        touching=touching,
     )
 
 
-def _none(around: Surroundings, distance: float, reason: str, blocked: tuple[BlockedDirection, ...]) -> PalmPath:
+def _none(
+    around: Surroundings, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
+) -> PalmPath:
     """Return the record of no way."""
     names = tuple(around.hand.tree.joint_positions(np.zeros(len(around.hand.robot.free_joints))))
     nothing = np.zeros((0, len(names)))
@@ -145,4 +154,5 @@ def _none(around: Surroundings, distance: float, reason: str, blocked: tuple[Blo
         np.zeros(0),
         blocked,
         around.tolerance,
+        touching,
     )

@@ -42,6 +42,9 @@ class PalmPath:
         The directions that were looked at before one was free.
     tolerance : float
         How deep links may be in anything between waypoints, metres.
+    touching : str
+        What is wrong with the hand in the grasp itself, where the way ends, in words: links inside something, contacts
+        off their links; empty where there is nothing.
     """
 
     reason: str
@@ -55,6 +58,7 @@ class PalmPath:
     clearances: FloatArray
     blocked: tuple[BlockedDirection, ...]
     tolerance: float
+    touching: str = ""
 
     @property
     def success(self) -> bool:
@@ -80,11 +84,13 @@ class PalmPath:
             "clearances": [float(c) if np.isfinite(c) else None for c in self.clearances],
             "blocked": [b.to_dict() for b in self.blocked],
             "tolerance": self.tolerance,
+            "touching": self.touching,
         }
 
     def __str__(self) -> str:
+        first = f"{self.touching}\n" if self.touching else ""
         if not self.success or self.direction is None:
-            return f"no way of the palm: {self.reason}"
+            return f"{first}no way of the palm: {self.reason}"
         along = np.array2string(self.direction, precision=3, suppress_small=True)
-        way = f"{1e3 * self.distance:.0f} mm along {along}, then closing"
+        way = f"{first}{1e3 * self.distance:.0f} mm along {along}, then closing"
         return f"{way}: {len(self.phases)} waypoints, least clearance at them {1e3 * self.clearance:.1f} mm"

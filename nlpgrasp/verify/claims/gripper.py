@@ -2,48 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.bodies.fast import Distance, fast_distance
+from nlpgrasp.verify.bodies.fast import Solid, fast_distance, surroundings
 from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError
-from nlpgrasp.verify.constraints.obstacle import in_frame_of
+from nlpgrasp.verify.claims.version import states_all
 from nlpgrasp.verify.constraints.regions import unit
-from nlpgrasp.verify.hands.free import FreeHand
-from nlpgrasp.verify.placement import Ball, StatedPlacement, Surface
-from nlpgrasp.verify.registry import CONSTRAINTS
-from nlpgrasp.verify.rows import RowValue
+from nlpgrasp.verify.placement import StatedPlacement, Surface
 
 UNIT = 1e-9  # of a direction or a quaternion
 CLOSE = 1e-6  # of the body's size
 TURNED = 1e-3  # radians beyond a cone: what the tolerance of its row leaves
-POINTS, PALM = 24, 5  # of a line on the way in; lines of the palm
-WALK, STEEP, LEAST = 2e-4, 0.6, 2e-5  # metres of a step, share of it that is steep, metres that count as inside
+STATIONS = 25  # of a line on the way in, before it is looked at more closely
+APART = 2e-3  # metres between two lines, at most
+WALK, FINE = 2e-4, 3e-5  # metres looked at most closely along pads and inside something, and elsewhere
+STEEP, LEAST = 0.6, 1e-6  # share of these by which the distance falls on entry, and metres that are inside
+STEP = 2.5e-4  # metres that two walks along a line may differ by
 WAY = 2.0  # of the body's size
 DIRECTION = "hand.approach.direction"
 LETTERS = "xyz"  # coordinate axes of the gripper's own frame
-
-
-@dataclass(frozen=True)
-class _Probes(FreeHand):
-    """Points that stand for a hand's links."""
-
-    points: Sequence[FloatArray] = ()
-
-    def rows(self, placement: StatedPlacement) -> Sequence[RowValue]:
-        """Return no rows: they are looked at, not asked."""
-        return []
-
-    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return a ball of no size about each point."""
-        return [Ball(f"probe/{i}", point, 0.0, 0.0) for i, point in enumerate(self.points)]
 
 
 def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface: Surface | None) -> list[Check]:
@@ -61,29 +45,24 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     if asked.get("type") != "parallel_jaw":
         return []
     if "opening" not in hand:
-        states = "link_tolerance" in solution.solver.get("options", {})  # as all do that this version writes
-        return [Check("gripper", False, "the file states no pose of the gripper")] if states else []
+        return [Check("gripper", False, "the file states no pose of the gripper")] if states_all(solution) else []
     wrong = "; ".join([*_pose(asked, hand, placement), *_cones(solution, hand, placement.points.shape[1])])
     checks = [Check("gripper", not wrong, wrong or f"opening {1e3 * hand['opening']:.4g} mm, pose of the contacts")]
     try:
-        depth = _depth(solution, asked, hand, placement, surface)
+        depth, through, rough = _walked(solution, asked, hand, placement, surface)
     except NotMadeError as reason:
         return [*checks, Check.not_made("way in", str(reason))]
-    off = CLOSE * placement.size + (0.0 if surface is None else surface.rough)
-    stated = number("hand.approach.depth", hand["approach"]["depth"])
+    off = STEP + rough
+    stated, thin = number("hand.approach.depth", hand["approach"]["depth"]), hand["approach"].get("passes_through")
     same = abs(stated - depth) <= off
     told = f"leads {1e3 * stated:.3g} mm deep into what is beside it" if depth > off else "free"
-    told = "passes through something thin" if hand["approach"].get("passes_through") else told
+    told = "passes through something thin" if thin else told
     wrong = f"stated to lead {1e3 * stated:.3g} mm deep into what is beside it, {1e3 * depth:.3g} mm found"
     checks.append(Check("way in", same, told if same else wrong))
-    if hand["approach"].get("passes_through") or depth > off:
-        return checks
-    try:
-        through = _runs_into(solution, asked, hand, placement, surface)
-    except NotMadeError as reason:
-        return [*checks, Check.not_made("way in, thin things", str(reason))]
-    told = "fingers or palm pass through something thin" if through else f"none in steps of {1e3 * WALK:g} mm"
-    return [*checks, Check("way in, thin things", not through, told)]
+    if not thin and depth <= off:
+        told = "fingers or palm pass through something thin" if through else f"none of {1e3 * FINE:g} mm or more met"
+        checks.append(Check("way in, thin things", not through, told))
+    return checks
 
 
 def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
@@ -99,7 +78,7 @@ def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
         yield "the approach is not at right angles to the closing line"
     if space == 2:
         return
-    back = number("finger_length", asked.get("finger_length", 0.0), at_least=0.0)
+    back = _length(asked, "finger_length")
     position = array("hand.palm_pose.position", hand["palm_pose"]["position"], (3,))
     if not np.linalg.norm(position - ((p + q) / 2.0 - back * approach)) <= CLOSE * size:
         yield "the pose is not behind the middle between the contacts"
@@ -145,76 +124,72 @@ def _cones(solution: GraspSolution, hand: Json, space: int) -> Iterator[str]:
                 yield f"the approach is {told}"
 
 
-def _depth(
+def _walked(
     solution: GraspSolution, asked: Json, hand: Json, placement: StatedPlacement, surface: Surface | None
-) -> float:
-    """Return how deep the way in leads into body, tables and obstacles, metres; at least zero."""
+) -> tuple[float, bool, float]:
+    """Return how deep the way in leads into body, tables and obstacles, whether a line enters one steeply, and a doubt.
+
+    Each line is halved where something may be: where the distances at both ends are together less than its length.
+
+    Returns
+    -------
+    depth : float
+        Metres, at least zero; the clearance that a table or an obstacle asks for is part of it.
+    through : bool
+        Whether a line enters anything, however thin, other than along a pad.
+    rough : float
+        How far the solver's own distances may be from these, metres.
+    """
     if surface is None:
         raise NotMadeError(NO_BODY)
-    thickness = number("finger_thickness", asked.get("finger_thickness", 0.0), at_least=0.0)
-    points = _way(asked, hand, placement, surface, thickness)
-    values = [*surface.distance(points)]
-    probed = replace(placement, hand=_Probes(asked, hand, placement.radii, points=list(points)))
-    for data in solution.problem["constraints"]:
-        try:
-            rows = list(CONSTRAINTS.of(data)(data, probed))
-        except NotMadeError:
-            if data["type"] == "obstacle":
-                raise
-            continue  # an expression of a script's own, which speaks of no link
-        values += [row.value - row.lower for row in rows if "probe/" in row.name and row.value is not None]
-    return max(0.0, thickness / 2.0 - float(np.min(values)))
+    solids = [Solid("", fast_distance(surface), rough=surface.rough)]
+    solids += surroundings(solution.problem["constraints"], placement)
+    starts, firsts, on_pads = _lines(asked, placement.points)
+    thick = _length(asked, "finger_thickness") > 0.0
+    approach = array(DIRECTION, hand["approach"]["direction"], starts.shape[1:])
+
+    def clear(line: NDArray[np.intp], along: FloatArray) -> FloatArray:
+        points = starts[line] - along[:, None] * approach
+        return np.asarray(np.min([solid.distance(points) - solid.clearance for solid in solids], axis=0))
+
+    far = _length(asked, "finger_length") + WAY * float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+    stations = np.linspace(firsts, far, STATIONS, axis=1)
+    every = clear(np.repeat(np.arange(len(starts)), STATIONS), stations.ravel()).reshape(stations.shape)
+    deepest, through = float(every.min()), False
+    line: NDArray[np.intp] = np.repeat(np.arange(len(starts)), STATIONS - 1)
+    low, high, near, beyond = (x.ravel() for x in (stations[:, :-1], stations[:, 1:], every[:, :-1], every[:, 1:]))
+    while line.size:
+        length = high - low
+        close = length <= np.where(on_pads[line] | (np.maximum(near, beyond) <= 0.0), WALK, FINE)
+        enters = close & (near > 0.0) & (beyond <= -LEAST) & (beyond - near < -STEEP * length)
+        through = through or bool(np.any(enters & ~(thick & on_pads[line])))
+        left = ~close & (near + beyond < length)
+        line, (low, high, near, beyond) = line[left], (x[left] for x in (low, high, near, beyond))
+        middle = 0.5 * (low + high)
+        between = clear(line, middle)
+        deepest = min(deepest, float(np.min(between, initial=np.inf)))
+        line, low, high = np.tile(line, 2), np.append(low, middle), np.append(middle, high)
+        near, beyond = np.append(near, between), np.append(between, beyond)
+    return max(0.0, -deepest), through, max(solid.rough for solid in solids)
 
 
-def _runs_into(
-    solution: GraspSolution, asked: Json, hand: Json, placement: StatedPlacement, surface: Surface | None
-) -> bool:
-    """Return whether a line of fingers or palm enters body, table or obstacle steeply on its way from the pads out."""
-    if surface is None:
-        raise NotMadeError(NO_BODY)
-    p, q = placement.points
-    closing, approach = (q - p) / np.linalg.norm(q - p), array(DIRECTION, hand["approach"]["direction"], p.shape)
-    thickness = number("finger_thickness", asked.get("finger_thickness", 0.0), at_least=0.0)
-    length = number("finger_length", asked.get("finger_length", 0.0), at_least=0.0)
-    far = length + WAY * float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
-    one, other = p - closing * thickness / 2.0, q + closing * thickness / 2.0
-    starts = [(one, 0.0), (other, 0.0)]
-    starts += [(one + s * (other - one), length) for s in np.linspace(0.0, 1.0, PALM)] if length > 0.0 else []
-    distances = [fast_distance(surface)]
-    for data in solution.problem["constraints"]:
-        if data["type"] == "table":
-            floor = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
-            distances.append(partial(_above, floor))
-        elif data["type"] == "obstacle":
-            away = number("clearance", data["clearance"], at_least=0.0)
-            distances.append(partial(_off, data, fast_distance(placement.surface_of(data["body"])), away))
-    for start, first in starts:
-        walk = start - np.arange(first, far, WALK)[:, None] * approach
-        clear = np.min([distance(walk) for distance in distances], axis=0) - thickness / 2.0
-        if np.any((clear[:-1] > 0.0) & (clear[1:] <= -LEAST) & (np.diff(clear) < -STEEP * WALK)):
-            return True
-    return False
+def _lines(asked: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return lines of fingers and palm: their places at the pads (n, space), where they begin, and which are on pads.
+
+    A finger reaches from its contact outwards by its thickness; the palm, a finger's length behind, from one contact to
+    the other.
+    """
+    opening, thickness = float(np.linalg.norm(points[1] - points[0])), _length(asked, "finger_thickness")
+    length, closing = _length(asked, "finger_length"), (points[1] - points[0]) / opening
+    outwards, between = (
+        np.linspace(0.0, width, 1 + int(np.ceil(width / APART - UNIT))) for width in (thickness, opening)
+    )
+    palm = between[1:-1] if length > 0.0 else between[:0]
+    places = np.concatenate([-outwards, opening + outwards, palm])
+    firsts = np.where(np.arange(len(places)) < 2 * len(outwards), 0.0, length)
+    return points[0] + places[:, None] * closing, firsts, (places == 0.0) | (places == opening)
 
 
-def _above(floor: float, points: FloatArray) -> FloatArray:
-    """Return how far points (m, space) are above a height along the last axis, metres."""
-    return np.asarray(points[:, -1] - floor)
-
-
-def _off(data: Json, distance: Distance, clearance: float, points: FloatArray) -> FloatArray:
-    """Return the distance of points (m, space) from an obstacle, less its clearance, metres."""
-    return np.asarray(distance(in_frame_of(data, points)) - clearance)
-
-
-def _way(asked: Json, hand: Json, placement: StatedPlacement, surface: Surface, thickness: float) -> FloatArray:
-    """Return the points (n, space) of fingers and palm on their way in."""
-    p, q = placement.points
-    closing, approach = (q - p) / np.linalg.norm(q - p), array(DIRECTION, hand["approach"]["direction"], p.shape)
-    length = number("finger_length", asked.get("finger_length", 0.0), at_least=0.0)
-    far = WAY * float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
-    one, other = p - closing * thickness / 2.0, q + closing * thickness / 2.0
-    points = [end - t * approach for end in (one, other) for t in np.linspace(0.0, length + far, POINTS)]
-    if length > 0.0:
-        across = [one + share * (other - one) for share in np.linspace(0.0, 1.0, PALM)]
-        points += [end - t * approach for end in across for t in np.linspace(length, length + far, POINTS)]
-    return np.array(points)
+def _length(asked: Json, key: str) -> float:
+    """Return a length of a finger, metres; 0 where none is stated."""
+    return number(key, asked.get(key, 0.0), at_least=0.0)

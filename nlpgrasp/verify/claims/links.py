@@ -2,21 +2,20 @@
 
 The depth of a link in a solid is the largest sum of how deep a point is in both. It is looked for from samples of the
 link's surface, by the simplex method of Nelder and Mead (1965, doi:10.1093/comjnl/7.4.308), with shapes, kinematics and
-distances of this package, ``verify``, alone.
+distances of this package, ``verify``, alone. Of convex shapes in convex solids it is the shortest translation that
+parts the two, where that is longer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import minimize
 
 from nlpgrasp.common.meshes.search_tree import SearchTree
-from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.link_depth import BODY, MOST_TOLERANCE, TOLERANCE, LinkDepth
@@ -24,12 +23,12 @@ from nlpgrasp.solution.obstructions import link_depth_of, way_in_of
 from nlpgrasp.solution.phases.phase import APPROACH, GRASP, PREGRASP, Phase
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.bodies.fast import Distance, fast_distance
+from nlpgrasp.verify.bodies.convex import way_out
+from nlpgrasp.verify.bodies.fast import Solid, solid_body, surroundings
 from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError
-from nlpgrasp.verify.constraints.obstacle import in_frame_of
+from nlpgrasp.verify.claims.version import states_all
 from nlpgrasp.verify.hands.shapes import LinkShape
-from nlpgrasp.verify.hands.unknown import UnknownHand
-from nlpgrasp.verify.hands.urdf import URDFNumbers
+from nlpgrasp.verify.hands.urdf import URDFNumbers, require_links
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 
 SPACING = 2e-3  # metres between samples of a link's surface
@@ -68,6 +67,8 @@ def _checks(solution: GraspSolution, solids: _Solids, points: FloatArray) -> lis
         stated = (solution.hand or {}).get("link_depth") is not None
         told = "the hand's links have no collision shapes: what they run into is not known"
         return [Check("links inside something", not stated, f"a depth is stated, and {told}" if stated else told)]
+    if solids.states_all and "meshes" not in solids.hand.data:
+        return [Check("links inside something", False, "the file states no sha256 of the meshes of the hand's links")]
     wrong, told = solids.in_grasp()
     checks = [Check("links inside something", not wrong, wrong or told)]
     if solution.phases:
@@ -82,7 +83,7 @@ def _checks(solution: GraspSolution, solids: _Solids, points: FloatArray) -> lis
 class _Solids:
     """The links' shapes, what they may be inside of, and what a file states of both."""
 
-    def __init__(self, solution: GraspSolution, hand: URDFNumbers, things: Sequence[tuple[str, Distance]]) -> None:
+    def __init__(self, solution: GraspSolution, hand: URDFNumbers, things: Sequence[Solid]) -> None:
         self.solution, self.hand, self.things = solution, hand, things
         self.shapes, self.contacts = hand.shapes, solution.require_grasp().points
         rng = np.random.default_rng(2)
@@ -94,28 +95,18 @@ class _Solids:
         self.tolerance = number("solver.options.link_tolerance", asked, at_least=0.0)
         if self.tolerance > MOST_TOLERANCE:
             raise InputError("solver.options.link_tolerance", asked, f"at most {MOST_TOLERANCE:g} m")
-        self.states_all = "link_tolerance" in solution.solver.get("options", {})  # as files of this version do
+        self.states_all = states_all(solution)
 
     @classmethod
     def of(
         cls, solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None, placement: StatedPlacement
     ) -> _Solids:
         """Return them; raise ``NotMadeError`` where something is not there."""
-        if isinstance(hand, UnknownHand):
-            raise NotMadeError(hand.why)
-        if not isinstance(hand, URDFNumbers):
-            raise NotMadeError("nothing recomputes the links of a hand of this type")
+        known = require_links(hand, "links")
         if surface is None:
             raise NotMadeError(NO_BODY)
-        things: list[tuple[str, Distance]] = [(BODY, fast_distance(surface))]
-        for data in solution.problem["constraints"]:
-            if data["type"] == "table":
-                height = number("height", data["height"])
-                things.append(("the table", partial(_above, height)))
-            elif data["type"] == "obstacle":
-                distance = fast_distance(placement.surface_of(data["body"]))
-                things.append((str(data["name"]), partial(_beside, data, distance)))
-        return cls(solution, hand, things)
+        body = solid_body(BODY, solution.body, surface)
+        return cls(solution, known, [body, *surroundings(solution.problem["constraints"], placement)])
 
     def in_grasp(self) -> tuple[str, str]:
         """Return what is wrong with the stated depth in the grasp, and otherwise what was seen."""
@@ -128,6 +119,8 @@ class _Solids:
         way = [phases[name] for name in (APPROACH, PREGRASP, GRASP) if name in phases]
         seen = max((self._at(hand) for hand in self._stations(way)), key=lambda d: d.depth, default=LinkDepth())
         stated = way_in_of(self.solution.hand)
+        if stated is None and len(way) < 2:
+            return "", "the file states no way in"
         if stated is None:
             told = f"not stated; {seen.words if seen.depth > self.tolerance + SLACK else 'free'}"
             return (told, "") if self.states_all else ("", told)
@@ -180,24 +173,24 @@ class _Solids:
             there = samples @ pose[:3, :3].T + pose[:3, 3]
             middle = (there.min(axis=0) + there.max(axis=0)) / 2.0
             reach = float(np.max(np.linalg.norm(there - middle, axis=1)))
-            for name, distance in self.things:
-                if float(distance(middle[None])[0]) < reach:
-                    depth = self._depth(link, pose, there, distance)
+            for thing in self.things:
+                if float(thing.distance(middle[None])[0]) < reach:
+                    depth = self._depth(link, pose, there, thing)
                     if depth > worst.depth:
-                        worst = LinkDepth(depth, link, name, self.tolerance)
+                        worst = LinkDepth(depth, link, thing.name, self.tolerance)
         return worst
 
-    def _depth(self, link: str, pose: FloatArray, samples: FloatArray, distance: Distance) -> float:
+    def _depth(self, link: str, pose: FloatArray, samples: FloatArray, thing: Solid) -> float:
         """Return how deep a link is in one thing, metres; ``samples`` (m, 3) of its surface are in the body's frame.
 
         Contacts are looked at too: they are on the body, which may be inside a link as a whole.
         """
         samples = np.concatenate([samples, self.contacts[[self._distance(link, pose, p) < 0.0 for p in self.contacts]]])
-        found = distance(samples)
+        found = thing.distance(samples)
         order = np.argsort(found, kind="stable")[:BEGINNINGS]
 
         def outside(point: FloatArray) -> float:
-            a, b = float(distance(point[None])[0]), self._distance(link, pose, point)
+            a, b = float(thing.distance(point[None])[0]), self._distance(link, pose, point)
             return a + b if max(a, b) <= ON else max(a, b)
 
         depth = max(0.0, -float(found[order[0]]))
@@ -210,7 +203,14 @@ class _Solids:
                 options={"initial_simplex": corners, "xatol": 1e-5, "fatol": 1e-6, "maxfev": 150},
             )
             depth = max(depth, -float(found_inside.fun))
-        return depth
+        return max(depth, *self._ways_out(link, pose, thing)) if depth > 0.0 else 0.0
+
+    def _ways_out(self, link: str, pose: FloatArray, thing: Solid) -> list[float]:
+        """Return how far each convex shape of a link is from being outside a convex solid, metres."""
+        if thing.corners is None:
+            return [0.0]
+        shapes = [shape.corners for shape in self.shapes[link] if shape.corners is not None]
+        return [0.0, *(way_out(corners @ pose[:3, :3].T + pose[:3, 3], thing.corners) for corners in shapes)]
 
     def _distance(self, link: str, pose: FloatArray, point: FloatArray) -> float:
         """Return the signed distance of a point (3,), body frame, from a link, negative inside."""
@@ -239,16 +239,6 @@ class _Solids:
         position = (1.0 - share) * here.palm_position + share * there.palm_position
         pose = {"position": position.tolist(), "quaternion_wxyz": here.palm_quaternion.tolist()}
         return replace(self.hand, posture={**self.hand.posture, "joint_positions": joints, "palm_pose": pose})
-
-
-def _above(height: float, points: FloatArray) -> FloatArray:
-    """Return how far points (m, 3) are above a table, metres."""
-    return np.asarray(points[:, 2] - height)
-
-
-def _beside(data: Json, distance: Distance, points: FloatArray) -> FloatArray:
-    """Return the signed distance of points (m, 3) from an obstacle, whose own frame ``distance`` is in."""
-    return distance(in_frame_of(data, points))
 
 
 def _samples(shapes: Sequence[LinkShape], rng: np.random.Generator) -> FloatArray:

@@ -1,47 +1,44 @@
-"""Whether the phases of a hand follow from its grasp, and whether the approach is as clear as the file says.
-
-The way of the approach is looked at every two millimetres, with this room's own kinematics and distances: of the links'
-balls and round fingertips from the body and from tables. Obstacles are not looked at here.
-"""
+"""Whether the phases of a hand follow from its grasp, and whether it has a free way in or says why not."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.phases.phase import APPROACH, GRASP, LIFT, PREGRASP, SQUEEZE, Phase
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError
+from nlpgrasp.verify.check import Check
+from nlpgrasp.verify.claims.version import states_all
 from nlpgrasp.verify.constraints.regions import unit
-from nlpgrasp.verify.hands.unknown import UnknownHand
-from nlpgrasp.verify.hands.urdf import URDFNumbers
-from nlpgrasp.verify.placement import HandNumbers, Surface
 
 SAME = 1e-9  # metres, radians: what sums may be off by
-STEP = 2e-3  # metres between two looks
-CLEAR = 2e-4  # metres that a stated clearance may be too large by: it is to a tenth of a millimetre
-OUT = 1e-3  # of the hand's span: how deep a ball may be in anything on the way
 
 
-def phase_checks(solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None) -> list[Check]:
-    """Check that each of ``hand.phases`` follows from the others, then the approach's clearance."""
-    phases = {phase.name: phase for phase in solution.phases}
-    if not phases:
-        return []
-    posture = solution.hand or {}
-    wrong = "; ".join([*_poses(posture, phases), *_commands(solution, phases)])
-    checks = [Check("phases", not wrong, wrong or ", ".join(phases))]
-    if APPROACH not in phases:
-        return checks
-    try:
-        wrong = "; ".join(_way(solution, phases, hand, surface))
-    except NotMadeError as reason:
-        return [*checks, Check.not_made("approach", str(reason))]
-    return [*checks, Check("approach", not wrong, wrong or f"looked at every {1e3 * STEP:g} mm")]
+def phase_checks(solution: GraspSolution) -> list[Check]:
+    """Check that each of ``hand.phases`` follows from the others, and that ``hand.approach`` is stated."""
+    phases, posture = {phase.name: phase for phase in solution.phases}, solution.hand or {}
+    checks = []
+    if phases:
+        wrong = "; ".join([*_poses(posture, phases), *_commands(solution, phases)])
+        checks.append(Check("phases", not wrong, wrong or ", ".join(phases)))
+    if (solution.problem.get("hand") or {}).get("type") == "urdf" and states_all(solution):
+        wrong, told = _way_in(posture, phases)
+        checks.append(Check("way in", not wrong, wrong or told))
+    return checks
+
+
+def _way_in(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
+    """Return what is wrong with the statement of a way in, and otherwise what it is."""
+    way = posture.get("approach")
+    if way is None:
+        return "the file does not state hand.approach", ""
+    if way.get("direction") is not None:
+        return ("" if phases else "hand.approach states a direction, and the file no phases of the hand"), "free"
+    reason = str(way.get("reason") or "").strip()
+    return ("" if reason else "hand.approach states neither a direction nor the reason why none is free"), reason
 
 
 def _poses(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
@@ -97,41 +94,3 @@ def _near(a: FloatArray, b: FloatArray) -> bool:
 def _joined(a: Phase, b: Phase) -> bool:
     """Return whether the joints of two phases are the same."""
     return a.joints.keys() == b.joints.keys() and all(abs(a.joints[j] - b.joints[j]) <= SAME for j in a.joints)
-
-
-def _way(
-    solution: GraspSolution, phases: dict[str, Phase], hand: HandNumbers | None, surface: Surface | None
-) -> Iterator[str]:
-    """Yield what is wrong with the approach's clearance."""
-    if isinstance(hand, UnknownHand):
-        raise NotMadeError(hand.why)
-    if not isinstance(hand, URDFNumbers):
-        raise NotMadeError("nothing recomputes the links of a hand of this type")
-    if surface is None:
-        raise NotMadeError(NO_BODY)
-    afar, before = phases[APPROACH], phases[PREGRASP]
-    there = replace(hand, posture={**hand.posture, **before.to_dict()})
-    balls = [(ball.centre, ball.radius) for ball in there.link_balls]
-    links = len(balls)
-    for tip in hand.tips:
-        if tip["type"] == "sphere":
-            frame = there.poses[str(tip["link"])]
-            centre = frame[:3, :3] @ array("offset", tip["offset"], (3,)) + frame[:3, 3]
-            balls.append((centre, float(tip["radius"])))
-    if not balls:  # flat fingertips of links without shapes: nothing that could be near anything
-        return
-    centres, radii = np.array([c for c, _ in balls]), np.array([r for _, r in balls])
-    way = afar.palm_position - before.palm_position
-    count = max(int(np.ceil(np.linalg.norm(way) / STEP)), 1)
-    shares = np.linspace(0.0, 1.0, count + 1)
-    places = centres[None] + shares[:, None, None] * way
-    rooms = [surface.distance(places.reshape(-1, 3)).reshape(places.shape[:2]) - radii]
-    for data in solution.problem["constraints"]:
-        if data["type"] == "table":
-            rooms.append(places[..., 2] - radii - data["height"] - data["clearance"])
-    least, deepest = float(np.min(rooms)), float(min(np.min(room[:, :links], initial=np.inf) for room in rooms))
-    if not deepest >= -OUT * hand.span - hand.error:
-        yield f"a link is {-1e3 * deepest:.3g} mm deep in body or table on the way"
-    stated = before.clearance
-    if stated is None or not stated <= least + CLEAR + hand.error:
-        yield f"clearance {stated} m stated, {least:.6f} m found"

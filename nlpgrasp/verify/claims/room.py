@@ -13,8 +13,7 @@ from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotMadeError
-from nlpgrasp.verify.hands.unknown import UnknownHand
-from nlpgrasp.verify.hands.urdf import URDFNumbers
+from nlpgrasp.verify.hands.urdf import require_links
 from nlpgrasp.verify.placement import HandNumbers
 
 SAME = 1e-9  # relative
@@ -57,12 +56,8 @@ def _price(stated: Json, solution: GraspSolution) -> Iterator[str]:
 
 def _near(stated: Json, solution: GraspSolution, hand: HandNumbers | None) -> Iterator[str]:
     """Yield joints with another margin, or another distance from their limits, than is stated."""
-    if isinstance(hand, UnknownHand):
-        raise NotMadeError(hand.why)
-    if not isinstance(hand, URDFNumbers):
-        raise NotMadeError("nothing recomputes the joints of a hand of this type")
     margins, near, margin = stated["margins"], stated["near"], number("hand.room.margin", stated["margin"], above=0.0)
-    ends, positions = hand.ranges, (solution.hand or {})["joint_positions"]
+    ends, positions = require_links(hand, "joints").ranges, (solution.hand or {})["joint_positions"]
     if set(margins) != set(ends) or not set(near) <= set(ends):
         raise InputError("hand.room.margins", ", ".join(margins), ", ".join(ends))
     for joint, (lower, upper, slides) in ends.items():

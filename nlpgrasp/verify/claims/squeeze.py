@@ -20,8 +20,7 @@ from nlpgrasp.quality.other_tools.pyramids import pyramid_wrenches
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotMadeError
 from nlpgrasp.verify.claims.evidence import FORCE_TOLERANCE, put_back
-from nlpgrasp.verify.hands.unknown import UnknownHand
-from nlpgrasp.verify.hands.urdf import URDFNumbers
+from nlpgrasp.verify.hands.urdf import require_links
 from nlpgrasp.verify.placement import HandNumbers
 
 EDGES = 24  # of a friction pyramid
@@ -125,16 +124,13 @@ def _share(share: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, t
 
 def _joints(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> Iterator[str]:
     """Yield what is wrong with torques, Jacobians, limits and positions."""
-    if isinstance(hand, UnknownHand):
-        raise NotMadeError(hand.why)
-    if not isinstance(hand, URDFNumbers):
-        raise NotMadeError("nothing recomputes the Jacobians of a hand of this type")
-    found, torques = hand.loads(grasp.points), stated["torques"]
+    known = require_links(hand, "Jacobians")
+    found, torques = known.loads(grasp.points), stated["torques"]
     if list(torques) != list(found):
         yield f"torques of {', '.join(torques)}, where {', '.join(found)} move the contacts"
         return
     forces = np.array([[*f["force"], *f.get("moment", [0.0] * 3)] for f in stated["fingers"]], dtype=float)
-    size, close = float(np.max(np.linalg.norm(forces[:, :3], axis=1))), SAME + hand.turn
+    size, close = float(np.max(np.linalg.norm(forces[:, :3], axis=1))), SAME + known.turn
     jacobians = array("jacobians", stated["jacobians"], (len(grasp), 6, len(found)))
     for j, (joint, J) in enumerate(found.items()):
         arm = max(1.0, float(np.max(np.abs(J))))
@@ -143,7 +139,7 @@ def _joints(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbe
         tau = float(np.sum(J * forces))
         if not abs(torques[joint] - tau) <= close * size * arm:
             yield f"joint {joint} needs {tau:.4g}, stated {torques[joint]:.4g}"
-    limits = hand.data.get("torque_limits") or {}
+    limits = known.data.get("torque_limits") or {}
     shares = {joint: abs(torques[joint]) / limits[joint] for joint in found if joint in limits}
     worst, most = stated.get("worst_joint"), max(shares.values(), default=None)
     if (most is None) != (worst is None) or (most is not None and not _same(stated["worst_share"], most)):

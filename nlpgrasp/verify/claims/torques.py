@@ -12,8 +12,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, NotMadeError
 from nlpgrasp.verify.hands.free import FreeHand
-from nlpgrasp.verify.hands.unknown import UnknownHand
-from nlpgrasp.verify.hands.urdf import URDFNumbers
+from nlpgrasp.verify.hands.urdf import URDFNumbers, require_links
 from nlpgrasp.verify.placement import HandNumbers
 
 SAME = 1e-6  # relative: recomputed Jacobians differ by rounding
@@ -38,22 +37,19 @@ def torque_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | Non
 def _compared(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
     if hand is None or isinstance(hand, FreeHand):
         raise NotMadeError("no hand moves the contacts: the Jacobians are the problem's own")
-    if isinstance(hand, UnknownHand):
-        raise NotMadeError(hand.why)
-    if not isinstance(hand, URDFNumbers):
-        raise NotMadeError("nothing recomputes the Jacobians of a hand of this type")
+    known = require_links(hand, "Jacobians")
     if budget["type"] != "shared_joint_torques":
         return [Check("joint torques", False, "each contact has joints of its own, where the hand's are common to all")]
-    found = hand.loads(grasp.points)
-    own = np.array([hand.data["torque_limits"][joint] for joint in found], dtype=float)
+    found = known.loads(grasp.points)
+    own = np.array([known.data["torque_limits"][joint] for joint in found], dtype=float)
     limits = array("limits", budget["limits"], (len(found),))
     number("force_limit", budget["force_limit"], above=0.0)
-    wrong = _other_jacobians(budget["jacobians"], found, hand.turn)
+    wrong = _other_jacobians(budget["jacobians"], found, known.turn)
     if not np.array_equal(limits, own):
         joint = list(found)[int(np.argmax(limits != own))]
         wrong = f"another limit for joint {joint} than problem.hand.torque_limits states"
     agree = f"Jacobians of {len(grasp)} contacts and limits of {len(found)} joints"
-    return [Check("joint torques", not wrong, wrong or agree), _efforts(hand, list(found))]
+    return [Check("joint torques", not wrong, wrong or agree), _efforts(known, list(found))]
 
 
 def _other_jacobians(stated: object, found: Mapping[str, FloatArray], turn: float) -> str:

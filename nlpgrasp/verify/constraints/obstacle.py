@@ -41,7 +41,15 @@ def in_frame_of(data: Json, points: FloatArray) -> FloatArray:
     point = points
     if data["position"] is not None:
         point = point - array("position", data["position"], point.shape[-1:])
-    if data["quaternion_wxyz"] is None:
-        return point
-    turned = Rotation.from_quat(unit("quaternion_wxyz", data["quaternion_wxyz"], 4), scalar_first=True)
-    return np.asarray(turned.inv().apply(point))
+    return point if data["quaternion_wxyz"] is None else np.asarray(_turn(data).inv().apply(point))
+
+
+def in_body_frame(data: Json, points: FloatArray) -> FloatArray:
+    """Return points (m, space) of the obstacle's frame in the held body's."""
+    turned = points if data["quaternion_wxyz"] is None else np.asarray(_turn(data).apply(points))
+    return turned if data["position"] is None else turned + array("position", data["position"], points.shape[-1:])
+
+
+def _turn(data: Json) -> Rotation:
+    """Return the obstacle's orientation in the held body's frame."""
+    return Rotation.from_quat(unit("quaternion_wxyz", data["quaternion_wxyz"], 4), scalar_first=True)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.extras.mujoco import import_mujoco
@@ -17,16 +19,16 @@ from nlpgrasp.common.extras.xacro import expanded
 from nlpgrasp.common.meshes.robot_meshes import find_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.verify.bodies.convex import mesh_corners
 from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.sources import Sources
 
 if TYPE_CHECKING:
     from mujoco import MjModel
     from trimesh import Trimesh
 
-SIDES, HALVINGS = (
-    96,
-    4,
-)  # of a cylinder; of an icosahedron's edges: both are inside the exact shape by 0.1 % of its radius
+SIDES, HALVINGS = 96, 4  # of a cylinder; of an icosahedron's edges: both inside the exact shape by 0.1 % of its radius
+SHEET = 0.05  # of its hull's volume: a surface that encloses less is a sheet, and counts as its hull
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
 COLLISION_GROUP = 3  # where models by convention keep the shapes that collide
 
@@ -40,40 +42,84 @@ class LinkShape:
     vertices : (n, 3) array
         Metres, link frame.
     faces : (m, 3) int array
+    corners : (k, 3) array or None
+        Of a convex shape.
     """
 
     vertices: FloatArray
     faces: NDArray[np.int64]
+    corners: FloatArray | None = None
 
 
-def link_shapes(place: Path, text: bytes) -> dict[str, list[LinkShape]]:
-    """Return the collision shapes of each link.
+@dataclass(frozen=True)
+class _MeshFiles:
+    """Mesh files of a hand, each compared with its recorded sha256.
+
+    Parameters
+    ----------
+    digests : mapping of str to str, or None
+        By the hand's file's name for the mesh; None in files of earlier versions, which record none.
+    sources : Sources
+    """
+
+    digests: Mapping[str, str] | None
+    sources: Sources
+
+    def find(self, place: Path, name: str, link: str) -> Path:
+        """Return where a URDF's mesh is: as the URDF names it, or as it would from another folder."""
+        for folder in (place.parent, *self.sources.folders):
+            found = find_mesh(folder / place.name, name)
+            if found is not None:
+                self.compare(name, found)
+                return found
+        self.sources.missing.append(name)
+        raise NotMadeError(f"{name}, the shape of link {link}, is not beside {place.name}")
+
+    def compare(self, name: str, path: Path) -> None:
+        """Raise ``NotMadeError`` where a mesh file has another sha256 than the recorded one, or where none is."""
+        if self.digests is None:
+            return
+        if name not in self.digests:
+            raise NotMadeError(f"the file records no sha256 of mesh {name}")
+        if hashlib.sha256(path.read_bytes()).hexdigest() != self.digests[name]:
+            raise NotMadeError(f"mesh {name} has another sha256 than the file records")
+
+
+def link_shapes(
+    place: Path, links: Container[str], digests: Mapping[str, str] | None, sources: Sources
+) -> dict[str, list[LinkShape]]:
+    """Return the collision shapes of some links, by link.
 
     Parameters
     ----------
     place : Path
-        The hand's file: URDF, xacro or MJCF.
-    text : bytes
-        What is in it.
+        The hand's file: URDF, xacro or MJCF, with the recorded sha256.
+    links : container of str
+    digests : mapping of str to str, or None
+        The recorded sha256 of each mesh file; None of files that record none.
+    sources : Sources
+        Where the mesh files are looked for.
 
     Raises
     ------
     NotMadeError
-        Where a mesh is missing, or what reads it.
+        Where a mesh file is missing or another one, or what reads it is missing.
     """
-    root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs, and the text has the recorded sha256)
+    files = _MeshFiles(digests, sources)
+    root = ET.fromstring(place.read_bytes())  # noqa: S314  (expat refuses entity bombs)
     if root.tag == "mujoco":
-        return _in_mjcf(place)
+        return _in_mjcf(place, links, files)
     if any("xacro" in element.tag for element in root.iter()):
         try:
             root = ET.fromstring(expanded(place))  # noqa: S314
         except InputError as error:
             raise NotMadeError(str(error)) from None
-    found = {link.get("name", ""): list(_of_link(place, link)) for link in root.findall("link")}
+    below = [link for link in root.findall("link") if link.get("name", "") in links]
+    found = {link.get("name", ""): list(_of_link(place, link, files)) for link in below}
     return {link: shapes for link, shapes in found.items() if shapes}
 
 
-def _of_link(place: Path, link: ET.Element) -> Iterator[LinkShape]:
+def _of_link(place: Path, link: ET.Element, files: _MeshFiles) -> Iterator[LinkShape]:
     """Yield the shapes of a URDF's link."""
     for element in link.findall("collision"):
         origin, kind = element.find("origin"), element.find("geometry/*")
@@ -83,18 +129,15 @@ def _of_link(place: Path, link: ET.Element) -> Iterator[LinkShape]:
         if origin is not None:
             pose[:3, 3] = _numbers(origin.get("xyz", "0 0 0"))
             pose[:3, :3] = Rotation.from_euler("xyz", _numbers(origin.get("rpy", "0 0 0"))).as_matrix()
-        yield _placed(_surface(place, link.get("name", ""), kind), pose)
+        yield _placed(_surface(place, link.get("name", ""), kind, files), pose)
 
 
-def _surface(place: Path, link: str, kind: ET.Element) -> Trimesh:
+def _surface(place: Path, link: str, kind: ET.Element, files: _MeshFiles) -> Trimesh:
     """Return the surface that a URDF's geometry element states, metres, in its own frame."""
     import trimesh
 
     if kind.tag == "mesh":
-        name = kind.get("filename", "")
-        path = find_mesh(place, name)
-        if path is None:
-            raise NotMadeError(f"{name}, the shape of link {link}, is not beside {place.name}")
+        path = files.find(place, kind.get("filename", ""), link)
         try:
             mesh = trimesh.load(path, force="mesh")
         except Exception as error:  # trimesh's readers raise what their formats raise
@@ -111,7 +154,7 @@ def _surface(place: Path, link: str, kind: ET.Element) -> Trimesh:
     return _capsule(radius, length) if kind.tag == "capsule" else _cylinder(radius, length)
 
 
-def _in_mjcf(place: Path) -> dict[str, list[LinkShape]]:
+def _in_mjcf(place: Path, links: Container[str], files: _MeshFiles) -> dict[str, list[LinkShape]]:
     """Return the shapes of an MJCF's bodies that can collide, from MuJoCo's compiled model."""
     try:
         mujoco = import_mujoco(f"{place.name}: reading MJCF")
@@ -126,23 +169,27 @@ def _in_mjcf(place: Path) -> dict[str, list[LinkShape]]:
     found: dict[str, list[LinkShape]] = {}
     for g in range(model.ngeom):
         collides = model.geom_contype[g] or model.geom_conaffinity[g] or model.geom_group[g] == COLLISION_GROUP
-        surface = _of_geom(model, g) if collides else None
+        body = int(model.geom_bodyid[g])
+        name = model.body(body).name or f"body_{body}"
+        surface = _of_geom(model, g, files) if collides and name in links else None
         if surface is not None:
-            body = int(model.geom_bodyid[g])
             pose = np.eye(4)
             pose[:3, 3] = model.geom_pos[g]
             pose[:3, :3] = Rotation.from_quat(model.geom_quat[g], scalar_first=True).as_matrix()
-            found.setdefault(model.body(body).name or f"body_{body}", []).append(_placed(surface, pose))
+            found.setdefault(name, []).append(_placed(surface, pose))
     return found
 
 
-def _of_geom(model: MjModel, geom: int) -> Trimesh | None:
+def _of_geom(model: MjModel, geom: int, files: _MeshFiles) -> Trimesh | None:
     """Return the surface of an MJCF's geom in its own frame; None of planes and height fields."""
     import trimesh
 
     kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom], dtype=float)
     if kind == MESH:
         i = int(model.geom_dataid[geom])
+        at = int(model.mesh_pathadr[i])
+        if at >= 0:  # otherwise the MJCF itself states its vertices
+            files.compare(model.mesh(i).name, Path(model.paths[at : model.paths.index(b"\0", at)].decode()))
         first, start = int(model.mesh_vertadr[i]), int(model.mesh_faceadr[i])
         vertices = np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[i])], dtype=float)
         return trimesh.Trimesh(vertices, np.array(model.mesh_face[start : start + int(model.mesh_facenum[i])]))
@@ -180,8 +227,20 @@ def _capsule(radius: float, length: float) -> Trimesh:
 
 
 def _placed(surface: Trimesh, pose: FloatArray) -> LinkShape:
-    vertices = np.asarray(surface.vertices, dtype=float) @ pose[:3, :3].T + pose[:3, 3]
-    return LinkShape(vertices, np.asarray(surface.faces, dtype=np.int64))
+    """Return a shape in its link's frame."""
+    solid = _solid(surface)
+    vertices = np.asarray(solid.vertices, dtype=float) @ pose[:3, :3].T + pose[:3, 3]
+    faces = np.asarray(solid.faces, dtype=np.int64)
+    return LinkShape(vertices, faces, mesh_corners(vertices, vertices[faces]))
+
+
+def _solid(surface: Trimesh) -> Trimesh:
+    """Return a surface, or the convex hull of one that is a sheet."""
+    try:
+        hull = surface.convex_hull
+    except QhullError:  # all in one plane
+        return surface
+    return hull if abs(surface.volume) < SHEET * hull.volume else surface
 
 
 def _numbers(text: str) -> FloatArray:

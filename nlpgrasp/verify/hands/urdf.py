@@ -28,7 +28,8 @@ from nlpgrasp.verify.hands.kinematics import Link, jacobian, loaded, poses, rang
 from nlpgrasp.verify.hands.links import links_in
 from nlpgrasp.verify.hands.shapes import LinkShape, link_shapes
 from nlpgrasp.verify.hands.tips import Touching, centre_of, radius_of, touching_rows
-from nlpgrasp.verify.placement import Ball, Palm, StatedPlacement
+from nlpgrasp.verify.hands.unknown import UnknownHand
+from nlpgrasp.verify.placement import Ball, HandNumbers, Palm, StatedPlacement
 from nlpgrasp.verify.rows import PROMISE, RowValue
 from nlpgrasp.verify.sources import Sources
 
@@ -121,9 +122,8 @@ class URDFNumbers:
     @cached_property
     def shapes(self) -> dict[str, list[LinkShape]]:
         """The collision shapes of the links below the palm, by link."""
-        place = self.sources.find(self.data.get("source"))
         below = {str(self.data["palm"]), *(link.name for link in self.links)}
-        return {link: shapes for link, shapes in link_shapes(place, place.read_bytes()).items() if link in below}
+        return link_shapes(self.sources.find(self.data.get("source")), below, self.data.get("meshes"), self.sources)
 
     def is_fixed(self, link: str, other: str) -> bool:
         """Return whether no joint moves between two links."""
@@ -251,6 +251,22 @@ class URDFNumbers:
                 if follow is not None:
                     off = value - follow.multiplier * float(positions[follow.joint]) - follow.offset
                     yield RowValue(f"{name} {link.joint} follows {follow.joint}", off, 0.0, 0.0, 0.0, FOLLOWING)
+
+
+def require_links(hand: HandNumbers | None, part: str) -> URDFNumbers:
+    """Return a hand whose links are known; raise ``NotMadeError`` of any other.
+
+    Parameters
+    ----------
+    hand : HandNumbers or None
+    part : str
+        What is to be recomputed of it, for the message: ``"links"`` or ``"joints"``.
+    """
+    if isinstance(hand, UnknownHand):
+        raise NotMadeError(hand.why)
+    if not isinstance(hand, URDFNumbers):
+        raise NotMadeError(f"nothing recomputes the {part} of a hand of this type")
+    return hand
 
 
 def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> URDFNumbers:

@@ -1,0 +1,220 @@
+"""Defects of a triangle mesh that repair hides or leaves: guessed surface, self-intersections, separate pieces."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from nlpgrasp.common.meshes.crossings import meeting_boxes, normals_of
+from nlpgrasp.common.meshes.frame import in_frame, local_origin
+from nlpgrasp.common.meshes.merged import merged_mesh
+from nlpgrasp.common.meshes.parts import Parts, with_own_vertices, without_doubles
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
+from nlpgrasp.common.shown.numbers import percent, rounded, vector
+from nlpgrasp.common.stored.cache import kept
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+
+if TYPE_CHECKING:
+    import trimesh
+
+LARGEST_FILL = 0.05  # of the area: larger holes are not filled
+SAME_AREA = 1e-9  # of the area
+TOUCHING = 1e-6  # of the bounding box's diagonal: nearer pieces touch, and shallower crossings are rounding
+SLIT = 3e-3  # of the diagonal: pieces of an open mesh so near touch, as slits are left where buried triangles went
+SCALED = 100.0  # mean edge where rays are cast: libigl takes small triangles for degenerate
+ENDS = 1e-3  # of an edge, at each end, where crossings do not count
+ASIDE = 1e-7 * np.array([0.5377, 0.3019, 0.7872])  # of the diagonal: shift of the rays, which else meet edges exactly
+SAMPLES = 300  # points of the surface
+MOST_INVERTED = 0.01  # of them
+FEW = 1000  # triangles: their defects are found as fast as read from the cache
+
+
+def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
+    """Refuse a mesh if its repair guesses a part of the surface: at large holes, and at faces with a reversed copy.
+
+    Raises
+    ------
+    InputError
+        Where the holes that are filled are more than ``LARGEST_FILL`` of the surface; or where triangles that lie back
+        to back are a part of the surface, and filling the hole that is left without them gives another one.
+    """
+    stated = np.asarray(mesh.vertices, dtype=float)
+    origin = local_origin(stated)
+    filled = merged_mesh(in_frame(stated, origin), np.asarray(mesh.faces))
+    vertices, faces = np.asarray(filled.vertices, dtype=float), np.asarray(filled.faces)
+    stays = without_doubles(vertices, faces)[0]
+    filled.update_faces(stays)
+    filled.fill_holes()
+    fill, area = np.asarray(filled.faces)[np.count_nonzero(stays) :], float(filled.area)
+
+    edges, counts = np.unique(_edges(faces[stays]), return_counts=True)
+    group = np.asarray(np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)[1]).ravel()
+    pairs = faces[~np.isin(group, group[stays])]
+    opened = pairs[np.any(np.isin(_edges(pairs), edges[counts == 1]), axis=1)]
+    restored = np.any(np.isin(_edges(fill), _edges(opened)), axis=1)
+    lost = _areas(vertices, opened).sum() / 2.0  # each is there both ways round
+    if abs(lost - _areas(vertices, fill[restored]).sum()) > SAME_AREA * area:
+        raise InputError(
+            "Mesh.mesh",
+            f"{len(opened) // 2} faces with a reversed copy, around {_place(vertices[opened], origin)}",
+            "each triangle of the surface once, facing outwards",
+        )
+
+    guessed = fill[~restored]
+    areas = _areas(vertices, guessed)
+    if areas.sum() > LARGEST_FILL * area:
+        holes = Parts(vertices, guessed).labels
+        largest = guessed[holes == np.argmax(np.bincount(holes, areas))]
+        raise InputError(
+            "Mesh.mesh",
+            f"holes of {rounded(1e6 * areas.sum(), 3)} mm^2, {percent(areas.sum() / area)} of the surface, the largest "
+            f"around {_place(vertices[largest], origin)}",
+            f"a closed mesh, or one with holes of at most {percent(LARGEST_FILL)} of its surface",
+        )
+
+
+def defect_warnings(mesh: trimesh.Trimesh) -> tuple[str, ...]:
+    """Return a sentence each on the self-intersections and the separate pieces of a mesh, none where it has none."""
+    made_from = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+    if len(mesh.faces) <= FEW:
+        return _defects(*made_from)
+
+    def found() -> dict[str, FloatArray]:
+        return {"warnings": np.frombuffer("\n".join(_defects(*made_from)).encode(), dtype=np.uint8).astype(float)}
+
+    warnings = kept("defects", made_from, found)["warnings"]
+    return tuple(bytes(warnings.astype(np.uint8)).decode().splitlines())
+
+
+def _defects(vertices: FloatArray, faces: IntArray) -> tuple[str, ...]:
+    """Return the sentences of ``defect_warnings`` for vertices (v, 3), metres, and triangles (f, 3)."""
+    origin = local_origin(vertices)
+    local = in_frame(vertices, origin)
+    warnings = []
+    if len(crossings := self_intersections(local, faces)):
+        warnings.append(
+            f"the mesh crosses itself, for example at {_place(crossings[0], origin)}: what is inside is unclear there, "
+            "so mend it in the program that it comes from"
+        )
+    if len(pieces := separate_pieces(local, faces)) > 1:
+        sizes = sorted(1e3 * float(np.max(np.ptp(piece, axis=0))) for piece in pieces)
+        warnings.append(
+            f"the mesh is {len(pieces)} pieces that do not touch, {rounded(sizes[0], 3)} to {rounded(sizes[-1], 3)} mm "
+            "long: they count as one rigid body"
+        )
+    return tuple(warnings)
+
+
+def self_intersections(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return points (p, 3), metres, where a mesh crosses itself; none where nothing is found.
+
+    They are where edges pass through triangles by more than rounding, found by rays along the edges. Large overlaps
+    whose edges meet exactly are found by sampled rays to both sides of the surface: the one behind it has to leave the
+    body where it first meets the surface again, the one ahead of it enters the body or meets nothing.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres, in local coordinates; those in the same place are one.
+    faces : (f, 3) int array
+    """
+    import igl
+
+    after = np.roll(faces, -1, axis=1)
+    once = faces < after  # each edge where the mesh is closed
+    ends = np.stack([faces[once], after[once]], axis=1)
+    along = vertices[ends[:, 1]] - vertices[ends[:, 0]]
+    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    scale = SCALED / float(np.mean(np.linalg.norm(along, axis=1)))
+    corners, triangles = np.ascontiguousarray(scale * vertices), np.ascontiguousarray(faces, dtype=np.int64)
+    tree = igl.AABB()
+    tree.init(corners, triangles)
+
+    def first_hits(origins: FloatArray, ways: FloatArray, farthest: float) -> tuple[IntArray, FloatArray]:
+        rays = np.ascontiguousarray(scale * origins), np.ascontiguousarray(scale * ways)
+        met, at, _ = tree.intersect_ray_first(corners, triangles, *rays, farthest)
+        return np.asarray(met).ravel(), np.asarray(at, dtype=float).ravel()
+
+    origins, ways = vertices[ends[:, 0]] + ENDS * along + ASIDE * size, (1.0 - 2.0 * ENDS) * along
+    met, at = first_hits(origins, ways, 1.0)
+    hit = np.flatnonzero(met >= 0)
+    crossed = faces[met[hit]]
+    heights = np.einsum("ijk,ik->ij", vertices[ends[hit]] - vertices[crossed[:, :1]], normals_of(vertices[crossed]))
+    deep = np.min(np.abs(heights), axis=1) > TOUCHING * size
+    hit = hit[deep & ~np.any(crossed[:, :, None] == ends[hit][:, None], axis=(1, 2))]
+    if len(hit):
+        return np.asarray(origins[hit] + at[hit, None] * ways[hit])
+
+    points, normals = _surface_samples(vertices, faces)
+    inverted = np.zeros(len(points), dtype=bool)
+    for side in (1.0, -1.0):
+        met, _ = first_hits(points + side * TOUCHING * size * normals, side * size * normals, np.inf)
+        leaves = np.einsum("ij,ij->i", side * normals, normals_of(vertices[faces[met]])) > 0.0
+        inverted |= (met >= 0) & leaves if side > 0.0 else (met < 0) | ~leaves
+    return points[inverted] if np.mean(inverted) > MOST_INVERTED else points[:0]
+
+
+def _surface_samples(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return points (SAMPLES, 3) of a mesh, uniform by area, and the unit normals of their triangles."""
+    total = np.cumsum(_areas(vertices, faces))
+    which = faces[np.searchsorted(total, (np.arange(SAMPLES) + 0.5) / SAMPLES * total[-1])]
+    shares = np.random.default_rng(0).dirichlet(np.ones(3), SAMPLES)
+    return np.einsum("ij,ijk->ik", shares, vertices[which]), normals_of(vertices[which])
+
+
+def separate_pieces(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
+    """Return the vertices (v, 3) of each piece of a mesh; pieces that touch are one.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres, in local coordinates; those in the same place are one.
+    faces : (f, 3) int array
+    """
+    labels = _components(len(vertices), faces[:, :2], faces[:, 1:])[faces[:, 0]]
+    if np.all(labels == labels[0]):
+        return [vertices]
+    shells = [with_own_vertices(vertices, faces[labels == label]) for label in np.unique(labels)]
+    slack = (SLIT if Parts(vertices, faces).open_edges else TOUCHING) * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    lower, upper = (np.array([corner(shell[0], axis=0) for shell in shells]) for corner in (np.min, np.max))
+    trees = [SearchTree(*shell) for shell in shells]
+
+    def reaches(one: int, other: int) -> bool:
+        points = shells[one][0]
+        near = points[np.all((points >= lower[other] - slack) & (points <= upper[other] + slack), axis=1)]
+        return len(near) > 0 and bool(np.any(trees[other].nearest(near)[0] <= slack**2))
+
+    pairs = meeting_boxes(lower - slack, upper + slack)
+    touching = pairs[[reaches(one, other) or reaches(other, one) for one, other in pairs.tolist()]]
+    joined = _components(len(shells), touching[:, 0], touching[:, 1])
+    return [
+        np.concatenate([shells[i][0] for i in np.flatnonzero(joined == piece)]) for piece in range(joined.max() + 1)
+    ]
+
+
+def _components(count: int, one: IntArray, other: IntArray) -> NDArray[np.int64]:
+    """Return the connected component (count,) of each node of a graph with edges from ``one`` to ``other``."""
+    graph = coo_matrix((np.ones(one.size, dtype=bool), (one.ravel(), other.ravel())), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def _edges(faces: IntArray) -> NDArray[np.int64]:
+    """Return a number for each undirected edge of each triangle (f, 3), the same for the same edge."""
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
+    return np.asarray(ends.min(axis=2) << 32 | ends.max(axis=2), dtype=np.int64)
+
+
+def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the areas (f,) of triangles, m^2."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
+
+
+def _place(points: FloatArray, origin: FloatArray) -> str:
+    """Return the mean of points (..., 3) relative to an origin (3,), metres, as text."""
+    return f"[{vector(points.reshape(-1, 3).mean(axis=0) + origin, 3)}] m"
