@@ -1,11 +1,12 @@
-"""The symbolic program: named blocks, two transcriptions of containment, IPOPT."""
+"""The paper's program: its statement (``formulation.py``), named blocks, derivatives, IPOPT."""
 
 from nlpgrasp.nlp.blocks import Block
 from nlpgrasp.nlp.compile import CompiledProgram, NlpResult
-from nlpgrasp.nlp.placement import Scaling, face_parameters
+from nlpgrasp.nlp.formulation import SUPPORT, optimal_grasp_program
 from nlpgrasp.nlp.program import HAND, Program
-from nlpgrasp.nlp.support import SUPPORT, has_closed_form, has_pieces, support_program
-from nlpgrasp.nlp.vertex import vertex_program
+from nlpgrasp.nlp.scaling import Scaling
+from nlpgrasp.nlp.support_function import has_closed_form, has_pieces
+from nlpgrasp.nlp.surfaces import Facets, Surfaces, face_parameters
 from nlpgrasp.nlp.virtual_work import VirtualWork
 
 __all__ = [
@@ -13,13 +14,14 @@ __all__ = [
     "SUPPORT",
     "Block",
     "CompiledProgram",
+    "Facets",
     "NlpResult",
     "Program",
     "Scaling",
+    "Surfaces",
     "VirtualWork",
     "face_parameters",
     "has_closed_form",
     "has_pieces",
-    "support_program",
-    "vertex_program",
+    "optimal_grasp_program",
 ]

@@ -30,6 +30,11 @@ class Range:
         """The range as a slice."""
         return slice(self.start, self.stop)
 
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return self.stop - self.start
+
 
 @dataclass(frozen=True)
 class Block(Range):
@@ -43,10 +48,16 @@ class Block(Range):
         For example ``"position"``, ``"forces"`` or ``"hand"``.
     index : int or str, optional
         Which of its kind: a finger, a direction, or the hand's own name of its variable.
+    offset : tuple of float
+        What the solver's zero is worth in the user's units.
+    unit : str
+        Of the user's values; empty where there is none or they differ.
     """
 
     kind: str = field(kw_only=True)
     index: int | str | None = field(default=None, kw_only=True)
+    offset: tuple[float, ...] = field(default=(), kw_only=True)
+    unit: str = field(default="", kw_only=True)
 
     @property
     def name(self) -> str:
@@ -63,9 +74,12 @@ class RowBlock(Range):
     start, stop, scale
         As in ``Range``.
     label : Label
+    equation : str
+        Of the paper.
     """
 
     label: Label = field(kw_only=True)
+    equation: str = field(default="", kw_only=True)
 
     @property
     def kind(self) -> str:
@@ -84,6 +98,7 @@ class FaceRows:
 
     label: Label
     size: int
+    scale: float
     lower: float = 0.0
 
 

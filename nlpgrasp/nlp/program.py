@@ -1,14 +1,16 @@
-"""A nonlinear program under construction: named variables, parameters and constraint blocks.
+"""A nonlinear program under construction: named blocks of variables, parameters and constraints.
 
-One canonical form: maximise a scalar subject to ``lower <= g(z; theta) <= upper`` and bounds on z. Every
-block of rows has a name, so that a report says "friction, finger 2, direction 17" and never "g[57]".
+One canonical form: maximise a scalar subject to ``lower <= g(z; theta) <= upper`` and bounds on z. Constraints are
+written in SI units; a scaled program divides variables and constraints by their typical sizes. Every block has a name,
+so that a report says "friction, finger 2, direction 17" and never "g[57]".
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import accumulate
 
 import casadi as ca
 import numpy as np
@@ -19,14 +21,54 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp.blocks import Block, DistancePart, FacePart, FaceRows, Range, RowBlock, block_name
 from nlpgrasp.nlp.repeats import Copy
 from nlpgrasp.nlp.slots import Slots
+from nlpgrasp.problem.rows import PlacementRows
 
 HAND = "hand"  # kind of the hand's variables
+REACHABILITY, HAND_CONSTRAINTS = "(3.5-15)", "(3.5-16)"  # equations of the paper
+
+
+@dataclass(frozen=True)
+class ForceCopy:
+    """Finger forces at one direction and their constraints: what a program repeats for every direction.
+
+    Parameters
+    ----------
+    values : casadi.SX
+        Symbol of the variables, SI units.
+    lower, upper, scale : float
+        Of all of them, SI units.
+    sizes : sequence of int
+        Number of variables of each contact.
+    rows : list of (str, Row)
+        Equation of the paper, and constraint on the program's variables, these, and the parameters of the copy.
+    """
+
+    values: ca.SX
+    lower: float
+    upper: float
+    scale: float
+    sizes: Sequence[int]
+    rows: list[tuple[str, Row]] = field(default_factory=list)
+
+
+    @property
+    def of_contacts(self) -> list[ca.SX]:
+        """The variables of each contact, columns."""
+        return list(ca.vertsplit(self.values, [0, *accumulate(self.sizes)]))
 
 
 @dataclass
 class Program:
-    """Variables, parameters, rows and an objective, filled block by block."""
+    """Variables, parameters, constraints and an objective, added block by block.
 
+    Parameters
+    ----------
+    scaled : bool
+        Whether ``z`` and ``g`` are in solver units: a variable less its offset over its scale, a constraint over its
+        scale. Otherwise both are in SI units.
+    """
+
+    scaled: bool = True
     variables: list[Block] = field(default_factory=list)
     parameters: list[Block] = field(default_factory=list)
     rows: list[RowBlock] = field(default_factory=list)
@@ -37,7 +79,9 @@ class Program:
     contained: int = 0  # rows of containment come first, this many
     placement: slice = field(default_factory=lambda: slice(0, 0))  # rows of constraints and hand; faces follow them
     objective: ca.SX = field(default_factory=ca.SX)
+    equation: str = ""  # of the paper, that the next constraints belong to
     _z: list[ca.SX] = field(default_factory=list)
+    _values: list[ca.SX] = field(default_factory=list)  # of the variables, SI units
     _theta: list[ca.SX] = field(default_factory=list)
     _g: list[ca.SX] = field(default_factory=list)
     _bounds: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
@@ -50,15 +94,25 @@ class Program:
         lower: ArrayLike,
         upper: ArrayLike,
         scale: float = 1.0,
+        offset: ArrayLike = 0.0,
+        *,
         index: int | str | None = None,
+        unit: str = "",
     ) -> ca.SX:
-        """Add variables and return their symbols (size,)."""
-        symbol = ca.SX.sym(block_name(kind, index).replace(" ", "_"), size)
-        start = _end(self.variables)
-        self.variables.append(Block(start, start + size, scale, kind=kind, index=index))
+        """Add variables and return them in SI units, (size,); so are the bounds, the scale and the offset."""
+        symbol, start = ca.SX.sym(block_name(kind, index).replace(" ", "_"), size), _end(self.variables)
+        zero = _filled(offset, size)
+        block = Block(start, start + size, scale, kind=kind, index=index, offset=tuple(zero.tolist()), unit=unit)
+        self.variables.append(block)
         self._z.append(symbol)
-        self._bounds.append((_filled(lower, size), _filled(upper, size)))
-        return symbol
+        low, high = _filled(lower, size), _filled(upper, size)
+        self._bounds.append(((low - zero) / scale, (high - zero) / scale) if self.scaled else (low, high))
+        self._values.append(zero + scale * symbol if self.scaled else symbol)
+        return self._values[-1]
+
+    def maximise(self, expression: ca.SX, scale: float) -> None:
+        """Set the objective, and the size that counts as one."""
+        self.objective = expression / scale if self.scaled else expression
 
     def parameter(self, kind: str, size: int, index: int | None = None) -> ca.SX:
         """Add parameters and return their symbols (size,)."""
@@ -69,45 +123,116 @@ class Program:
         return symbol
 
     def constrain(self, row: Row) -> None:
-        """Add a row, or a column of them, divided by its scale."""
-        expression: ca.SX = row.expression
-        self._g.append(ca.vec(expression) / row.scale)
-        self._add_rows(row, expression.numel(), (row.lower / row.scale, row.upper / row.scale), row.scale)
+        """Add a constraint, or a column of them within the same limits."""
+        self._g.append(ca.vec(row.expression) / self._applied(row.scale))
+        self._add_rows(row, row.expression.numel(), (row.lower, row.upper), row.scale)
 
-    def constrain_slots(self, kind: str, part: str, slots: Slots) -> None:
-        """Add a row for each slot, at least zero; call this first. They are not among ``g``."""
-        for j in range(slots.count):
-            self._add_rows(Label(kind, part=f"{part} {j}"), 1, (0.0, np.inf))
-        self.slots = slots
+    def constrain_each(self, row: Row, own: dict[str, ca.SX], count: int) -> None:
+        """Add a scalar constraint, at least ``row.lower``, once for each of ``count`` values of its parameters.
+
+        Call this first; these constraints are the slots, not among ``g``.
+
+        Parameters
+        ----------
+        row : Row
+            On the program's variables and the symbols ``own``; its part is followed by the number.
+        own : dict
+            Symbols, columns, by the name of the parameters: the program gets ``count`` values of each.
+        count : int
+        """
+        z = self.z
+        begin = _end(self.parameters)
+        where = []
+        for name, symbol in own.items():
+            self.parameter(name, symbol.numel() * count)
+            where.append(np.arange(begin, _end(self.parameters)).reshape(count, -1).T)
+            begin = _end(self.parameters)
+        if not count:
+            return
+        used = np.flatnonzero(ca.which_depends(row.expression, z, 1, False))
+        inputs = [z[used.tolist()], ca.vertcat(*own.values())]
+        function = ca.Function("slot", inputs, [row.expression / self._applied(row.scale)])
+        for j in range(count):
+            label = replace(row.label, part=f"{row.part} {j}")
+            self._add_rows(label, 1, (row.lower, np.inf), row.scale)
+        self.slots = Slots(function, used, np.concatenate(where))
+
+    def constrain_copies(self, copy: ForceCopy, own: dict[str, ca.SX], count: int, differentiated: bool) -> None:
+        """Add ``count`` copies of the variables and constraints of a ``ForceCopy``; call this before ``constrain``.
+
+        Parameters
+        ----------
+        copy : ForceCopy
+        own : dict
+            Symbols, columns, by the name of the parameters on which the copies differ.
+        count : int
+        differentiated : bool
+            Whether derivatives are made of one copy and put in place for the others; else CasADi makes all.
+        """
+        where = {}
+        for name, symbol in own.items():
+            where[name] = ca.reshape(self.parameter(name, symbol.numel() * count), symbol.numel(), count)
+        rows = [ca.vec(row.expression) / self._applied(row.scale) for _, row in copy.rows]
+        shared = self.z
+        one = ca.Function("copy", [shared, copy.values, *own.values()], [ca.vertcat(*rows)])
+        for j in range(count):
+            x = self.variable("forces", sum(copy.sizes), copy.lower, copy.upper, copy.scale, index=j, unit="N")
+            parameters = [values[:, j] for values in where.values()]
+            self._g.append(one(shared, x, *parameters))
+            begin = _end(self.rows)
+            for self.equation, row in copy.rows:
+                part = ", ".join(filter(None, (row.part, f"direction {j}")))
+                self._add_rows(replace(row.label, part=part), row.expression.numel(), (row.lower, row.upper), row.scale)
+            if differentiated:
+                self.copies.append(Copy(self.variables[-1], Range(begin, _end(self.rows)), ca.vertcat(*parameters)))
+
+    def end_containment(self) -> None:
+        """State that all constraints so far are those of containment."""
+        self.contained = _end(self.rows)
+
+    def constrain_placement(self, stated: PlacementRows, constraints: int) -> None:
+        """Add the constraints of reachability and hand, those through distances to a spline last.
+
+        Those from the first ``constraints`` sources are of reachability.
+        """
+        begin, reachability = _end(self.rows), {i for rows in stated.sources[:constraints] for i in rows}
+        for i, item in enumerate((*stated.rows, *stated.clearances)):
+            self.equation = REACHABILITY if i in reachability else HAND_CONSTRAINTS
+            self.constrain(item) if isinstance(item, Row) else self.constrain_distance(item)
+        self.placement = slice(begin, begin + len(stated.named))
 
     def constrain_distance(self, item: Clearance) -> None:
-        """Add a row through a distance, divided by its scale; call these after ``constrain``."""
+        """Add a constraint on a distance to a spline; call these after ``constrain``."""
         if not self.distance_parts or self.distance_parts[-1].function is not item.distance:
             self.distance_parts.append(DistancePart(item.distance, [], []))
         part = self.distance_parts[-1]
         part.points.append(item.point)
-        part.scales.append(item.scale)
-        self._add_rows(item, 1, (item.lower / item.scale, np.inf), item.scale)
+        part.scales.append(self._applied(item.scale))
+        self._add_rows(item, 1, (item.lower, np.inf), item.scale)
 
     def constrain_face(self, rows: Sequence[FaceRows], function: ca.Function, position: Block, linear: ca.SX) -> None:
         """Add rows ``function(position) + linear``, a contact's own; call these last."""
         for row in rows:
-            self._add_rows(row.label, row.size, (row.lower, 0.0))
+            self._add_rows(row.label, row.size, (row.lower, 0.0), row.scale)
         self.face_parts.append(FacePart(function, position, linear))
+
+    def _applied(self, scale: float) -> float:
+        return scale if self.scaled else 1.0
 
     def _add_rows(self, label: Label, size: int, limits: tuple[float, float], scale: float = 1.0) -> None:
         start = _end(self.rows)
-        self.rows.append(RowBlock(start, start + size, scale, label=label.label))
-        self._limits.append((_filled(limits[0], size), _filled(limits[1], size)))
+        self.rows.append(RowBlock(start, start + size, scale, label=label.label, equation=self.equation))
+        unit = self._applied(scale)
+        self._limits.append((np.full(size, limits[0] / unit), np.full(size, limits[1] / unit)))
 
     def block(self, kind: str, index: int | str | None = None) -> Block:
         """Return the one block of variables or parameters of a kind, or with an index the one of that."""
         wanted = block_name(kind, index)
         return next(b for b in (*self.variables, *self.parameters) if b.name == wanted)
 
-    def blocks(self, kind: str) -> list[Block]:
-        """Return all blocks of variables of a kind, in order."""
-        return [b for b in self.variables if b.kind == kind]
+    def blocks(self, kind: str, among: Sequence[Block] | None = None) -> list[Block]:
+        """Return all blocks of a kind, in order, among the variables or others."""
+        return [b for b in (self.variables if among is None else among) if b.kind == kind]
 
     @property
     def hand_blocks(self) -> list[tuple[str, Block]]:
@@ -117,7 +242,7 @@ class Program:
     @property
     def hand_symbols(self) -> dict[str, ca.SX]:
         """The hand's variables in the hand's units, by their own names."""
-        return {name: b.scale * self.z[b.range] for name, b in self.hand_blocks}
+        return {name: self._values[self.variables.index(block)] for name, block in self.hand_blocks}
 
     def rows_of(self, kind: str) -> list[int]:
         """Return all rows of a kind."""

@@ -11,14 +11,18 @@ where f_i and m_i turn with the contact's normal and y and the rates are fixed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import casadi as ca
 import numpy as np
 
+from nlpgrasp.budgets import HandTorques
+from nlpgrasp.common.rows import Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import PosedHand
-from nlpgrasp.nlp.placement import Scaling
 from nlpgrasp.nlp.program import Program
+from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.problem.problem import GraspProblem
 
 
@@ -84,3 +88,48 @@ class VirtualWork:
         everywhere = [np.repeat(z[:, None], m, axis=1), np.tile(normals.T, (1, m))]
         found = self._slope.map(m)(*everywhere, y.T, *wide, rates.T)
         return np.asarray(found.full()).T
+
+
+def joint_torque_rows(
+    variables: Mapping[str, ca.SX],
+    problem: GraspProblem,
+    positions: Sequence[ca.SX],
+    normals: Sequence[ca.SX],
+    forces: Sequence[ca.SX],
+) -> list[Row]:
+    """Return the limits of ``HandTorques`` on finger forces: ``-1 <= (sum_i J_i(q)^T f_i) / tau <= 1``, ``f_n <= F``.
+
+    Parameters
+    ----------
+    variables : mapping
+        The hand's, by their names, in the hand's units.
+    problem : GraspProblem
+    positions, normals : sequence of k columns
+        Metres, body frame; inward unit normals.
+    forces : sequence of k columns
+        Force variables: newtons, and newton-metres.
+
+    Raises
+    ------
+    InputError
+        For a hand without joints.
+    """
+    hand, budget = problem.hand, problem.budget
+    if not isinstance(hand, PosedHand) or not isinstance(budget, HandTorques):
+        raise InputError("GraspProblem.hand", hand, "a hand with joints")
+    rates = ca.SX.sym("rates", len(hand.loaded_joints))
+    motion = hand.contact_motion(dict(variables), rates, positions)
+    power, pressing = ca.SX(0), list[Row]()
+    each = enumerate(zip(problem.models, normals, forces, motion, strict=True))
+    for i, (model, n, x, (velocity, angular)) in each:
+        f, m = model.split(x, n)
+        power += ca.dot(velocity, f) + (0.0 if m is None else ca.dot(angular, m))
+        force = model.normal_force(x, n) / budget.force_limit
+        pressing.append(Row("force limit", force, upper=1.0, fingers=(i,)))
+    torques = ca.gradient(power, rates)
+    limits = [hand.torque_limits[name] for name in hand.loaded_joints]
+    of_joints = [
+        Row("torque limit", torques[j] / limit, -1.0, 1.0, part=f"joint {name}")
+        for j, (name, limit) in enumerate(zip(hand.loaded_joints, limits, strict=True))
+    ]
+    return of_joints + pressing

@@ -10,7 +10,7 @@ import numpy as np
 
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.nlp import CompiledProgram, support_program, vertex_program
+from nlpgrasp.nlp import CompiledProgram, optimal_grasp_program
 from nlpgrasp.quality.certificate.minimise import random_directions
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.start.screen import draw_start
@@ -42,9 +42,7 @@ def random_program(bench, compiled, points, rng, transcription):
     u = random_directions(72, 6, rng)
     start = variables_of(bench, compiled.program, Placed(FACES, points))
     start[compiled.program.block("beta").range] = 0.1
-    scaled = u * bench.scaling.wrench if transcription == "vertex" else u / bench.scaling.wrench
-    scaled = scaled / bench.scaling.task if transcription == "vertex" else scaled * bench.scaling.task
-    parameters = scaled.ravel() if transcription == "vertex" else np.concatenate([scaled.ravel(), np.ones(72)])
+    parameters = u.ravel() if transcription == "vertex" else np.concatenate([u.ravel(), np.ones(72)])
     found = compiled.solve(start, parameters)
     return placed_of(bench, compiled.program, FACES, found.z).points, found.objective / bench.scaling.beta
 
@@ -58,8 +56,8 @@ def run():
     bench = Workbench(problem, ng.SolveOptions(workers=1))
     run_start(bench, STARTS, 0, Stop())
     programs = {
-        "vertex": CompiledProgram(vertex_program(problem, FACES, 72), {"tol": 1e-4, "max_iter": 300}),
-        "support": CompiledProgram(support_program(problem, FACES, 72, False), {"tol": 1e-4, "max_iter": 300}),
+        "vertex": CompiledProgram(optimal_grasp_program(problem, "vertex", 72), {"tol": 1e-4, "max_iter": 300}),
+        "support": CompiledProgram(optimal_grasp_program(problem, "support", 72), {"tol": 1e-4, "max_iter": 300}),
     }
     rows = {"nlpgrasp": [], "SLSQP": [], "vertex, random": [], "support, random": []}
     for index in range(STARTS):

@@ -17,7 +17,7 @@ from nlpgrasp.common.rows import (
     Row,
 )
 from nlpgrasp.hands.tips import Touch
-from nlpgrasp.nlp import support_program, vertex_program
+from nlpgrasp.nlp import optimal_grasp_program
 from nlpgrasp.problem.rows import placement_rows
 from tests.hands.urdf import four_finger_hand
 
@@ -157,7 +157,7 @@ def test_the_first_argument_of_a_row_may_be_all_of_its_name():
 )
 def test_rows_of_budgets_in_a_program(budget, expected):
     problem = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.5)] * 2, BALL, force_budget=budget)
-    program = vertex_program(problem, ("surface",) * 2, 2)
+    program = optimal_grasp_program(problem, "vertex", 2)
     kinds = ("force budget", "torque limit", "force limit")
     rows = [b.name for b in program.rows if b.kind in kinds]
     assert [name for name in rows if name.endswith("direction 1")] == expected
@@ -166,7 +166,7 @@ def test_rows_of_budgets_in_a_program(budget, expected):
 def test_blocks_of_a_program_are_found_by_kind_and_index():
     hand = ng.Fingertips(2, reach=0.1)
     problem = ng.GraspProblem(ng.Box([0.1] * 3), [ng.FrictionContact(0.5)] * 2, BALL, hand=hand)
-    program = support_program(problem, ("+x", "-x"), 3)
+    program = optimal_grasp_program(problem, "support", 3, eliminated=True)
     assert [b.name for b in program.variables] == [
         "position 0",
         "position 1",

@@ -113,10 +113,10 @@ def test_rows_of_the_hand_have_the_derivatives_they_claim(rng):
             ng.Obstacle(ng.Box([0.1, 0.1, 0.1]), 0.0, [0.2, 0, 0]),
         ],
     )
-    from nlpgrasp.nlp import support_program
+    from nlpgrasp.nlp import optimal_grasp_program
     from nlpgrasp.nlp.functions import ProgramFunctions
 
-    program = support_program(problem, ("surface",) * 4, 2)
+    program = optimal_grasp_program(problem, "support", 2, eliminated=True)
     jacobian = ProgramFunctions(program).jacobian
     theta = rng.standard_normal(program.theta.shape[0])
     values, _tips = hand.draw(1, np.zeros((1, 3)), rng)

@@ -6,9 +6,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.nlp import CompiledProgram, Scaling, support_program, vertex_program
+from nlpgrasp.nlp import CompiledProgram, Scaling, optimal_grasp_program
 from nlpgrasp.nlp.functions import ProgramFunctions
-from nlpgrasp.nlp.support import has_closed_form, support_function
+from nlpgrasp.nlp.support_function import has_closed_form, support_function
 from nlpgrasp.quality import WrenchSet
 from tests.samples import CONTACTS, closed_ellipsoid_grasp
 
@@ -33,7 +33,7 @@ def mesh_problem():
 
 
 def test_rows_have_names_a_person_can_read():
-    program = vertex_program(ellipsoid_problem(constraints=[ng.Table(0.0)]), ("surface",) * 3, 5)
+    program = optimal_grasp_program(ellipsoid_problem(constraints=[ng.Table(0.0)]), "vertex", 5)
     names = [program.row_name(i) for i in range(program.rows[-1].stop)]
     assert "friction, finger 2, direction 4" in names
     assert "wrench balance, direction 0 [3]" in names
@@ -42,18 +42,18 @@ def test_rows_have_names_a_person_can_read():
 
 
 def test_sizes():
-    program = vertex_program(ellipsoid_problem(), ("surface",) * 3, 5)
+    program = optimal_grasp_program(ellipsoid_problem(), "vertex", 5)
     assert program.z.shape[0] == 3 * 6 + 1 + 5 * 9
-    reduced = support_program(ellipsoid_problem(), ("surface",) * 3, 5)
+    reduced = optimal_grasp_program(ellipsoid_problem(), "support", 5, eliminated=True)
     assert reduced.z.shape[0] == 3 * 6 + 1
-    full = support_program(ellipsoid_problem(), ("surface",) * 3, 5, eliminate=False)
+    full = optimal_grasp_program(ellipsoid_problem(), "support", 5)
     assert full.z.shape[0] == 3 * 6 + 1 + 5 * 9
 
 
-@pytest.mark.parametrize("build", [vertex_program, support_program])
-def test_mesh_derivatives_agree_with_casadi(mesh_problem, build, rng):
+@pytest.mark.parametrize("transcription", ["vertex", "support"])
+def test_mesh_derivatives_agree_with_casadi(mesh_problem, transcription, rng):
     """The hand-assembled Jacobian and Hessian against automatic differentiation of the same graph."""
-    program = build(mesh_problem, ("surface",) * 3, 4)
+    program = optimal_grasp_program(mesh_problem, transcription, 4, eliminated=True)
     functions = ProgramFunctions(program)
     nlp, derivatives = functions.nlp, functions.derivatives
     x, p = nlp["x"], nlp["p"]
@@ -87,7 +87,7 @@ def test_symbolic_support_is_the_numeric_one(name, budget, rng):
     y = rng.standard_normal((20, 6))
     expected = WrenchSet.of(grasp, budget).support(y)[0]
     for direction, value in zip(y, expected, strict=True):
-        arguments = [direction / scaling.wrench, *scaling.position(grasp.points), *grasp.normals]
+        arguments = [direction, *grasp.points, *grasp.normals]
         assert float(function(*arguments)) == pytest.approx(value**degree, abs=1e-9 if budget == "l2" else 5e-4)
 
 
@@ -119,7 +119,7 @@ def test_support_program_bounds_the_measure_from_above():
     """Fixed contacts: maximising beta alone gives the least ratio over the directions."""
     problem = ellipsoid_problem(k=4)
     scaling = Scaling.of(problem)
-    program = support_program(problem, ("surface",) * 4, 10)
+    program = optimal_grasp_program(problem, "support", 10, eliminated=True)
     grasp = closed_ellipsoid_grasp(np.random.default_rng(1))
     z = np.zeros(program.z.shape[0])
     for i, (p, n) in enumerate(zip(scaling.position(grasp.points), grasp.normals, strict=True)):
@@ -130,7 +130,7 @@ def test_support_program_bounds_the_measure_from_above():
     lower, upper = (b.copy() for b in program.bounds)
     fixed = slice(0, program.block("beta").start)
     lower[fixed], upper[fixed] = z[fixed] - 1e-9, z[fixed] + 1e-9
-    parameters = np.concatenate([(y * scaling.task / scaling.wrench).ravel(), np.ones(10)])
+    parameters = np.concatenate([y.ravel(), np.ones(10)])
     result = CompiledProgram(program, {"tol": 1e-8}).solve(z, parameters, (lower, upper))
     assert result.objective / scaling.beta == pytest.approx(WrenchSet.of(grasp).support(y)[0].min(), rel=1e-5)
 
@@ -142,10 +142,10 @@ def test_both_forms_of_the_support_program_agree():
     grasp = closed_ellipsoid_grasp(np.random.default_rng(1))
     y = np.random.default_rng(3).standard_normal((6, 6))
     y /= BALL.support(y)[0][:, None]
-    parameters = np.concatenate([(y * scaling.task / scaling.wrench).ravel(), np.ones(6)])
+    parameters = np.concatenate([y.ravel(), np.ones(6)])
     values = []
-    for eliminate in (True, False):
-        program = support_program(problem, ("surface",) * 4, 6, eliminate)
+    for eliminated in (True, False):
+        program = optimal_grasp_program(problem, "support", 6, eliminated=eliminated)
         z = np.zeros(program.z.shape[0])
         for i, (p, n) in enumerate(zip(scaling.position(grasp.points), grasp.normals, strict=True)):
             z[program.block("position", i).range] = p

@@ -7,23 +7,22 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.nlp.functions import ProgramFunctions
-from nlpgrasp.nlp.support import support_program
-from nlpgrasp.nlp.vertex import vertex_program
+from nlpgrasp.nlp import optimal_grasp_program
 
 LINE = ng.LineContact(0.3, friction=0.5, direction=[1, 2, 3])
 RECTANGLE = ng.PlaneContact(extents=[0.2, 0.3], friction=0.5, direction=[1, 2, 3])
 
 
-def program_of(make, contacts):
+def program_of(transcription, contacts):
     """Return a program with three copies, and where z, theta and multipliers are drawn."""
     problem = ng.GraspProblem(ng.Box([1, 2, 3]), contacts, ng.TaskEllipsoid([1, 1, 1, 0.2, 0.2, 0.2]))
-    return make(problem, ["+x", "-x"], 3)
+    return optimal_grasp_program(problem, transcription, 3)
 
 
-@pytest.mark.parametrize("make", [vertex_program, support_program])
+@pytest.mark.parametrize("transcription", ["vertex", "support"])
 @pytest.mark.parametrize("contacts", [[LINE] * 2, [RECTANGLE, ng.FrictionContact(0.4)]], ids=["lines", "mixed"])
-def test_derivatives_are_those_of_the_whole_program(make, contacts, rng):
-    program = program_of(make, contacts)
+def test_derivatives_are_those_of_the_whole_program(transcription, contacts, rng):
+    program = program_of(transcription, contacts)
     assert len(program.copies) == 3
     functions = ProgramFunctions(program)
     z, theta, g = program.z, program.theta, functions.nlp["g"]
@@ -41,7 +40,7 @@ def test_derivatives_are_those_of_the_whole_program(make, contacts, rng):
 
 @pytest.mark.parametrize("contact", [ng.FrictionContact(0.5), ng.PlaneContact(0.1, friction=0.5)])
 def test_forces_that_are_components_are_left_to_casadi(contact):
-    program = program_of(vertex_program, [contact] * 2)
+    program = program_of("vertex", [contact] * 2)
     assert not program.copies
     assert ProgramFunctions(program).derivatives == {}
 
@@ -51,7 +50,7 @@ def test_a_program_on_a_mesh_has_the_same_rows(rng):
     body = ng.Mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.05))
     line = ng.LineContact(0.01, friction=0.5, direction=[1, 2, 3])
     problem = ng.GraspProblem(body, [line] * 2, ng.TaskEllipsoid([1, 1, 1, 0.02, 0.02, 0.02]))
-    program = vertex_program(problem, [body.faces[0].name] * 2, 3)
+    program = optimal_grasp_program(problem, "vertex", 3)
     assert program.copies
     functions = ProgramFunctions(program)
     z, theta = 0.3 * rng.standard_normal(program.z.shape[0]), rng.standard_normal(program.theta.shape[0])

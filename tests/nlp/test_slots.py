@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.nlp import support_program
+from nlpgrasp.nlp import optimal_grasp_program
 from nlpgrasp.nlp.functions import ProgramFunctions
 from nlpgrasp.nlp.slots import Slots
 from tests.hands.urdf import four_finger_hand
@@ -33,8 +33,7 @@ def written_out(slots, z, theta):
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_rows_and_derivatives(name, rng):
     problem = PROBLEMS[name]()
-    faces = [problem.allowed_faces(i)[0] for i in range(len(problem.models))]
-    program = support_program(problem, faces, SLOTS, pieces=problem.hand is not None)
+    program = optimal_grasp_program(problem, "support", SLOTS, eliminated=True, pieces=problem.hand is not None)
     slots, functions = program.slots, ProgramFunctions(program)
     assert isinstance(slots, Slots)
     assert slots.count == SLOTS == len(program.rows_of("support"))
@@ -56,7 +55,6 @@ def test_rows_and_derivatives(name, rng):
 def test_all_slots_are_one_expression():
     """What is differentiated is one row: as many instructions for 5 slots as for 500."""
     problem = PROBLEMS["l2"]()
-    faces = [problem.allowed_faces(i)[0] for i in range(2)]
-    size = {count: support_program(problem, faces, count).slots.function.n_instructions() for count in (5, 500)}
-    assert size[5] == size[500]
-    assert support_program(problem, faces, 500).g.shape == support_program(problem, faces, 5).g.shape
+    few, many = (optimal_grasp_program(problem, "support", count, eliminated=True) for count in (5, 500))
+    assert few.slots.function.n_instructions() == many.slots.function.n_instructions()
+    assert few.g.shape == many.g.shape

@@ -71,7 +71,7 @@ def slot_parameters(
         return face_parameters(bench.problem, faces)
     slots = bench.exchange.slots
     directions = np.zeros((slots, bench.problem.dimension))
-    directions[: len(cuts)] = cuts * bench.scaling.task / bench.scaling.wrench
+    directions[: len(cuts)] = cuts
     reach = np.zeros(slots)
     reach[: len(cuts)] = 1.0
     weights = np.zeros(0)

@@ -92,14 +92,14 @@ def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float =
 
     Wrenches are ``factor`` times as far from the task's middle.
     """
-    task, scaling, samples = bench.problem.task, bench.scaling, bench.task_samples
+    task, samples = bench.problem.task, bench.task_samples
     if bench.options.transcription == "vertex":
-        return np.asarray((samples.wrenches(rng, factor) * scaling.wrench / scaling.task).ravel())
+        return np.asarray((samples.wrenches(rng, factor)).ravel())
     y = samples.directions(rng)
     reach = task.support(y)[0]
     good = reach > 1e-9
     y = np.where(good[:, None], y / np.where(good, reach, 1.0)[:, None], 0.0)
-    return np.concatenate([(y * scaling.task / scaling.wrench).ravel(), good.astype(float)])
+    return np.concatenate([y.ravel(), good.astype(float)])
 
 
 def _score(bench: Workbench, placed: Placed, rng: np.random.Generator) -> float:

@@ -14,12 +14,12 @@ from nlpgrasp.contacts.product import extremes
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import PosedHand
 from nlpgrasp.nlp import (
+    SUPPORT,
     CompiledProgram,
     Program,
     has_closed_form,
     has_pieces,
-    support_program,
-    vertex_program,
+    optimal_grasp_program,
 )
 from nlpgrasp.nlp.compile import Option
 from nlpgrasp.problem.problem import GraspProblem
@@ -60,10 +60,7 @@ def budget_at(problem: GraspProblem, placed: Placed) -> ForceBudget:
 def first_program(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
     """Return the first program of a start, which looks at so many samples of the task."""
     plain = problem.unchecked(force_budget=closure_budget(problem))
-    if options.transcription == "vertex":
-        program = vertex_program(plain, _faces(problem), samples)
-    else:
-        program = support_program(plain, _faces(problem), samples, eliminate=False)
+    program = optimal_grasp_program(plain, options.transcription, samples)
     limits: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
     if not follows_contacts(problem):
         limits |= POSED | {"max_iter": min(options.max_iterations, POSED_ITERATIONS)}
@@ -103,7 +100,7 @@ class ExchangeProgram:
     def compiled(self) -> CompiledProgram:
         """The program with its solver, compiled."""
         slots = 0 if self._problem.budget.follows_hand else self.slots
-        program = support_program(self._problem, _faces(self._problem), slots, eliminate=True, pieces=self.linearises)
+        program = optimal_grasp_program(self._problem, SUPPORT, slots, eliminated=True, pieces=self.linearises)
         return _compiled(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
     def within(self, name: str, bounds: FloatArray) -> ExchangeProgram:
@@ -117,10 +114,6 @@ class ExchangeProgram:
         if self.closed or not has_pieces(self._problem):
             return None
         return extremes(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
-
-
-def _faces(problem: GraspProblem) -> tuple[str, ...]:
-    return tuple(problem.allowed_faces(i)[0] for i in range(len(problem.models)))
 
 
 def _compiled(program: Program, options: SolveOptions, limits: Ipopt) -> CompiledProgram:

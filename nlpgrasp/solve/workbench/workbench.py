@@ -32,7 +32,7 @@ from nlpgrasp.solve.workbench.programs import (
 )
 from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.solve.workbench.surface_samples import SurfaceSamples
-from nlpgrasp.solve.workbench.task_samples import TaskSamples
+from nlpgrasp.nlp.task_samples import TaskSamples
 
 FEASIBLE = 1e-5  # relative to a row's scale
 

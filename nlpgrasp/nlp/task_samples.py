@@ -54,12 +54,13 @@ class TaskSamples:
             return (1.0,)
         return (1.0 / inradius(self._local.shape[1], self._shells), 1.0)
 
-    def wrenches(self, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
+    def wrenches(self, rng: np.random.Generator | None = None, factor: float = 1.0) -> FloatArray:
         """Return wrenches of the boundary, (m, d), turned at random in the task's own axes; all of a small polytope's.
 
         Parameters
         ----------
-        rng : numpy.random.Generator
+        rng : numpy.random.Generator, optional
+            Not turned without one.
         factor : float
             Of their distance from the task's middle.
         """
@@ -72,7 +73,7 @@ class TaskSamples:
         middle = found.mean(axis=0)
         return np.asarray(middle + factor * (found - middle))
 
-    def directions(self, rng: np.random.Generator) -> FloatArray:
+    def directions(self, rng: np.random.Generator | None = None) -> FloatArray:
         """Return as many directions of wrench space, (m, d)."""
         y = self._y(self._turned(rng))
         return y[np.arange(self.count) % len(y)]
@@ -80,9 +81,10 @@ class TaskSamples:
     def _farthest(self, local: FloatArray) -> FloatArray:
         return self.task.support(self._y(local))[1]
 
-    def _turned(self, rng: np.random.Generator) -> FloatArray:
+    def _turned(self, rng: np.random.Generator | None) -> FloatArray:
         """Return unit directions in the task's own axes, (m, axes)."""
-        turn = np.linalg.qr(rng.standard_normal((int(self._used.sum()),) * 2))[0]
+        n = int(self._used.sum())
+        turn = np.eye(n) if rng is None else np.linalg.qr(rng.standard_normal((n, n)))[0]
         result = np.zeros((len(self._local), len(self._axes)))
         result[:, self._used] = self._local @ turn
         return result

@@ -1,0 +1,112 @@
+"""Surfaces of the contacts, (3.5-1): the body's faces, or one triangle of its mesh for each contact."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.common.rows import Label, Row
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.nlp.blocks import FaceRows
+from nlpgrasp.nlp.program import Program
+from nlpgrasp.problem.problem import GraspProblem
+
+ON_SURFACE, EXTENT, NORMAL = "on the surface", "extent of the face", "normal"  # kinds of constraints
+
+
+class Surfaces:
+    """Statement that each contact is on a face: ``h(p) = 0``, in its extent, ``n = -grad h / |grad h|``.
+
+    Which of several faces is a parameter, ``face i``, one where the contact is, so that one program serves all
+    assignments of contacts to faces.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    """
+
+    def __init__(self, problem: GraspProblem) -> None:
+        self.problem = problem
+
+    def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:
+        """Add the constraints of all contacts; they are the program's last ones."""
+        body = self.problem.body
+        for i, (p, n) in enumerate(zip(positions, normals, strict=True)):
+            program.equation = "(3.5-1)"
+            if body.symbol is ca.MX:
+                self._on_spline(program, i, n)
+                continue
+            h, extent, outward = self._chosen(program, i, p)
+            program.constrain(Row(ON_SURFACE, h, 0.0, 0.0, scale=body.size, fingers=(i,)))
+            if extent.numel():
+                program.constrain(Row(EXTENT, extent, upper=0.0, scale=body.size, fingers=(i,)))
+            program.equation = "(3.5-2)"
+            program.constrain(Row(NORMAL, n + outward, 0.0, 0.0, fingers=(i,)))
+
+    def _chosen(self, program: Program, i: int, p: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return surface (metres), extents (metres, at most zero on the face) and outward normal of the face chosen."""
+        problem = self.problem
+        names = problem.allowed_faces(i)
+        values = [problem.body.surface_function(name, problem.margin)(p) for name in names]
+        most = max(extent.numel() for *_, extent in values)
+        chosen = program.parameter("face", len(names), i) if len(names) > 1 else ca.SX(1)
+        total = ca.SX(0.0)
+        for j, (h, _, outward, extent) in enumerate(values):
+            padded = ca.vertcat(h, extent, -problem.body.size * ca.SX.ones(most - extent.numel()), outward)
+            total = total + ca.if_else(chosen[j] > 0.5, padded, 0.0)
+        parts: list[ca.SX] = ca.vertsplit(total, [0, 1, 1 + most, total.numel()])
+        return parts[0], parts[1], parts[2]
+
+    def _on_spline(self, program: Program, i: int, n: ca.SX) -> None:
+        """Add the constraints on a mesh's smooth surface, a spline, which exists as ``MX`` only."""
+        problem, block = self.problem, program.block("position", i)
+        p, size = problem.body.point(), problem.body.size
+        point, unit = (ca.DM(block.offset) + block.scale * p, size) if program.scaled else (p, 1.0)
+        h, _, outward, extent = problem.body.surface_function(problem.allowed_faces(i)[0], problem.margin)(point)
+        rows = [FaceRows(Label(ON_SURFACE, fingers=(i,)), 1, size)]
+        rows += [FaceRows(Label(EXTENT, fingers=(i,)), extent.shape[0], size, -np.inf)] if extent.shape[0] else []
+        rows += [FaceRows(Label(NORMAL, fingers=(i,)), problem.body.space, 1.0)]
+        function = ca.Function("face", [p], [ca.vertcat(h / unit, extent / unit, outward)])
+        program.constrain_face(rows, function, block, ca.vertcat(ca.SX.zeros(1 + extent.shape[0]), n))
+
+
+class Facets(Surfaces):
+    """Statement that each contact is on one plane piece of the surface, of ``edges`` edges: (3.5-1) of a mesh.
+
+    Parameters, in metres: ``facet i`` is ``(a, b)`` with ``a . p = b`` on the plane, then ``(a_e, b_e)`` with
+    ``a_e . p <= b_e`` for every edge, then the inward normal that the contact has there.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    edges : int
+        Of a facet.
+    """
+
+    def __init__(self, problem: GraspProblem, edges: int = 3) -> None:
+        super().__init__(problem)
+        self.edges = edges
+
+    def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:
+        """Add the constraints of all contacts; they are the program's last ones."""
+        size = self.problem.body.size
+        for i, (p, n) in enumerate(zip(positions, normals, strict=True)):
+            program.equation = "(3.5-1)"
+            facet = program.parameter("facet", 4 * (1 + self.edges) + 3, i)
+            planes = ca.reshape(facet[: 4 * (1 + self.edges)], 4, 1 + self.edges).T
+            beyond = ca.mtimes(planes[:, :3], p) - planes[:, 3]
+            program.constrain(Row(ON_SURFACE, beyond[0], 0.0, 0.0, scale=size, fingers=(i,)))
+            program.constrain(Row(EXTENT, beyond[1:], upper=0.0, scale=size, fingers=(i,)))
+            program.equation = "(3.5-2)"
+            program.constrain(Row(NORMAL, n - facet[-3:], 0.0, 0.0, fingers=(i,)))
+
+
+def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
+    """Return the parameters (q,) that say which face each contact is on."""
+    if problem.body.symbol is ca.MX:
+        return np.zeros(0)
+    choices = [problem.allowed_faces(i) for i in range(len(faces))]
+    pairs = zip(choices, faces, strict=True)
+    return np.array([float(n == name) for names, name in pairs if len(names) > 1 for n in names])

@@ -1,0 +1,90 @@
+"""First-order optimality (KKT) residuals of a solved program, in the solver's scaled units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+
+SMALL = 1e-6  # scaled: residuals below are those of a local optimum
+
+
+@dataclass(frozen=True)
+class KKT:
+    """Residuals of the Karush-Kuhn-Tucker conditions at a point with its multipliers.
+
+    All three are scaled: variables over their typical sizes, constraints over theirs, the objective over its value.
+
+    Parameters
+    ----------
+    stationarity : float
+        Largest entry of the Lagrangian's gradient.
+    feasibility : float
+        Largest violation of a constraint or bound.
+    complementarity : float
+        Largest product of a multiplier and the distance from its limit.
+    beta : float
+        The program's objective; of a grasp the least support ratio over ``directions``, at least mu.
+    directions : (m, d) array
+        Directions y_j of wrench space in which the program holds containment, with ``phi(y_j | A) = 1``.
+    weights : (m,) array
+        Multipliers of containment, at least zero, of sum one up to the residuals.
+    multipliers : mapping of str to float
+        Other multipliers that are not zero, by the constraint's name: change of beta for a unit of its limit.
+    reason : str
+        Why the residuals are not small; empty where they are.
+    """
+
+    stationarity: float
+    feasibility: float
+    complementarity: float
+    beta: float = float("nan")
+    directions: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    weights: FloatArray = field(default_factory=lambda: np.zeros(0))
+    multipliers: Mapping[str, float] = field(default_factory=dict)
+    reason: str = ""
+
+    @property
+    def largest(self) -> float:
+        """The largest of the three residuals."""
+        return max(self.stationarity, self.feasibility, self.complementarity)
+
+    @property
+    def is_small(self) -> bool:
+        """Whether all residuals are below 1e-6: the point is a first-order optimum of the program."""
+        return self.largest < SMALL
+
+
+def kkt_residuals(
+    gradient: FloatArray,
+    jacobian: FloatArray,
+    constraints: tuple[FloatArray, FloatArray, FloatArray],
+    variables: tuple[FloatArray, FloatArray, FloatArray],
+    multipliers: FloatArray,
+    bound_multipliers: FloatArray,
+) -> tuple[float, float, float]:
+    """Return stationarity, feasibility and complementarity of ``maximise f`` with multipliers, positive at upper limits.
+
+    Parameters
+    ----------
+    gradient : (n,) array
+        Of f.
+    jacobian : (m, n) array
+        Of the constraints.
+    constraints : tuple of (m,) arrays
+        Values, lower and upper limits.
+    variables : tuple of (n,) arrays
+        Values, lower and upper bounds.
+    multipliers, bound_multipliers : (m,) and (n,) arrays
+    """
+    stationarity = gradient - multipliers @ jacobian - bound_multipliers
+    violations, products = [0.0], [0.0]
+    for (value, lower, upper), price in ((constraints, multipliers), (variables, bound_multipliers)):
+        violations.append(float(np.max(np.maximum(lower - value, value - upper), initial=0.0)))
+        limit = np.where(price > 0.0, upper, lower)
+        apart = np.where(np.isfinite(limit), np.abs(np.where(np.isfinite(limit), limit, 0.0) - value), np.inf)
+        products.append(float(np.max(np.where(price == 0.0, 0.0, np.abs(price) * apart), initial=0.0)))
+    return float(np.max(np.abs(stationarity), initial=0.0)), max(violations), max(products)
