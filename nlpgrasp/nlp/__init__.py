@@ -1,9 +1,10 @@
 """The paper's program: its statement (``formulation.py``), named blocks, derivatives, IPOPT."""
 
-from nlpgrasp.nlp.blocks import Block
+from nlpgrasp.nlp.blocks import HAND, Block
 from nlpgrasp.nlp.compile import CompiledProgram, NlpResult
+from nlpgrasp.nlp.formulate import Formulation, FormulationResult, formulate
 from nlpgrasp.nlp.formulation import SUPPORT, optimal_grasp_program
-from nlpgrasp.nlp.program import HAND, Program
+from nlpgrasp.nlp.program import Program
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.support_function import has_closed_form, has_pieces
 from nlpgrasp.nlp.surfaces import Facets, Surfaces, face_parameters
@@ -15,12 +16,15 @@ __all__ = [
     "Block",
     "CompiledProgram",
     "Facets",
+    "Formulation",
+    "FormulationResult",
     "NlpResult",
     "Program",
     "Scaling",
     "Surfaces",
     "VirtualWork",
     "face_parameters",
+    "formulate",
     "has_closed_form",
     "has_pieces",
     "optimal_grasp_program",

@@ -8,6 +8,8 @@ import casadi as ca
 
 from nlpgrasp.common.rows import Label
 
+HAND = "hand"  # kind of the hand's variables
+
 
 @dataclass(frozen=True)
 class Range:
@@ -63,6 +65,11 @@ class Block(Range):
     def name(self) -> str:
         """Kind and index: ``"position 2"``, ``"hand joints"``, ``"beta"``."""
         return block_name(self.kind, self.index)
+
+    @property
+    def public_name(self) -> str:
+        """The name for users: a hand's variables by their own names, ``"joints"`` or ``"palm position"``."""
+        return hand_name(str(self.index)) if self.kind == HAND else self.name
 
 
 @dataclass(frozen=True)
@@ -122,6 +129,11 @@ class DistancePart:
     function: ca.Function  # point (space,) metres -> metres
     points: list[ca.SX]  # columns of the variables
     scales: list[float]
+
+
+def hand_name(variable: str) -> str:
+    """Return the name for users of a hand's variable."""
+    return variable.replace("_", " ")
 
 
 def block_name(kind: str, index: int | str | None) -> str:

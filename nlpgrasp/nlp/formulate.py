@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -13,49 +13,37 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.common.given.names import listed
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import PosedHand
-from nlpgrasp.nlp.blocks import Block
+from nlpgrasp.nlp.blocks import hand_name
 from nlpgrasp.nlp.formulation import check_transcription, optimal_grasp_program
 from nlpgrasp.nlp.functions import ProgramFunctions
-from nlpgrasp.nlp.program import HAND
 from nlpgrasp.nlp.scaling import Scaling
-from nlpgrasp.nlp.support_function import has_closed_form, support_function
+from nlpgrasp.nlp.solver import nlpsol
+from nlpgrasp.nlp.start_values import (
+    TINY,
+    StartContacts,
+    following_hand,
+    inward_normals,
+    nearest_faces,
+    pressing_forces,
+    random_contacts,
+)
+from nlpgrasp.nlp.support_function import has_closed_form
 from nlpgrasp.nlp.surfaces import face_parameters
+from nlpgrasp.nlp.table import program_table
 from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 from nlpgrasp.solution.solution import GraspSolution
 
-DRAWN = 256  # random starts, of which the best is taken
 FIRST_BETA = 0.1  # solver units
-TINY = 1e-9  # relative to typical sizes: supports of a task below are none
-PRESSING = 0.6  # of the unit of force, shared by the contacts: where forces begin
-SOLVERS = ("ipopt", "sqpmethod", "qrsqp", "feasiblesqpmethod", "blocksqp", "fatrop", "madnlp", "uno", "sleqp", "alpaqa")
-OF_CASADI = {"print_time", "record_time", "expand", "verbose", "calc_lam_p", "calc_lam_x", "error_on_fail"}
-QUIET: dict[str, dict[str, Any]] = {  # options that keep a solver silent
-    "ipopt": {"ipopt.print_level": 0, "ipopt.sb": "yes"},
-    "sqpmethod": {"print_header": False, "print_iteration": False, "print_status": False},
-    "feasiblesqpmethod": {"print_header": False, "print_iteration": False, "print_status": False},
-    "qrsqp": {"print_header": False, "print_iteration": False},
-    "blocksqp": {"print_header": False, "print_iteration": False},
-}
-EQUATIONS = {  # of the paper, by the kind of variables
-    "position": "p_i of (3.5-1)",
-    "normal": "n_i of (3.5-2)",
-    HAND: "q of (3.5-16)",
-    "beta": "beta of (3.5-4)",
-    "forces": "x_j of (2.5-2)",
-    "directions": "y_j of (3.4-3)",
-    "reach": "phi(y_j | A) of (3.4-3)",
-    "wrenches": "w_j of (3.3-4)",
-    "face": "which h of (3.5-1)",
-}
+KEPT = 1e-6  # violation of constraints, relative to their scales, below which a random start keeps them
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FormulationResult:
     """Result of ``Formulation.solve``.
 
@@ -88,15 +76,23 @@ class FormulationResult:
     objective: float
     status: str
     success: bool
-    stats: dict[str, Any] = field(repr=False)
-    kkt: KKT = field(repr=False)
-    grasp: Grasp = field(repr=False)
+    stats: dict[str, Any]
+    kkt: KKT
+    grasp: Grasp
     faces: tuple[str, ...]
 
     @property
     def beta(self) -> float:
         """The ellipsoid's scale at the solution."""
         return float(self.values["beta"][0])
+
+    def __repr__(self) -> str:
+        iterations = self.stats.get("iter_count", "?")
+        return (
+            f"{self.status}: beta {self.beta:.6g}, objective {self.objective:.6g}, {iterations} iterations; "
+            f"stationarity {self.kkt.stationarity:.1e}, feasibility {self.kkt.feasibility:.1e}, "
+            f"complementarity {self.kkt.complementarity:.1e}"
+        )
 
 
 @dataclass(frozen=True)
@@ -107,15 +103,6 @@ class _Added:
     expression: Expression
     lower: FloatArray
     upper: FloatArray
-
-
-@dataclass(frozen=True)
-class _Start:
-    """Values to begin a solve with: variables by name, faces, and multipliers of an earlier solve."""
-
-    values: dict[str, FloatArray]
-    faces: tuple[str, ...]
-    before: FormulationResult | None = None
 
 
 class Formulation:
@@ -143,17 +130,19 @@ class Formulation:
         count = len(next(iter(given.values())))
         program = optimal_grasp_program(problem, transcription, count, eliminated=not forces, scaled=False)
         self._program, self.count, symbol = program, count, problem.body.symbol
-        self._variables = {_public(block): block for block in program.variables}
-        self._parameters = {_public(block): block for block in program.parameters}
-        self._symbols = {
+        self._variables = {block.public_name: block for block in program.variables}
+        self._parameters = {block.public_name: block for block in program.parameters}
+        self._symbols: dict[str, Expression] = {
             name: symbol.sym(name.replace(" ", "_"), block.size)
             for name, block in (self._variables | self._parameters).items()
         }
         self.x = ca.vertcat(*[self._symbols[name] for name in self._variables])
         self.p = ca.vertcat(symbol(0, 1), *[self._symbols[name] for name in self._parameters])
-        nlp = ProgramFunctions(program).nlp
+        nlp: dict[str, Any] = dict(ProgramFunctions(program).nlp)
         function = ca.Function("program", [nlp["x"], nlp["p"]], [nlp["f"], nlp["g"]])
-        self.f, self._g = (function.expand() if symbol is ca.SX else function)(self.x, self.p)
+        expanded = function.expand() if symbol is ca.SX else function
+        whole: list[Expression] = list(expanded(self.x, self.p))
+        self.f, self._g = whole
         self.lbx, self.ubx = program.bounds
         self._added: list[_Added] = []
         self.p0 = np.zeros(self.p.shape[0])
@@ -174,7 +163,8 @@ class Formulation:
         those of all directions.
         """
         kind = {"positions": "position", "normals": "normal"}.get(name, name)
-        every = [symbol for key, symbol in self._symbols.items() if re.fullmatch(rf"{re.escape(kind)} \d+", key)]
+        pattern = re.compile(rf"{re.escape(kind)} \d+")
+        every: list[Expression] = [symbol for key, symbol in self._symbols.items() if pattern.fullmatch(key)]
         if every:
             return ca.horzcat(*every)
         if name not in self._symbols:
@@ -211,7 +201,7 @@ class Formulation:
         Raises
         ------
         InputError
-            On an expression of foreign symbols, limits of a wrong size or the wrong way round, and a name that is taken.
+            On an expression of foreign symbols, limits of a wrong size or the wrong way round, a name that is taken.
         """
         taken = {row.name for row in self._program.rows} | {own.name for own in self._added}
         if not isinstance(name, str) or not name.strip() or name in taken:
@@ -220,7 +210,7 @@ class Formulation:
         low = _limits(f"lower limit of {name!r}", lower, column.numel())
         high = _limits(f"upper limit of {name!r}", upper, column.numel())
         if np.any(low > high):
-            raise InputError(f"limits of {name!r}", f"lower {lower} above upper {upper}", "lower <= upper")
+            raise InputError(f"limits of {name!r}", f"lower {lower!s} above upper {upper!s}", "lower <= upper")
         self._added.append(_Added(name, column, low, high))
 
     def maximise(self, expression: Expression) -> None:
@@ -265,14 +255,13 @@ class Formulation:
         InputError
             On a solver that CasADi does not have, an option that it does not know, and a start of other contacts.
         """
-        begin = self._start(start)
-        p = self._with_faces(begin.faces)
-        x0 = np.zeros(len(self.lbx))
-        for name, values in begin.values.items():
-            x0[self._variables[name].range] = values
+        begun, faces = self._start(start)
+        p = self._with_faces(faces)
+        x0 = self._vector(begun)
         scales = self._scales()
         z = type(self.x).sym("z", len(x0))
-        function = ca.Function("program", [self.x, self.p], [self.f, self.g])
+        inputs: list[Expression] = [self.x, self.p]
+        function = ca.Function("program", inputs, [self.f, self.g])
         f, g = function(scales.offset + scales.variables * z, self.p)
         nlp = {"x": z, "p": self.p, "f": f / scales.objective, "g": g / scales.constraints}
         arguments = {
@@ -283,9 +272,9 @@ class Formulation:
             "lbg": self.lbg / scales.constraints,
             "ubg": self.ubg / scales.constraints,
         }
-        if begin.before is not None:
-            arguments |= self._warm(begin.before, scales)
-        run = _nlpsol(solver, nlp, options)
+        if isinstance(start, FormulationResult):
+            arguments |= self._warm(start, scales)
+        run = nlpsol(solver, nlp, options)
         try:
             found, stats = run(**arguments), run.stats()
         except RuntimeError as error:
@@ -294,10 +283,7 @@ class Formulation:
         if stats.get("return_status") == "Invalid_Option":
             given = ", ".join(f"{key}={value!r}" for key, value in options.items())
             raise InputError("options", given, f"options and values that {solver} takes")
-        return self._result(nlp, arguments, found, stats, scales, begin.faces)
-
-    def __repr__(self) -> str:
-        return formulation_table(self)
+        return self._result(nlp, arguments, found, stats, scales, faces)
 
     def _checked(self, what: str, expression: Expression) -> Expression:
         """Return an expression as a CasADi one of the program's type, refusing foreign symbols."""
@@ -334,108 +320,81 @@ class Formulation:
             1.0 / Scaling.of(self.problem).beta,
         )
 
-    def _start(self, start: object) -> _Start:
-        """Return values to begin with, whatever a start is given as."""
+    def _start(self, start: object) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+        """Return values of the variables to begin with, by name, and the faces of the contacts."""
         problem, k, names = self.problem, len(self.problem.models), list(self._variables)
         if start is None or (isinstance(start, int) and not isinstance(start, bool)):
-            return self._random(np.random.default_rng(0 if start is None else abs(start)))
+            return self._random(np.random.default_rng(abs(start or 0)))
         if isinstance(start, FormulationResult):
-            known = {name: v for name, v in start.values.items() if name in names and len(v) == self._variables[name].size}
-            points = _points(start.values, k, problem.body.space)
-            return _Start(self._begun(points, start.faces) | known, start.faces, start)
+            contacts = StartContacts(_points(start.values, k, problem.body.space), start.faces)
+            sizes = {name: block.size for name, block in self._variables.items()}
+            known = {name: value for name, value in start.values.items() if sizes.get(name) == len(value)}
+            return self._begun(contacts) | known, contacts.faces
         if isinstance(start, Mapping):
             unknown = [name for name in start if name not in names]
             if unknown:
                 raise InputError("start", ", ".join(map(repr, unknown)), f"variables: {listed(unknown, names)}")
             values = {name: array(f"start[{name!r}]", v, (self._variables[name].size,)) for name, v in start.items()}
             points = _points(values, k, problem.body.space)
-            faces = self._nearest_faces(points)
-            return _Start(self._begun(points, faces) | values, faces)
-        grasp = start.grasp if isinstance(start, GraspSolution) else start
+            contacts = StartContacts(points, nearest_faces(problem, points))
+            return self._begun(contacts) | values, contacts.faces
+        contacts = self._contacts_of(start)
+        return self._begun(contacts), contacts.faces
+
+    def _random(self, rng: np.random.Generator) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+        """Return the best of many random starts: the first that keeps the constraints, or the one nearest to that."""
+        where, scales = self._program.placement, self._scales().constraints
+        inputs: list[Expression] = [self.x, self.p]
+        g = ca.Function("placement", inputs, [self._g[where]])
+        low, high = self.lbg[where], self.ubg[where]
+        nearest: tuple[dict[str, FloatArray], tuple[str, ...]] | None = None
+        least = np.inf
+        for contacts in random_contacts(self.problem, rng):
+            values = self._begun(contacts)
+            rows = np.ravel(g(self._vector(values), self._with_faces(contacts.faces)).full())
+            violation = float(np.max(np.maximum(low - rows, rows - high) / scales[where], initial=0.0))
+            if nearest is None or violation < least:
+                nearest, least = (values, contacts.faces), violation
+            if least <= KEPT:
+                break
+        if nearest is None:
+            raise InputError("GraspProblem.body", self.problem.body, "faces with room for the contacts")
+        return nearest
+
+    def _vector(self, values: Mapping[str, FloatArray]) -> FloatArray:
+        """Return all variables, (n,), from values by name."""
+        x = np.zeros(len(self.lbx))
+        for name, value in values.items():
+            x[self._variables[name].range] = value
+        return x
+
+    def _contacts_of(self, start: object) -> StartContacts:
+        """Return the contacts of a grasp or a solution, with the hand's posture where the problem's hand has one."""
+        problem, k = self.problem, len(self.problem.models)
+        solution = start if isinstance(start, GraspSolution) else None
+        grasp = start if solution is None else solution.grasp
         if not isinstance(grasp, Grasp):
             raise InputError("start", start, "a Grasp, a solution with a grasp, values by name, or a seed")
-        if len(grasp) != k:
+        if len(grasp) != k or grasp.points.shape[1] != problem.body.space:
             raise InputError("start", f"{len(grasp)} contacts", f"{k}, those of the problem")
-        points = np.asarray(grasp.points)
-        faces = start.faces if isinstance(start, GraspSolution) else self._nearest_faces(points)
-        posed = isinstance(problem.hand, PosedHand)
-        if posed and isinstance(start, GraspSolution) and isinstance(start.hand, Mapping):
-            hand = {_public_name(HAND, name): v for name, v in problem.hand.values_of(start.hand).items()}
-            return _Start(self._begun(points, faces) | hand, faces)
-        if posed:
+        faces = nearest_faces(problem, grasp.points) if solution is None else tuple(solution.faces)
+        if not isinstance(problem.hand, PosedHand):
+            return StartContacts(grasp.points, faces)
+        if solution is None or solution.hand is None:
             raise InputError("start", "contacts without the hand's posture", "a GraspSolution, or values by name")
-        return _Start(self._begun(points, faces), faces)
+        return StartContacts(grasp.points, faces, problem.hand.values_of(solution.hand))
 
-    def _nearest_faces(self, points: FloatArray) -> tuple[str, ...]:
-        """Return the allowed face nearest to each contact."""
-        body, size = self.problem.body, self.problem.body.size
-
-        def off(name: str, p: FloatArray) -> float:
-            h, slope, _, extent = (float(v[0]) if v.ndim == 1 else 0.0 for v in body.evaluate(name, p[None]))
-            return abs(h) / max(slope, 1e-12) + max(extent, 0.0) / size * size
-
-        return tuple(
-            min(self.problem.allowed_faces(i), key=lambda name: off(name, p)) for i, p in enumerate(points)
-        )
-
-    def _begun(self, points: FloatArray, faces: tuple[str, ...]) -> dict[str, FloatArray]:
-        """Return values for contacts at points: normals, a hand that follows from them, pressing forces, some beta."""
-        problem, scaling = self.problem, Scaling.of(self.problem)
-        normals = np.concatenate(
-            [-problem.body.evaluate(face, p[None])[2] for face, p in zip(faces, points, strict=True)]
-        )
-        values: dict[str, FloatArray] = {"beta": np.array([FIRST_BETA / scaling.beta])}
-        for i, (p, n) in enumerate(zip(points, normals, strict=True)):
+    def _begun(self, contacts: StartContacts) -> dict[str, FloatArray]:
+        """Return values by name for contacts: normals, the hand, pressing forces, some beta."""
+        problem = self.problem
+        normals = inward_normals(problem, contacts.points, contacts.faces)
+        values: dict[str, FloatArray] = {"beta": np.array([FIRST_BETA / Scaling.of(problem).beta])}
+        for i, (p, n) in enumerate(zip(contacts.points, normals, strict=True)):
             values[f"position {i}"], values[f"normal {i}"] = p, n
-        size = PRESSING * scaling.force / np.sqrt(len(points))
-        pressing = np.concatenate([size * m.pressing(n) for m, n in zip(problem.models, normals, strict=True)])
+        pressing = pressing_forces(problem, normals)
         values |= {name: pressing for name, block in self._variables.items() if block.kind == "forces"}
-        if problem.hand is not None and problem.hand.follows_contacts:
-            tips = points - np.array(problem.hand.tip_radii)[:, None] * normals
-            values |= {_public_name(HAND, name): np.ravel(v) for name, v in problem.hand.start(tips).items()}
-        return values
-
-    def _random(self, rng: np.random.Generator) -> _Start:
-        """Return the best of many random placements, by the least support ratio over the program's directions."""
-        problem, k = self.problem, len(self.problem.models)
-        allowed = [problem.allowed_faces(i) for i in range(k)]
-        clouds = {
-            name: problem.body.sample(name, DRAWN, rng, problem.margin) for name in dict.fromkeys(n for a in allowed for n in a)
-        }
-        usable = [[name for name in names if len(clouds[name])] for names in allowed]
-        faces = [tuple(str(rng.choice(names)) for names in usable) for _ in range(DRAWN)]
-        points = np.stack([[clouds[n][rng.integers(len(clouds[n]))] for n in chosen] for chosen in faces])
-        hand: dict[str, FloatArray] = {}
-        far = np.zeros(DRAWN)
-        if isinstance(problem.hand, PosedHand):
-            middle = np.repeat(problem.body.centroid[None], DRAWN, axis=0)
-            values, tips = problem.hand.draw(DRAWN, middle, rng)
-            near = [np.argmin(np.linalg.norm(clouds[n][None] - tips[:, i, None], axis=2), axis=1) for i, n in enumerate(faces[0])]
-            points = np.stack([clouds[n][index] for n, index in zip(faces[0], near, strict=True)], axis=1)
-            faces = [faces[0]] * DRAWN
-            far = np.sum(np.linalg.norm(points - tips, axis=2), axis=1)
-            hand = {_public_name(HAND, name): v for name, v in values.items()}
-        best = int(np.argmax(self._scores(points, faces) - far / problem.body.size))
-        chosen = {name: np.ravel(v[best]) for name, v in hand.items()}
-        return _Start(self._begun(points[best], faces[best]) | chosen, faces[best])
-
-    def _scores(self, points: FloatArray, faces: Sequence[tuple[str, ...]]) -> FloatArray:
-        """Return the least sampled support of placements (b, k, space) on faces, solver units; 0 without closed form."""
-        problem, scaling = self.problem, Scaling.of(self.problem)
-        closed = support_function(problem, scaling)
-        if closed is None:
-            return np.zeros(len(points))
-        normals, names = np.empty_like(points), np.array(faces)
-        for name in np.unique(names):
-            where = names == name
-            normals[where] = -problem.body.evaluate(str(name), points[where])[2]
-        y = TaskSamples(problem.task, scaling.wrench, 1).directions()
-        reach = problem.task.support(y)[0]
-        y = y[reach > TINY] / reach[reach > TINY, None]
-        b, m = len(points), len(y)
-        places = [np.repeat(v[:, i], m, axis=0).T for v in (points, normals) for i in range(points.shape[1])]
-        values = np.asarray(closed[0].map(b * m)(np.tile(y, (b, 1)).T, *places).full()).reshape(b, m)
-        return scaling.beta * np.min(np.maximum(values, 0.0) ** (1.0 / closed[1]), axis=1)
+        hand = {**following_hand(problem, contacts.points, normals), **contacts.hand}
+        return values | {hand_name(name): np.ravel(value) for name, value in hand.items()}
 
     def _warm(self, before: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
         """Return the multipliers of an earlier result in a solve's units; zero where it has none."""
@@ -472,7 +431,9 @@ class Formulation:
         """Return what a solver's answer says, in SI units."""
         z, rows, bounds = (np.asarray(found[key].full()).ravel() for key in ("x", "lam_g", "lam_x"))
         first = [nlp["f"], nlp["g"], ca.jacobian(nlp["f"], nlp["x"]), ca.jacobian(nlp["g"], nlp["x"])]
-        f, g, slope, J = (np.asarray(v.full()) for v in ca.Function("first", [nlp["x"], nlp["p"]], first)(z, arguments["p"]))
+        f, g, slope, J = (
+            np.asarray(v.full()) for v in ca.Function("first", [nlp["x"], nlp["p"]], first)(z, arguments["p"])
+        )
         size = max(abs(float(f.item())), TINY)
         residuals = kkt_residuals(
             -slope.ravel() / size,
@@ -504,7 +465,13 @@ class Formulation:
         )
 
     def __repr__(self) -> str:
-        return _table(self)
+        """Return the table of the program."""
+        inner = self.transcription == "vertex"
+        containment = f"{self.count} wrenches (inner)" if inner else f"{self.count} directions (outer)"
+        added = [(own.name, (own.lower, own.upper)) for own in self._added]
+        head = f"Program (3.5-4) of {self.problem.name!r}: maximise beta, containment of the task at {containment}"
+        last = f"{len(self.lbx)} variables, {len(self.lbg)} constraints, {len(self.p0)} parameters"
+        return "\n".join([head, "", *program_table(self._program, added), "", last])
 
 
 @dataclass(frozen=True)
@@ -545,7 +512,7 @@ def formulate(
     Raises
     ------
     InputError
-        On an unknown transcription, directions of a wrong shape, and a problem without closed form for ``forces=False``.
+        On an unknown transcription, directions of a wrong shape, and ``forces=False`` without a closed form.
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("formulate", problem, "a GraspProblem, such as ng.GraspProblem(body, contacts, task)")
@@ -567,21 +534,13 @@ def _given_parameters(problem: GraspProblem, transcription: str, directions: Arr
     else:
         y = array("directions", directions, (None, problem.dimension))
         if not len(y) or not np.all(np.any(y != 0.0, axis=1)):
-            raise InputError("directions", "a direction of length 0" if len(y) else "none", "directions of wrench space")
+            given = "a direction of length 0" if len(y) else "none"
+            raise InputError("directions", given, "directions of wrench space, none of them zero")
     reach, wrenches = problem.task.support(y)
     if transcription == "vertex":
         return {"wrenches": wrenches}
     length = np.where(reach > TINY, reach, np.linalg.norm(y, axis=1))
     return {"directions": y / length[:, None], "reach": reach / length}
-
-
-def _public(block: Block) -> str:
-    """Return the name of a block for users: a hand's variables by their own names."""
-    return _public_name(block.kind, block.index) if block.kind == HAND else block.name
-
-
-def _public_name(kind: str, index: int | str | None) -> str:
-    return str(index).replace("_", " ") if kind == HAND else f"{kind} {index}"
 
 
 def _identity(symbol: Expression) -> int:
@@ -600,75 +559,8 @@ def _limits(what: str, value: ArrayLike, size: int) -> FloatArray:
 def _points(values: Mapping[str, FloatArray], count: int, space: int) -> FloatArray:
     """Return the positions (k, space) among values by name."""
     missing = [f"position {i}" for i in range(count) if f"position {i}" not in values]
-    more = [name for name in values if name.startswith("position ") and name not in map("position {}".format, range(count))]
+    wanted = {f"position {i}" for i in range(count)}
+    more = [name for name in values if name.startswith("position ") and name not in wanted]
     if missing or more:
         raise InputError("start", f"without {missing[0]!r}" if missing else f"{more[0]!r}", f"{count} positions")
     return np.stack([array(f"position {i}", values[f"position {i}"], (space,)) for i in range(count)])
-
-
-def _nlpsol(solver: str, nlp: dict[str, Expression], options: Mapping[str, Any]) -> ca.Function:
-    """Return the solver of a program, quiet unless the options say otherwise."""
-    if not isinstance(solver, str) or not solver.isidentifier() or not ca.has_nlpsol(solver):
-        there = [name for name in SOLVERS if ca.has_nlpsol(name)]
-        raise InputError("solver", repr(solver), f"a nonlinear solver that CasADi has: {listed([str(solver)], there)}")
-    own = dict(options)
-    if solver == "ipopt":
-        known = {*ca.nlpsol_options(solver), *OF_CASADI}
-        own = {key if key in known or key.startswith("ipopt.") else f"ipopt.{key}": v for key, v in options.items()}
-    try:
-        return ca.nlpsol("grasp", solver, nlp, {"print_time": False, **QUIET.get(solver, {}), **own})
-    except (RuntimeError, NotImplementedError, TypeError) as error:
-        lines = [line for line in str(error).strip().splitlines() if line.strip()]
-        given = ", ".join(f"{key}={value!r}" for key, value in options.items()) or repr(solver)
-        allowed = f"options of {solver} as CasADi takes them ({lines[-1].split(': ', 1)[-1].strip()})"
-        raise InputError("solver options", given, allowed) from None
-
-
-def _table(program: Formulation) -> str:
-    """Return the blocks of variables, parameters and constraints as a table: sizes, limits, units, equations."""
-    own, inner = program._program, program.transcription == "vertex"
-    words = f"{program.count} wrenches (inner)" if inner else f"{program.count} directions (outer)"
-    lines = [f"Program (3.5-4) of {program.problem.name!r}: maximise beta, containment of the task at {words}", ""]
-    form = "{:<38} {:>9}  {:<22} {:<5} {}".format
-    lines.append(form("variables", "size", "bounds", "unit", "in the paper"))
-    lines += [form(*row) for row in _block_rows(own.variables, own.bounds)]
-    lines += ["", form("parameters", "size", "", "", "")]
-    lines += [form(*row) for row in _block_rows(own.parameters, None)]
-    lines += ["", form("constraints", "size", "limits", "", "in the paper")]
-    groups: dict[tuple[str, str], list[int]] = {}
-    for row in own.rows:
-        groups.setdefault((row.kind, row.equation), []).extend(range(row.start, row.stop))
-    for (kind, equation), places in groups.items():
-        lines.append(form(kind, len(places), _interval(own.limits, places), "", equation))
-    for added in program._added:
-        size = len(added.lower)
-        lines.append(form(added.name, size, _interval((added.lower, added.upper), list(range(size))), "", "added"))
-    n, m = len(program.lbx), len(program.lbg)
-    return "\n".join([*lines, "", f"{n} variables, {m} constraints, {program.p.shape[0]} parameters"])
-
-
-def _block_rows(blocks: Sequence[Block], bounds: tuple[FloatArray, FloatArray] | None) -> list[tuple[str, ...]]:
-    """Return name, size, bounds, unit and equation of blocks, those of one kind and size together."""
-    groups: dict[tuple[str, int], list[Block]] = {}
-    for block in blocks:
-        groups.setdefault((_public(block) if block.kind == HAND else block.kind, block.size), []).append(block)
-    rows = []
-    for (name, size), members in groups.items():
-        first = members[0]
-        several = len(members) > 1
-        label = f"{name} {first.index} ... {members[-1].index}" if several else _public(first)
-        places = [i for block in members for i in range(block.start, block.stop)]
-        limits = "" if bounds is None else _interval(bounds, places)
-        shape = f"{len(members)} x {size}" if several else str(size)
-        rows.append((label, shape, limits, first.unit, EQUATIONS.get(first.kind, "")))
-    return rows
-
-
-def _interval(limits: tuple[FloatArray, FloatArray], places: Sequence[int]) -> str:
-    """Return the range that limits leave, over all of some entries."""
-    low, high = float(np.min(limits[0][places], initial=np.inf)), float(np.max(limits[1][places], initial=-np.inf))
-    if low == high:
-        return f"= {low:g}"
-    if np.isinf(low) or np.isinf(high):
-        return f">= {low:.4g}" if np.isinf(high) else f"<= {high:.4g}"
-    return f"[{low:.4g}, {high:.4g}]"

@@ -29,7 +29,8 @@ import numpy as np
 
 from nlpgrasp.common.rows import Row
 from nlpgrasp.errors import InputError
-from nlpgrasp.nlp.program import HAND, ForceCopy, Program
+from nlpgrasp.nlp.blocks import HAND
+from nlpgrasp.nlp.program import ForceCopy, Program
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.support_function import piece_function, support_function
 from nlpgrasp.nlp.surfaces import Surfaces

@@ -18,12 +18,11 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.common.rows import Clearance, Label, Row
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.nlp.blocks import Block, DistancePart, FacePart, FaceRows, Range, RowBlock, block_name
+from nlpgrasp.nlp.blocks import HAND, Block, DistancePart, FacePart, FaceRows, Range, RowBlock, block_name
 from nlpgrasp.nlp.repeats import Copy
 from nlpgrasp.nlp.slots import Slots
 from nlpgrasp.problem.rows import PlacementRows
 
-HAND = "hand"  # kind of the hand's variables
 REACHABILITY, HAND_CONSTRAINTS = "(3.5-15)", "(3.5-16)"  # equations of the paper
 
 
@@ -49,7 +48,6 @@ class ForceCopy:
     scale: float
     sizes: Sequence[int]
     rows: list[tuple[str, Row]] = field(default_factory=list)
-
 
     @property
     def of_contacts(self) -> list[ca.SX]:
@@ -107,8 +105,9 @@ class Program:
         self._z.append(symbol)
         low, high = _filled(lower, size), _filled(upper, size)
         self._bounds.append(((low - zero) / scale, (high - zero) / scale) if self.scaled else (low, high))
-        self._values.append(zero + scale * symbol if self.scaled else symbol)
-        return self._values[-1]
+        value: ca.SX = ca.DM(zero) + scale * symbol if self.scaled else symbol
+        self._values.append(value)
+        return value
 
     def maximise(self, expression: ca.SX, scale: float) -> None:
         """Set the objective, and the size that counts as one."""
@@ -124,7 +123,8 @@ class Program:
 
     def constrain(self, row: Row) -> None:
         """Add a constraint, or a column of them within the same limits."""
-        self._g.append(ca.vec(row.expression) / self._applied(row.scale))
+        expression: ca.SX = row.expression
+        self._g.append(ca.vec(expression / self._applied(row.scale)))
         self._add_rows(row, row.expression.numel(), (row.lower, row.upper), row.scale)
 
     def constrain_each(self, row: Row, own: dict[str, ca.SX], count: int) -> None:
@@ -172,7 +172,7 @@ class Program:
         where = {}
         for name, symbol in own.items():
             where[name] = ca.reshape(self.parameter(name, symbol.numel() * count), symbol.numel(), count)
-        rows = [ca.vec(row.expression) / self._applied(row.scale) for _, row in copy.rows]
+        rows = [ca.vec(row.expression / self._applied(row.scale)) for _, row in copy.rows]
         shared = self.z
         one = ca.Function("copy", [shared, copy.values, *own.values()], [ca.vertcat(*rows)])
         for j in range(count):
@@ -196,9 +196,13 @@ class Program:
         Those from the first ``constraints`` sources are of reachability.
         """
         begin, reachability = _end(self.rows), {i for rows in stated.sources[:constraints] for i in rows}
-        for i, item in enumerate((*stated.rows, *stated.clearances)):
+        items: tuple[Row | Clearance, ...] = (*stated.rows, *stated.clearances)
+        for i, item in enumerate(items):
             self.equation = REACHABILITY if i in reachability else HAND_CONSTRAINTS
-            self.constrain(item) if isinstance(item, Row) else self.constrain_distance(item)
+            if isinstance(item, Row):
+                self.constrain(item)
+            else:
+                self.constrain_distance(item)
         self.placement = slice(begin, begin + len(stated.named))
 
     def constrain_distance(self, item: Clearance) -> None:

@@ -33,7 +33,10 @@ def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Functi
         return None
     inputs, work = _work(problem, scaling)
     form = problem.budget.closed_form(problem.models, work, ca)
-    return None if form is None else (ca.Function("support", inputs, [form[0] / scaling.beta ** form[1]]), form[1])
+    if form is None:
+        return None
+    phi, power = form
+    return ca.Function("support", inputs, [phi / scaling.beta**power]), power
 
 
 def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
@@ -45,7 +48,9 @@ def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function
         return None
     inputs, work = _work(problem, scaling)
     pieces = problem.budget.pieces(problem.models, work, ca)
-    return None if pieces is None else (ca.Function("pieces", inputs, [ca.vertcat(*pieces) / scaling.beta]), 1)
+    if pieces is None:
+        return None
+    return ca.Function("pieces", inputs, [ca.vertcat(*[piece / scaling.beta for piece in pieces])]), 1
 
 
 def _work(problem: GraspProblem, scaling: Scaling) -> tuple[list[ca.SX], list[Work]]:

@@ -66,7 +66,7 @@ def kkt_residuals(
     multipliers: FloatArray,
     bound_multipliers: FloatArray,
 ) -> tuple[float, float, float]:
-    """Return stationarity, feasibility and complementarity of ``maximise f`` with multipliers, positive at upper limits.
+    """Return stationarity, feasibility and complementarity at a point of ``maximise f``.
 
     Parameters
     ----------
@@ -79,6 +79,7 @@ def kkt_residuals(
     variables : tuple of (n,) arrays
         Values, lower and upper bounds.
     multipliers, bound_multipliers : (m,) and (n,) arrays
+        Positive at upper limits.
     """
     stationarity = gradient - multipliers @ jacobian - bound_multipliers
     violations, products = [0.0], [0.0]

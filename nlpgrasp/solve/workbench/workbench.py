@@ -15,6 +15,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.nlp import CompiledProgram, Scaling, VirtualWork
+from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.options import SolveOptions
@@ -32,7 +33,6 @@ from nlpgrasp.solve.workbench.programs import (
 )
 from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.solve.workbench.surface_samples import SurfaceSamples
-from nlpgrasp.nlp.task_samples import TaskSamples
 
 FEASIBLE = 1e-5  # relative to a row's scale
 

@@ -1,0 +1,40 @@
+"""CasADi's nonlinear solvers by name, with their own options, quiet unless they say otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from nlpgrasp.common.given.names import listed
+from nlpgrasp.common.types import Expression
+from nlpgrasp.errors import InputError
+
+SOLVERS = ("ipopt", "sqpmethod", "qrsqp", "feasiblesqpmethod", "blocksqp", "fatrop", "madnlp", "uno", "sleqp", "alpaqa")
+OF_CASADI = {"print_time", "record_time", "expand", "verbose", "calc_lam_p", "calc_lam_x", "error_on_fail"}
+QUIET: dict[str, dict[str, Any]] = {  # options that keep a solver silent
+    "ipopt": {"ipopt.print_level": 0, "ipopt.sb": "yes"},
+    "sqpmethod": {"print_header": False, "print_iteration": False, "print_status": False},
+    "feasiblesqpmethod": {"print_header": False, "print_iteration": False, "print_status": False},
+    "qrsqp": {"print_header": False, "print_iteration": False},
+    "blocksqp": {"print_header": False, "print_iteration": False},
+}
+
+
+def nlpsol(solver: str, nlp: dict[str, Expression], options: Mapping[str, Any]) -> ca.Function:
+    """Return the solver of a program, quiet unless the options say otherwise."""
+    if not isinstance(solver, str) or not solver.isidentifier() or not ca.has_nlpsol(solver):
+        there = [name for name in SOLVERS if ca.has_nlpsol(name)]
+        raise InputError("solver", repr(solver), f"a nonlinear solver that CasADi has: {listed([str(solver)], there)}")
+    own = dict(options)
+    if solver == "ipopt":
+        known = {*ca.nlpsol_options(solver), *OF_CASADI}
+        own = {key if key in known or key.startswith("ipopt.") else f"ipopt.{key}": v for key, v in options.items()}
+    try:
+        return ca.nlpsol("grasp", solver, nlp, {"print_time": False, **QUIET.get(solver, {}), **own})
+    except (RuntimeError, NotImplementedError, TypeError) as error:
+        lines = [line for line in str(error).strip().splitlines() if line.strip()]
+        given = ", ".join(f"{key}={value!r}" for key, value in options.items()) or repr(solver)
+        allowed = f"options of {solver} as CasADi takes them ({lines[-1].split(': ', 1)[-1].strip()})"
+        raise InputError("solver options", given, allowed) from None

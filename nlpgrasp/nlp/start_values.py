@@ -1,0 +1,122 @@
+"""Values at which a solve of the program begins: contacts on faces, normals, hand, pressing forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands import PosedHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.nlp.scaling import Scaling
+from nlpgrasp.nlp.support_function import support_function
+from nlpgrasp.nlp.task_samples import TaskSamples
+from nlpgrasp.problem.problem import GraspProblem
+
+DRAWN = 256  # random placements, of which the best is taken
+PRESSING = 0.6  # of the unit of force, shared by the contacts: where forces begin
+TINY = 1e-9  # supports of a task below this are none
+
+
+@dataclass(frozen=True)
+class StartContacts:
+    """Contacts on faces of the body, and values of the variables of a hand with a pose.
+
+    Parameters
+    ----------
+    points : (k, space) array
+        Metres, body frame.
+    faces : tuple of k str
+    hand : dict
+        By the hand's own names; empty for a hand that follows its contacts.
+    """
+
+    points: FloatArray
+    faces: tuple[str, ...]
+    hand: Values = field(default_factory=dict)
+
+
+def nearest_faces(problem: GraspProblem, points: FloatArray) -> tuple[str, ...]:
+    """Return the allowed face nearest to each contact (k, space), metres."""
+
+    def distance(name: str, p: FloatArray) -> float:
+        h, slope, _, extent = problem.body.evaluate(name, p[None])
+        return float(abs(h[0]) / max(slope[0], TINY) + max(extent[0], 0.0))
+
+    found = []
+    for i, p in enumerate(points):
+        names = problem.allowed_faces(i)
+        found.append(names[int(np.argmin([distance(name, p) for name in names]))])
+    return tuple(found)
+
+
+def inward_normals(problem: GraspProblem, points: FloatArray, faces: Sequence[str]) -> FloatArray:
+    """Return the inward unit normals of faces at points, (k, space) each."""
+    each = zip(faces, points, strict=True)
+    return np.concatenate([-problem.body.evaluate(face, p[None])[2] for face, p in each])
+
+
+def pressing_forces(problem: GraspProblem, normals: FloatArray) -> FloatArray:
+    """Return force variables of all contacts, newtons, each pressing with the same share of the unit of force."""
+    size = PRESSING * problem.budget.force_scale() / np.sqrt(len(normals))
+    return np.concatenate([size * m.pressing(n) for m, n in zip(problem.models, normals, strict=True)])
+
+
+def following_hand(problem: GraspProblem, points: FloatArray, normals: FloatArray) -> Values:
+    """Return the variables of a hand that follows its contacts, by its own names; none of another."""
+    hand = problem.hand
+    if hand is None or not hand.follows_contacts:
+        return {}
+    return {name: np.ravel(v) for name, v in hand.start(points - np.array(hand.tip_radii)[:, None] * normals).items()}
+
+
+def random_contacts(problem: GraspProblem, rng: np.random.Generator) -> list[StartContacts]:
+    """Return many random placements, those of the largest least support along well-spread directions first.
+
+    A hand with a pose is drawn at random about the body, its contacts where the fingertips are nearest to faces drawn
+    at random; those nearer to their contacts are better.
+    """
+    body, count = problem.body, len(problem.models)
+    allowed = [problem.allowed_faces(i) for i in range(count)]
+    every = dict.fromkeys(name for names in allowed for name in names)
+    clouds = {name: body.sample(name, DRAWN, rng, problem.margin) for name in every}
+    usable = [[name for name in names if len(clouds[name])] for names in allowed]
+    faces = [tuple(str(rng.choice(names)) for names in usable) for _ in range(DRAWN)]
+    hand: Values = {}
+    if isinstance(problem.hand, PosedHand):
+        hand, tips = problem.hand.draw(DRAWN, np.repeat(body.centroid[None], DRAWN, axis=0), rng)
+        each = zip(faces, tips, strict=True)
+        points = np.array([[_nearest(clouds[n], tip) for n, tip in zip(*pair, strict=True)] for pair in each])
+        far = np.sum(np.linalg.norm(points - tips, axis=2), axis=1) / body.size
+    else:
+        points = np.array([[clouds[n][rng.integers(len(clouds[n]))] for n in chosen] for chosen in faces])
+        far = np.zeros(DRAWN)
+    order = np.argsort(far - _least_supports(problem, points, faces), kind="stable")
+    return [StartContacts(points[i], faces[i], {name: np.ravel(v[i]) for name, v in hand.items()}) for i in order]
+
+
+def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
+    """Return the point of a cloud (m, space) nearest to a point."""
+    return np.asarray(cloud[np.argmin(np.linalg.norm(cloud - point, axis=1))])
+
+
+def _least_supports(problem: GraspProblem, points: FloatArray, faces: Sequence[tuple[str, ...]]) -> FloatArray:
+    """Return the least sampled support of placements (b, k, space), (b,), solver units; 0 without a closed form."""
+    scaling = Scaling.of(problem)
+    closed = support_function(problem, scaling)
+    if closed is None:
+        return np.zeros(len(points))
+    normals, names = np.empty_like(points), np.array(faces)
+    for name in np.unique(names):
+        where = names == name
+        normals[where] = -problem.body.evaluate(str(name), points[where])[2]
+    y = TaskSamples(problem.task, scaling.wrench, 1).directions()
+    reach = problem.task.support(y)[0]
+    y = y[reach > TINY] / reach[reach > TINY, None]
+    places = [np.repeat(v[:, i], len(y), axis=0).T for v in (points, normals) for i in range(points.shape[1])]
+    phi, power = closed
+    values = np.asarray(phi.map(len(points) * len(y))(np.tile(y, (len(points), 1)).T, *places).full())
+    least = np.min(np.maximum(values, 0.0).reshape(len(points), len(y)), axis=1)
+    return np.asarray(scaling.beta * least ** (1.0 / power))
