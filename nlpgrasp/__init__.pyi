@@ -53,6 +53,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.hands import CapsuleTip, CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
 from nlpgrasp.mjcf import HandSceneOptions
+from nlpgrasp.nlp.formulate import Formulation, FormulationResult, formulate
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import (
     Bounds,
@@ -80,6 +81,7 @@ from nlpgrasp.report.fit import draw_fit
 from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_hand
 from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.frames.in_frame import SolutionInFrame
+from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.phases.phase import Phase
@@ -126,6 +128,7 @@ from nlpgrasp.verify.verify import verify
 from nlpgrasp.version import __version__
 
 __all__ = [
+    "KKT",
     "Approach",
     "BestPossible",
     "BilateralContact",
@@ -156,6 +159,8 @@ __all__ = [
     "FlatTip",
     "Forbid",
     "ForcesNeeded",
+    "Formulation",
+    "FormulationResult",
     "FoundGrasp",
     "FrictionContact",
     "Grasp",
@@ -241,6 +246,7 @@ __all__ = [
     "first_choice",
     "fit_ellipsoid",
     "follow_task",
+    "formulate",
     "gravity",
     "hand_torque_limits",
     "hands",

@@ -1,4 +1,4 @@
-"""``nlpgrasp demo | solve | bound | quality | verify | experiment | report | hand | export | simulate | task``.
+"""``nlpgrasp demo | solve | bound | program | quality | verify | experiment | report | hand | export | simulate ...``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -23,6 +23,7 @@ from nlpgrasp.cli.experiment import experiment_command
 from nlpgrasp.cli.export import export_command
 from nlpgrasp.cli.hand.command import hand_command
 from nlpgrasp.cli.options import AsJson, File, Folders, Rtol, Script, writable
+from nlpgrasp.cli.program import program_command
 from nlpgrasp.cli.progress import Reporter, done, emit, pair
 from nlpgrasp.cli.quality import quality_command
 from nlpgrasp.cli.report import report_command
@@ -135,6 +136,7 @@ def command_line(words: Sequence[str]) -> typer.Typer:
     app.command("demo")(demo_command)
     app.command("solve")(solve_command)
     app.command("bound")(bound_command)
+    app.command("program")(program_command)
     app.command("verify")(verify_command)
     app.command("quality")(quality_command)
     app.command("experiment")(experiment_command)

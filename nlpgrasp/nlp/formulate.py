@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from nlpgrasp.common.given.names import listed
 from nlpgrasp.common.types import Expression
@@ -185,6 +185,18 @@ class Formulation:
     def ubg(self) -> FloatArray:
         """Upper limits of the constraints, (m,)."""
         return np.concatenate([self._program.limits[1], *[own.upper for own in self._added]])
+
+    def sparsity(self) -> tuple[NDArray[np.bool_], tuple[str, ...], tuple[str, ...]]:
+        """Return where the constraints' Jacobian is not zero, (m, n), and the names of its rows and of its columns."""
+        inputs: list[Expression] = [self.x, self.p]
+        pattern = ca.Function("g", inputs, [self.g]).jac_sparsity(0, 0)
+        entries = np.zeros(pattern.shape, dtype=bool)
+        entries[pattern.get_triplet()] = True
+        rows = {where.start: name for name, where in self._row_ranges().items()}
+        sizes = {where.start: where.stop - where.start for where in self._row_ranges().values()}
+        names = [name for start, name in sorted(rows.items()) for _ in range(sizes[start])]
+        columns = [name for name, block in self._variables.items() for _ in range(block.size)]
+        return entries, tuple(names), tuple(columns)
 
     def add(self, name: str, expression: Expression, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> None:
         """Add a constraint ``lower <= expression <= upper`` on the program's symbols.

@@ -22,6 +22,31 @@ QUIET: dict[str, dict[str, Any]] = {  # options that keep a solver silent
 }
 
 
+def check_ipopt_options(name: str, options: object) -> dict[str, bool | int | float | str]:
+    """Return options of IPOPT as a dictionary, without the ``ipopt.`` prefix.
+
+    Raises
+    ------
+    InputError
+        On anything but a mapping of names that IPOPT knows to values that it takes.
+    """
+    if not isinstance(options, Mapping) or not all(isinstance(key, str) for key in options):
+        raise InputError(name, options, 'options of IPOPT by name, such as {"linear_solver": "mumps", "tol": 1e-9}')
+    given = {key.removeprefix("ipopt."): value for key, value in options.items()}
+    for key, value in given.items():
+        if not isinstance(value, bool | int | float | str) or value != value:
+            raise InputError(f"{name}[{key!r}]", value, "True or False, a number or a word")
+    x = ca.SX.sym("x")
+    try:
+        solver = nlpsol("ipopt", {"x": x, "f": x**2}, given)
+        solver(x0=0.0)
+    except InputError as error:
+        raise InputError(name, given, error.allowed) from None
+    if solver.stats()["return_status"] == "Invalid_Option":
+        raise InputError(name, given, "values that IPOPT takes")
+    return given
+
+
 def nlpsol(solver: str, nlp: dict[str, Expression], options: Mapping[str, Any]) -> ca.Function:
     """Return the solver of a program, quiet unless the options say otherwise."""
     if not isinstance(solver, str) or not solver.isidentifier() or not ca.has_nlpsol(solver):

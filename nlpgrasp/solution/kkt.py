@@ -85,7 +85,6 @@ def kkt_residuals(
     violations, products = [0.0], [0.0]
     for (value, lower, upper), price in ((constraints, multipliers), (variables, bound_multipliers)):
         violations.append(float(np.max(np.maximum(lower - value, value - upper), initial=0.0)))
-        limit = np.where(price > 0.0, upper, lower)
-        apart = np.where(np.isfinite(limit), np.abs(np.where(np.isfinite(limit), limit, 0.0) - value), np.inf)
-        products.append(float(np.max(np.where(price == 0.0, 0.0, np.abs(price) * apart), initial=0.0)))
+        limit = np.where(price > 0.0, upper, lower)[price != 0.0]
+        products.append(float(np.max(np.abs(price[price != 0.0] * (limit - value[price != 0.0])), initial=0.0)))
     return float(np.max(np.abs(stationarity), initial=0.0)), max(violations), max(products)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from math import inf
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number, share
 from nlpgrasp.errors import InputError
+from nlpgrasp.nlp.solver import check_ipopt_options
 from nlpgrasp.solution.link_depth import MOST_TOLERANCE
 
 RANKS = ("robust", "mu")
@@ -81,6 +84,8 @@ class SolveOptions:
         Processes; one a core when left out, 1 for this process only. The result does not depend on it.
     max_iterations : int
         Most iterations of each solve by IPOPT.
+    ipopt : mapping
+        Options of IPOPT by their own names, in place of the package's: ``{"linear_solver": "mumps", "tol": 1e-9}``.
     """
 
     transcription: str = "vertex"
@@ -106,6 +111,7 @@ class SolveOptions:
     time_limit: float | None = None
     workers: int | None = None
     max_iterations: int = 300
+    ipopt: Mapping[str, bool | int | float | str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.transcription, str) or self.transcription not in TRANSCRIPTIONS:
@@ -140,6 +146,8 @@ class SolveOptions:
             object.__setattr__(self, "workers", workers)
         if not isinstance(self.exchange, bool | str) or self.exchange == "":
             raise InputError("SolveOptions.exchange", self.exchange, "True or False, or the name of a model")
+        if self.ipopt != {}:
+            object.__setattr__(self, "ipopt", check_ipopt_options("SolveOptions.ipopt", self.ipopt))
         for name in ("shadow_prices", "extras", "maximise_robust", "global_bound"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
@@ -160,6 +168,7 @@ class SolveOptions:
         final = min(self.final_rtol, gap)
         return replace(self, rtol=min(self.rtol, gap) if starts > 1 else min(self.rtol, final), final_rtol=final)
 
-    def to_dict(self) -> dict[str, bool | int | float | str | None]:
-        """Return the options as JSON data, by the names of their fields."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+    def to_dict(self) -> Json:
+        """Return the options as JSON data, by the names of their fields; IPOPT's where there are some."""
+        data = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return data if self.ipopt else {name: value for name, value in data.items() if name != "ipopt"}

@@ -121,4 +121,4 @@ def _compiled(program: Program, options: SolveOptions, limits: Ipopt) -> Compile
     most: Ipopt = {"max_iter": options.max_iterations, "mumps_scaling": 7}
     if options.time_limit is not None:
         most["max_wall_time"] = options.time_limit
-    return CompiledProgram(program, most | limits)
+    return CompiledProgram(program, most | limits | dict(options.ipopt))
