@@ -36,6 +36,7 @@ FINE = (1e-4, 0.05)  # metres and share: triangles are divided until none can ho
 MOST = 1000  # triangles that are divided together: of more the most promising ones
 IMPLIED = 20_000  # triangles that stand for an implicit body, at most
 SAMPLES = 400  # of a face of a curved body, that tell how far its triangles are inside it
+FEW = 64  # corners of a mesh, up to which its convexity is looked for
 BEGINNINGS = 6  # points of either surface that the search inside begins from
 BULGE = 0.02  # share by which a thing may be larger than the points of its surface that are known
 SHEET = 0.05  # of its hull's volume: a surface that encloses less is none of a solid
@@ -112,7 +113,9 @@ def _solid_body(name: str, body: Body) -> Thing:
     its triangles is too small by their distance from the surface, anywhere. Both are lower bounds, so the larger holds.
     """
     if isinstance(body, Mesh):
-        return Thing(name, body.clearance, body.clearance, _some(np.asarray(body.mesh.vertices, dtype=float)))
+        corners, faces = np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces)
+        convex = _Solid.of(corners, faces).convex if len(corners) <= FEW else None
+        return Thing(name, body.clearance, body.clearance, _some(corners), convex)
     rng = np.random.default_rng(0)
     sampled = np.concatenate([body.sample(face, SAMPLES, rng) for face in body.face_names])
     surface = body.triangles()
