@@ -45,15 +45,15 @@ KEPT = 1e-6  # violation of constraints, relative to their scales, below which a
 
 @dataclass(frozen=True, repr=False)
 class FormulationResult:
-    """Result of ``Formulation.solve``.
+    """The result of a solve of the program: values and multipliers by name, residuals, the grasp.
 
     Parameters
     ----------
-    values : dict of str to array
+    values : dict of str to (m,) array
         Variables by name, SI units.
-    multipliers : dict of str to array
+    multipliers : dict of str to (m,) array
         Of the constraints by name: change of the objective for a unit of the limit, positive at upper limits.
-    bound_multipliers : dict of str to array
+    bound_multipliers : dict of str to (m,) array
         The same of the variables' bounds.
     objective : float
     status : str
@@ -207,7 +207,7 @@ class Formulation:
             Of the constraint, for the table and the result.
         expression : casadi expression
             Scalar or column, SI units.
-        lower, upper : float or array
+        lower, upper : float or (m,) array
             One for all entries, or one each; equal for an equation.
 
         Raises
@@ -520,6 +520,7 @@ def formulate(
     Returns
     -------
     Formulation
+        In SI units and the body's frame.
 
     Raises
     ------
