@@ -36,6 +36,16 @@ class Status(Enum):
     FAILED = "Failed: every start ended with an error; the starts' messages in the result name it."
 
 
+class Origin(Enum):
+    """Proposal that a start began from; the value is the message of a start without another."""
+
+    RANDOM = "random placements, screened"
+    BOUND = "from the search of all placements"
+    FACING = "from a pair of places that face each other"
+    HELD = "a hand that holds the body"
+    WARM_START = "improved from a known grasp"
+
+
 @dataclass(frozen=True)
 class StartRecord:
     """One start of the solve.
@@ -61,6 +71,8 @@ class StartRecord:
         The least ratio found before the exchange and after each of its rounds: how mu rose, from above.
     obstruction : str
         Why the hand cannot take the grasp, or not reach it straight, in words; empty where nothing is known against it.
+    origin : Origin or None
+        Proposal that it began from; None of a start that did not begin, and in files of earlier versions.
     """
 
     index: int
@@ -73,6 +85,7 @@ class StartRecord:
     message: str = ""
     history: tuple[float, ...] = ()
     obstruction: str = ""
+    origin: Origin | None = None
 
     @property
     def has_grasp(self) -> bool:
@@ -94,6 +107,8 @@ class StartRecord:
         }
         if self.obstruction:
             data["obstruction"] = self.obstruction
+        if self.origin is not None:
+            data["origin"] = self.origin.name.lower()
         return data
 
     @classmethod
@@ -117,6 +132,7 @@ class StartRecord:
             message=str(data["message"]),
             history=tuple(map(float, data.get("history", ()))),
             obstruction=str(data.get("obstruction", "")),
+            origin=Origin[data["origin"].upper()] if "origin" in data else None,
         )
 
 

@@ -13,9 +13,19 @@ from nlpgrasp.solution import UNKNOWN, Conflict, ConstraintReport, StartRecord, 
 from nlpgrasp.solution.measures.forces import HeldWrench, forces_and_moments, held_wrenches
 from nlpgrasp.solution.measures.quality import Quality
 from nlpgrasp.solution.placed import PlacedGrasp
+from nlpgrasp.solution.records import Origin
 
 START = StartRecord(
-    3, ng.Status.SOLVED, ("+x", "-x"), Bounds(0.1, 0.3), 1e-9, 41, {"screen": 0.1, "mesh": 0.7}, "ok", (0.5, 0.3)
+    3,
+    ng.Status.SOLVED,
+    ("+x", "-x"),
+    Bounds(0.1, 0.3),
+    1e-9,
+    41,
+    {"screen": 0.1, "mesh": 0.7},
+    "ok",
+    (0.5, 0.3),
+    origin=Origin.BOUND,
 )
 CONFLICT = Conflict("Spread", "Spread.max, fingers 0, 1", 0.11, 0.09, "at most", "m")
 PLAIN = [

@@ -13,6 +13,7 @@ from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.best.search import Search
 from nlpgrasp.common.shown.numbers import at_most
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.solution.records import Origin
 from nlpgrasp.solve.outlook.outlook import Outlook, outlook
 from tests.hands.urdf import four_finger_hand
 
@@ -43,9 +44,8 @@ def test_a_gap_is_closed_and_the_status_says_so(tmp_path):
 
 def test_starts_begin_from_what_the_look_met_and_some_do_not():
     solution = ng.solve(square(3), starts=4, options=ng.SolveOptions(**QUICK))
-    messages = [start.message for start in solution.starts]
-    assert "from the search of all placements" in messages
-    assert any(m != "from the search of all placements" for m in messages)
+    origins = {start.origin for start in solution.starts}
+    assert origins == {Origin.BOUND, Origin.RANDOM}
 
 
 def test_images_of_better_grasps_come_last():
@@ -108,7 +108,7 @@ def test_a_mesh_is_surveyed(tmp_path):
     exact = ng.best_possible(ng.GraspProblem(ng.Box([0.08, 0.05, 0.04]), problem.models, task), gap=0.05)
     assert solution.mu.lower <= exact.upper <= solution.best_possible <= 2.5 * exact.mu.lower
     assert solution.mu.lower >= 0.85 * exact.mu.lower
-    assert solution.starts[0].message == "from the search of all placements"
+    assert solution.starts[0].origin is Origin.BOUND
     beyond = np.sort(np.abs(solution.grasp.points) - [0.04, 0.025, 0.02], axis=1)
     assert np.all(np.abs(beyond[:, 2]) < 1e-9)  # on a face
     assert np.all(beyond[:, 1] < -0.001)  # and not on its edges
@@ -130,7 +130,7 @@ def test_a_mesh_is_only_bounded_where_time_is_short(tmp_path):
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03]))
     solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=1, time_limit=3.0, extras=False))
     assert len(solution.starts) >= 1
-    assert solution.starts[0].message != "from the search of all placements"
+    assert solution.starts[0].origin is not Origin.BOUND
     assert 0.3 < solution.best_possible < 2.0
 
 

@@ -163,6 +163,7 @@ class StartData(TypedDict):
     message: str
     history: NotRequired[Vector]
     obstruction: NotRequired[str]
+    origin: NotRequired[str]
 
 
 class FoundData(TypedDict):

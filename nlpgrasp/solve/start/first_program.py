@@ -9,6 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import face_parameters
+from nlpgrasp.solution.records import Origin
 from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.workbench.placed import Placed
@@ -16,7 +17,6 @@ from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 FIRST_BETA = 0.1  # solver units
-HOLDS = "a hand that holds the body"  # message of a start
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,16 @@ class FirstResult:
     score : float
         The least support ratio; negative, the violation, where constraints are broken.
     message : str
-        The solver's own word.
+        The solver's own word; of a start without such a solve its origin.
+    origin : Origin
+        Proposal that the start began from.
     """
 
     state: AscentState
     beta: float
     score: float
     message: str
+    origin: Origin = Origin.RANDOM
 
 
 def solve_first(bench: Workbench, candidates: Iterator[Placed], rng: np.random.Generator) -> FirstResult | None:
@@ -68,7 +71,7 @@ def _solve(bench: Workbench, begin: Placed, rng: np.random.Generator) -> FirstRe
     scores = [_score(bench, begin, rng)]
     if scores[0] > 0.0 and not bench.follows_contacts:
         state = AscentState(begin, multipliers=np.zeros(len(bench.rows.named)))
-        return FirstResult(state, np.nan, scores[0], HOLDS)
+        return FirstResult(state, np.nan, scores[0], Origin.HELD.value, Origin.HELD)
     program = bench.first.program
     start = variables_of(bench, program, begin)
     start[program.block("beta").range] = FIRST_BETA

@@ -12,6 +12,7 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.solution.records import Origin
 from nlpgrasp.solve.ascent.exchange import exchange
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
@@ -73,7 +74,7 @@ def _starts(bench: Workbench, given: Given, index: int, stop: Stop, improve: boo
         found = put_on_body(bench, state, rng, stop)
     except (RuntimeError, np.linalg.LinAlgError):
         return
-    message = f"{given.origin}, improved" if given.origin else "improved from a known grasp"
+    message = f"{given.origin}, improved" if given.origin else Origin.WARM_START.value
     yield _certified(bench, found, state, _Start(index, message, begun), 0.0)
 
 
@@ -120,4 +121,4 @@ def _certified(bench: Workbench, found: OnBody, state: AscentState, start: _Star
     if found.allowed:
         bounds = Bounds(max(bounds.lower, floor), max(bounds.upper, floor), bounds.worst_direction)
     seconds = {"given": time.perf_counter() - start.begun}
-    return StartGrasp.of(bench, start.index, found, bounds, state, start.message, seconds)
+    return StartGrasp.of(bench, start.index, found, bounds, state, start.message, seconds, origin=Origin.WARM_START)

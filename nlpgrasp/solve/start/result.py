@@ -10,7 +10,7 @@ from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.joint_room import JointRoom
 from nlpgrasp.solution.link_depth import LinkDepth
-from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
+from nlpgrasp.solution.records import ConstraintReport, Origin, StartRecord, Status
 from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.reports import constraint_reports
@@ -85,6 +85,7 @@ class StartGrasp(StartResult):
         message: str,
         seconds: Mapping[str, float] | None = None,
         robust: Robustness | None = None,
+        origin: Origin | None = None,
     ) -> StartGrasp:
         """Return the end of a start, with its record: solved where the grasp is certified, allowed and free."""
         depth, gaps, links = None, list[float | None](), bench.link_depths
@@ -106,6 +107,7 @@ class StartGrasp(StartResult):
             message=message,
             history=tuple(state.history),
             obstruction=depth.words if depth is not None and touches else "",
+            origin=origin,
         )
         reports = constraint_reports(bench, found, state.multipliers)
         return cls(record, found, reports, state.effort, robust, state.placed, depth=depth, tip_gaps=tuple(gaps))

@@ -12,7 +12,7 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.contacts.direction import AlongNormalError
 from nlpgrasp.quality import Bounds, mu
-from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solution.records import Origin, StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
 from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn, exchange_rules, exchange_under_l2
 from nlpgrasp.solve.ascent.state import AscentState
@@ -27,8 +27,6 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
-KNOWN = "from the search of all placements"  # message of a start
-FACING = "from a pair of places that face each other"  # the same
 SLOWEST = 0.01  # relative gain over some rounds, below which the exchange from a grasp that was climbed to ends
 SLOWEST_BEFORE = 0.03  # the same where contacts climb over the mesh itself afterwards
 MOST_TOUCHING = 2  # attempts of a start whose hand touches, before it ends
@@ -72,7 +70,8 @@ class _Attempts:
         facing = known is not None and has_jaws_on_mesh(bench.problem)
         if known is not None and (facing or bench.violation(known) <= FEASIBLE):
             state = AscentState(known, multipliers=np.zeros(len(bench.rows.named)))
-            yield self._finished(FirstResult(state, np.nan, np.nan, FACING if facing else KNOWN), self.rng)
+            origin = Origin.FACING if facing else Origin.BOUND
+            yield self._finished(FirstResult(state, np.nan, np.nan, origin.value, origin), self.rng)
             known = None
         begins = bench if self._plain is None else self._plain
         drawn = chain([] if known is None else [known], candidates(begins, self.rng, self.stop))
@@ -117,7 +116,7 @@ class _Attempts:
         bench, state, stop = self.bench, first.state, self.stop
         if not bench.options.exchange or _is_on_mesh(bench, first):
             return [(bench, state)]
-        if first.message == FACING:
+        if first.origin is Origin.FACING:
             return [
                 (bench, state),
                 (bench, exchange(bench, replace(state, placed=bench.snapped(state.placed)), rng, stop)),
@@ -146,7 +145,7 @@ class _Attempts:
             self.clock.mark("robust")
         bounds = _certified(bench, found, state, self.stop.certificate_deadline(GRACE))
         self.clock.mark("certificate")
-        end = StartGrasp.of(bench, self.index, found, bounds, state, first.message, robust=robust)
+        end = StartGrasp.of(bench, self.index, found, bounds, state, first.message, origin=first.origin, robust=robust)
         self.clock.mark("link depth")
         return end
 
@@ -157,7 +156,7 @@ def _slowest(bench: Workbench, first: FirstResult) -> float:
         return 0.0
     if _climbs_freely(bench):
         return SLOWEST_BEFORE
-    return SLOWEST if first.message == KNOWN else 0.0
+    return SLOWEST if first.origin is Origin.BOUND else 0.0
 
 
 def _is_on_mesh(bench: Workbench, first: FirstResult) -> bool:
@@ -165,7 +164,7 @@ def _is_on_mesh(bench: Workbench, first: FirstResult) -> bool:
 
     The ascent on the smooth surface would only lead away from it; a model of it that is asked for by name is used.
     """
-    return first.message == KNOWN and _climbs_freely(bench) and not isinstance(bench.options.exchange, str)
+    return first.origin is Origin.BOUND and _climbs_freely(bench) and not isinstance(bench.options.exchange, str)
 
 
 def _climbs_freely(bench: Workbench) -> bool:
