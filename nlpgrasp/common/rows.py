@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -206,6 +206,9 @@ class Placement:
         Where the hand has one.
     closing : column, optional
         From one jaw to the other, metres, of a gripper that may be turned about this line.
+    hand : mapping, optional
+        The hand's variables by the names that the program shows: ``"joints"``, ``"palm position"``; None where only
+        contacts are placed.
     """
 
     positions: Sequence[Expression]
@@ -215,6 +218,7 @@ class Placement:
     spheres: Sequence[LinkSphere] = ()
     palm: PalmPose | None = None
     closing: Expression | None = None
+    hand: Mapping[str, Expression] | None = None
 
     @property
     def links(self) -> list[LinkSphere]:

@@ -4,18 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from inspect import Parameter, signature
 from typing import ClassVar, NoReturn
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nlpgrasp.common.given.names import listed
 from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.rows import Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
+
+SEES_HAND = 3  # arguments of an expression that is given the hand's variables
+
+
+class _Named(dict[str, Expression]):
+    """The hand's variables by name, refusing others by a sentence."""
+
+    def __missing__(self, name: str) -> NoReturn:
+        allowed = f"a variable of the hand: {listed([name], self)}" if self else "a hand with joints or a palm"
+        raise InputError("Constraint.expression hand", repr(name), allowed)
 
 
 @dataclass(frozen=True)
@@ -28,18 +40,21 @@ class Constraint(PlacementConstraint):
         Shown in reports.
     expression : callable
         ``expression(positions, normals)``: two lists of k CasADi columns, positions in metres and unit
-        normals pointing into the body; returns a CasADi expression of any shape, or a list of scalars.
+        normals pointing into the body; returns a CasADi expression of any shape, or a list of scalars. With a third
+        argument that has no default, ``expression(positions, normals, hand)``, it also sees the hand's variables by
+        name, as ``ng.formulate`` prints them: ``hand["joints"]``, ``hand["palm position"]``.
     lower, upper : float or (m,) array
         Limits of each of the m elements, in the expression's own unit; infinite for none.
 
     Examples
     --------
     Keep fingers 0 and 1 level: ``Constraint("level", lambda p, n: p[0][2] - p[1][2], 0.0, 0.0)``.
+    Keep the palm above: ``Constraint("palm above", lambda p, n, hand: hand["palm position"][2], 0.05)``.
     """
 
     kind: ClassVar[str] = "expression"
     name: str
-    expression: Callable[[list[Expression], list[Expression]], Expression]
+    expression: Callable[..., Expression]
     lower: ArrayLike = -np.inf
     upper: ArrayLike = np.inf
 
@@ -65,11 +80,24 @@ class Constraint(PlacementConstraint):
         except (TypeError, ValueError, OverflowError):
             raise InputError(f"Constraint {self.name!r}", value, "limits that are numbers") from None
 
+    @property
+    def _sees_hand(self) -> bool:
+        """Whether the expression is a function of the hand's variables too."""
+        try:
+            parameters = signature(self.expression).parameters.values()
+        except (TypeError, ValueError):
+            return False
+        positional = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+        return sum(p.kind in positional and p.default is Parameter.empty for p in parameters) == SEES_HAND
+
     def rows(self, placement: Placement) -> list[Row]:
         """Return one row for each element of the expression."""
         field = f"Constraint {self.name!r}.expression"
+        if self._sees_hand and placement.hand is None:
+            return []
+        hand = [_Named(placement.hand or {})] if self._sees_hand else []
         try:
-            value = self.expression(list(placement.positions), list(placement.normals))
+            value = self.expression(list(placement.positions), list(placement.normals), *hand)
             value = ca.vec(ca.vertcat(*value) if isinstance(value, list | tuple) else ca.SX(value))
         except InputError:
             raise

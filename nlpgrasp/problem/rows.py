@@ -47,9 +47,10 @@ def placement_of(
 ) -> Placement:
     """Return what constraints are written in, for symbols of the contacts and of the hand's variables."""
     if hand is None:
-        return Placement(positions, normals, (0.0,) * len(positions), size)
+        return Placement(positions, normals, (0.0,) * len(positions), size, hand={})
     palm, closing = hand.palm(variables), hand.closing(positions)
-    return Placement(positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing)
+    shown = {name.replace("_", " "): symbols for name, symbols in variables.items()}
+    return Placement(positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, shown)
 
 
 def placement_rows(

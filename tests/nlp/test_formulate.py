@@ -159,6 +159,33 @@ def test_a_hand_has_joints_and_palm():
     assert result.values["palm position"][2] >= -1e-7
 
 
+def test_constraints_of_the_problem_name_joints_and_palm():
+    constraints = [
+        ng.Constraint("palm above", lambda p, n, hand: hand["palm position"][2], 0.05),
+        ng.Constraint("first joint", lambda p, n, hand: hand["joints"][0], 0.1, 0.4),
+    ]
+    body, hand = ng.Ellipsoid([0.06, 0.03, 0.03]), four_finger_hand()
+    problem = ng.GraspProblem(body, ng.FrictionContact(0.6), HELD, hand=hand, constraints=constraints)
+    program = ng.formulate(problem, forces=False)
+    assert re.search(r"palm above +1 +>= 0.05 +\(3.5-15\)", str(program))
+    result = program.solve(0)
+    assert result.kkt.is_small
+    assert result.values["palm position"][2] >= 0.05 - 1e-7
+    assert 0.1 - 1e-7 <= result.values["joints"][0] <= 0.4 + 1e-7
+
+
+@pytest.mark.parametrize(
+    ("hand", "name", "words"),
+    [(True, "joint", "did you mean joints"), (False, "joints", "a hand with joints or a palm")],
+)
+def test_constraints_on_variables_that_there_are_not(hand, name, words):
+    contacts = ng.FrictionContact(0.6) if hand else [ng.FrictionContact(0.6)] * 3
+    given = {"hand": four_finger_hand()} if hand else {}
+    constraint = ng.Constraint("own", lambda p, n, hand: hand[name][0], 0.0)
+    with pytest.raises(InputError, match=words):
+        ng.GraspProblem(ng.Sphere(0.04), contacts, HELD, constraints=[constraint], **given)
+
+
 def test_joint_torques_are_those_of_the_posed_budget(rng):
     """The rows of ``"hand_torques"`` at random postures and forces against Jacobians of the hand."""
     hand, body = four_finger_hand(), ng.Ellipsoid([0.06, 0.03, 0.03])
