@@ -7,7 +7,7 @@ from nlpgrasp.nlp.formulation import SUPPORT, optimal_grasp_program
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.support_function import has_closed_form, has_pieces
-from nlpgrasp.nlp.surfaces import Facets, Surfaces, face_parameters
+from nlpgrasp.nlp.surfaces import Surfaces, face_parameters
 from nlpgrasp.nlp.virtual_work import VirtualWork
 
 __all__ = [
@@ -15,7 +15,6 @@ __all__ = [
     "SUPPORT",
     "Block",
     "CompiledProgram",
-    "Facets",
     "Formulation",
     "FormulationResult",
     "NlpResult",

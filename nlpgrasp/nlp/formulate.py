@@ -471,7 +471,7 @@ class Formulation:
             str(stats.get("return_status", stats.get("success", ""))),
             bool(stats.get("success", False)),
             stats,
-            KKT(*residuals, beta=float(values["beta"][0])),
+            KKT(*residuals),
             Grasp(on, normals, self.problem.models, self.problem.origin),
             faces,
         )

@@ -57,7 +57,6 @@ def optimal_grasp_program(
     transcription: str,
     count: int,
     *,
-    surfaces: Surfaces | None = None,
     eliminated: bool = False,
     pieces: bool = False,
     scaled: bool = True,
@@ -70,8 +69,6 @@ def optimal_grasp_program(
     transcription : {"support", "vertex"}
     count : int
         Number m of directions y_j or wrenches w_j.
-    surfaces : Surfaces, optional
-        Statement of (3.5-1); by default the body's faces, each contact's choice among them a parameter.
     eliminated : bool
         State "support" by its closed form, without forces, where contacts and budget have one.
     pieces : bool
@@ -92,7 +89,7 @@ def optimal_grasp_program(
         _reaches_along_each_direction(program, problem, scaling, contacts, beta, count)
     program.end_containment()
     _reachability_and_hand(program, problem, contacts)
-    (surfaces or Surfaces(problem)).constrain(program, contacts.positions, contacts.normals)
+    Surfaces(problem).constrain(program, contacts.positions, contacts.normals)
     return program
 
 

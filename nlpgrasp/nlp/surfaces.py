@@ -1,4 +1,4 @@
-"""Surfaces of the contacts, (3.5-1): the body's faces, or one triangle of its mesh for each contact."""
+"""Surfaces of the contacts, (3.5-1): each contact on a face of the body."""
 
 from __future__ import annotations
 
@@ -70,37 +70,6 @@ class Surfaces:
         rows += [FaceRows(Label(NORMAL, fingers=(i,)), problem.body.space, 1.0)]
         function = ca.Function("face", [p], [ca.vertcat(h / unit, extent / unit, outward)])
         program.constrain_face(rows, function, block, ca.vertcat(ca.SX.zeros(1 + extent.shape[0]), n))
-
-
-class Facets(Surfaces):
-    """Statement that each contact is on one plane piece of the surface, of ``edges`` edges: (3.5-1) of a mesh.
-
-    Parameters, in metres: ``facet i`` is ``(a, b)`` with ``a . p = b`` on the plane, then ``(a_e, b_e)`` with
-    ``a_e . p <= b_e`` for every edge, then the inward normal that the contact has there.
-
-    Parameters
-    ----------
-    problem : GraspProblem
-    edges : int
-        Of a facet.
-    """
-
-    def __init__(self, problem: GraspProblem, edges: int = 3) -> None:
-        super().__init__(problem)
-        self.edges = edges
-
-    def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:
-        """Add the constraints of all contacts; they are the program's last ones."""
-        size = self.problem.body.size
-        for i, (p, n) in enumerate(zip(positions, normals, strict=True)):
-            program.equation = "(3.5-1)"
-            facet = program.parameter("facet", 4 * (1 + self.edges) + 3, i)
-            planes = ca.reshape(facet[: 4 * (1 + self.edges)], 4, 1 + self.edges).T
-            beyond = ca.mtimes(planes[:, :3], p) - planes[:, 3]
-            program.constrain(Row(ON_SURFACE, beyond[0], 0.0, 0.0, scale=size, fingers=(i,)))
-            program.constrain(Row(EXTENT, beyond[1:], upper=0.0, scale=size, fingers=(i,)))
-            program.equation = "(3.5-2)"
-            program.constrain(Row(NORMAL, n - facet[-3:], 0.0, 0.0, fingers=(i,)))
 
 
 def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:

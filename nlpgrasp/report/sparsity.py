@@ -33,7 +33,9 @@ def write_sparsity(program: Formulation, path: str | Path) -> Path:
         When the file cannot be written.
     """
     entries, rows, columns = program.sparsity()
-    figure: Figure = pyplot("a picture").figure(figsize=(9.0, 9.0 * min(1.2, len(rows) / len(columns)) + 1.0))
+    figure: Figure = pyplot("a picture").figure(
+        figsize=(9.0, 9.0 * min(1.2, len(rows) / len(columns)) + 1.0), layout="constrained"
+    )
     axes = figure.add_subplot()
     down, across = np.nonzero(entries)
     axes.plot(

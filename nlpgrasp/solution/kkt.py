@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,26 +25,11 @@ class KKT:
         Largest violation of a constraint or bound.
     complementarity : float
         Largest product of a multiplier and the distance from its limit.
-    beta : float
-        The program's objective; of a grasp the least support ratio over ``directions``, at least mu.
-    directions : (m, d) array
-        Directions y_j of wrench space in which the program holds containment, with ``phi(y_j | A) = 1``.
-    weights : (m,) array
-        Multipliers of containment, at least zero, of sum one up to the residuals.
-    multipliers : mapping of str to float
-        Other multipliers that are not zero, by the constraint's name: change of beta for a unit of its limit.
-    reason : str
-        Why the residuals are not small; empty where they are.
     """
 
     stationarity: float
     feasibility: float
     complementarity: float
-    beta: float = float("nan")
-    directions: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    weights: FloatArray = field(default_factory=lambda: np.zeros(0))
-    multipliers: Mapping[str, float] = field(default_factory=dict)
-    reason: str = ""
 
     @property
     def largest(self) -> float:
