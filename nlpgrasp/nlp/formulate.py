@@ -56,6 +56,7 @@ class FormulationResult:
     bound_multipliers : dict of str to (m,) array
         The same of the variables' bounds.
     objective : float
+        The value of what was maximised.
     status : str
         The solver's own word.
     success : bool
@@ -113,7 +114,9 @@ class Formulation:
     Attributes
     ----------
     problem : GraspProblem
+        The problem that it states.
     transcription : {"support", "vertex"}
+        How it states containment of the task.
     x, p : casadi.SX or casadi.MX
         All variables and all parameters, one column each; ``MX`` on meshes, whose smooth surface is a spline.
     f : casadi.SX or casadi.MX
@@ -508,6 +511,7 @@ def formulate(
     Parameters
     ----------
     problem : GraspProblem
+        Body, contacts, task, hand and constraints.
     transcription : {"support", "vertex"}
         Containment of the task: ``"support"`` holds (3.4-3) along directions of wrench space, and its beta is at least
         mu at the optimum; ``"vertex"`` has the grasp produce wrenches of the task, the farthest along the directions.
