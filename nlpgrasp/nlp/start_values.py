@@ -7,11 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import FrictionContact, PointContact
 from nlpgrasp.hands import PosedHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.nlp.scaling import Scaling
-from nlpgrasp.nlp.support_function import support_function
+from nlpgrasp.nlp.support_function import has_closed_form, support_function
 from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.problem.problem import GraspProblem
 
@@ -102,10 +104,25 @@ def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
     return np.asarray(cloud[np.argmin(np.linalg.norm(cloud - point, axis=1))])
 
 
+def _with_closed_form(problem: GraspProblem) -> GraspProblem:
+    """Return a problem with a closed form of the support function, to rank placements by: friction contacts, L2 budget.
+
+    The problem itself where it has one.
+    """
+    if has_closed_form(problem):
+        return problem
+    plain = problem.unchecked(force_budget=L2Budget())
+    if has_closed_form(plain):
+        return plain
+    coefficients = [model.coefficients.get("friction") for model in problem.models]
+    points = [PointContact() if friction is None else FrictionContact(friction) for friction in coefficients]
+    return plain.unchecked(contacts=points)
+
+
 def _least_supports(problem: GraspProblem, points: FloatArray, faces: Sequence[tuple[str, ...]]) -> FloatArray:
-    """Return the least sampled support of placements (b, k, space), (b,), solver units; 0 without a closed form."""
-    scaling = Scaling.of(problem)
-    closed = support_function(problem, scaling)
+    """Return the least sampled support of placements (b, k, space), (b,), solver units, or of similar contacts."""
+    scaling, ranking = Scaling.of(problem), _with_closed_form(problem)
+    closed = support_function(ranking, scaling)
     if closed is None:
         return np.zeros(len(points))
     normals, names = np.empty_like(points), np.array(faces)

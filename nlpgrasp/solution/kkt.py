@@ -24,7 +24,7 @@ class KKT:
     feasibility : float
         Largest violation of a constraint or bound.
     complementarity : float
-        Largest product of a multiplier and the distance from its limit.
+        Largest product of a multiplier and the distance from its limit; where there is no limit, the multiplier.
     """
 
     stationarity: float
@@ -69,6 +69,6 @@ def kkt_residuals(
     violations, products = [0.0], [0.0]
     for (value, lower, upper), price in ((constraints, multipliers), (variables, bound_multipliers)):
         violations.append(float(np.max(np.maximum(lower - value, value - upper), initial=0.0)))
-        limit = np.where(price > 0.0, upper, lower)[price != 0.0]
-        products.append(float(np.max(np.abs(price[price != 0.0] * (limit - value[price != 0.0])), initial=0.0)))
+        apart = np.abs(np.where(price > 0.0, upper, lower) - value)
+        products.append(float(np.max(np.abs(price) * np.where(np.isfinite(apart), apart, 1.0), initial=0.0)))
     return float(np.max(np.abs(stationarity), initial=0.0)), max(violations), max(products)

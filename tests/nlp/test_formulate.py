@@ -275,3 +275,10 @@ def test_command_prints_the_table_and_draws_the_jacobian(tmp_path):
     assert (tmp_path / "jacobian.png").stat().st_size > 5000
     wrong = run_here("program", "square.py", "--transcription", "corner", cwd=tmp_path)
     assert "'support' or 'vertex'" in refused(wrong)
+
+
+@pytest.mark.parametrize("budget", ["l2", "shared"])
+def test_random_starts_are_ranked_without_a_closed_form_too(budget):
+    problem = ng.GraspProblem(BOX, [ng.SoftContact(0.5, 0.01, model="elliptic")] * 2, HELD, force_budget=budget)
+    result = ng.formulate(problem, "vertex").solve(1)
+    assert ng.mu(result.grasp, HELD, force_budget=budget).lower > 0.2
