@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from nlpgrasp.common.rows import Label
+from nlpgrasp.problem.rows import hand_name
 
 HAND = "hand"  # kind of the hand's variables
 
@@ -129,11 +130,6 @@ class DistancePart:
     function: ca.Function  # point (space,) metres -> metres
     points: list[ca.SX]  # columns of the variables
     scales: list[float]
-
-
-def hand_name(variable: str) -> str:
-    """Return the name for users of a hand's variable."""
-    return variable.replace("_", " ")
 
 
 def block_name(kind: str, index: int | str | None) -> str:

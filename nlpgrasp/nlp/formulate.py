@@ -17,7 +17,6 @@ from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import PosedHand
-from nlpgrasp.nlp.blocks import hand_name
 from nlpgrasp.nlp.formulation import check_transcription, optimal_grasp_program
 from nlpgrasp.nlp.functions import ProgramFunctions
 from nlpgrasp.nlp.scaling import Scaling
@@ -36,6 +35,7 @@ from nlpgrasp.nlp.surfaces import face_parameters
 from nlpgrasp.nlp.table import program_table
 from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.problem.rows import hand_name
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -195,9 +195,8 @@ class Formulation:
         pattern = ca.Function("g", inputs, [self.g]).jac_sparsity(0, 0)
         entries = np.zeros(pattern.shape, dtype=bool)
         entries[pattern.get_triplet()] = True
-        rows = {where.start: name for name, where in self._row_ranges().items()}
-        sizes = {where.start: where.stop - where.start for where in self._row_ranges().values()}
-        names = [name for start, name in sorted(rows.items()) for _ in range(sizes[start])]
+        rows = [row.name for row in self._program.rows for _ in range(row.size)]
+        names = [*rows, *(own.name for own in self._added for _ in range(len(own.lower)))]
         columns = [name for name, block in self._variables.items() for _ in range(block.size)]
         return entries, tuple(names), tuple(columns)
 
@@ -406,7 +405,7 @@ class Formulation:
         values: dict[str, FloatArray] = {"beta": np.array([FIRST_BETA / Scaling.of(problem).beta])}
         for i, (p, n) in enumerate(zip(contacts.points, normals, strict=True)):
             values[f"position {i}"], values[f"normal {i}"] = p, n
-        pressing = pressing_forces(problem, normals)
+        pressing = problem.budget.force_scale() * pressing_forces(problem, normals)
         values |= {name: pressing for name, block in self._variables.items() if block.kind == "forces"}
         hand = {**following_hand(problem, contacts.points, normals), **contacts.hand}
         return values | {hand_name(name): np.ravel(value) for name, value in hand.items()}

@@ -61,8 +61,8 @@ def inward_normals(problem: GraspProblem, points: FloatArray, faces: Sequence[st
 
 
 def pressing_forces(problem: GraspProblem, normals: FloatArray) -> FloatArray:
-    """Return force variables of all contacts, newtons, each pressing with the same share of the unit of force."""
-    size = PRESSING * problem.budget.force_scale() / np.sqrt(len(normals))
+    """Return force variables of all contacts, over the unit of force, each pressing with the same share of it."""
+    size = PRESSING / np.sqrt(len(normals))
     return np.concatenate([size * m.pressing(n) for m, n in zip(problem.models, normals, strict=True)])
 
 

@@ -38,6 +38,11 @@ class PlacementRows:
         return (*self.rows, *(c.row(None) for c in self.clearances))
 
 
+def hand_name(variable: str) -> str:
+    """Return the name for users of a hand's variable: ``"palm position"``."""
+    return variable.replace("_", " ")
+
+
 def placement_of(
     hand: Hand | None,
     positions: Sequence[Expression],
@@ -49,7 +54,7 @@ def placement_of(
     if hand is None:
         return Placement(positions, normals, (0.0,) * len(positions), size, hand={})
     palm, closing = hand.palm(variables), hand.closing(positions)
-    shown = {name.replace("_", " "): symbols for name, symbols in variables.items()}
+    shown = {hand_name(name): symbols for name, symbols in variables.items()}
     return Placement(positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, shown)
 
 

@@ -7,10 +7,9 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.nlp import Program
+from nlpgrasp.nlp.start_values import pressing_forces
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
-
-PRESSING = 0.6  # of the unit of force, shared by the contacts: where forces begin
 
 
 def variables_of(bench: Workbench, program: Program, placed: Placed) -> FloatArray:
@@ -18,8 +17,7 @@ def variables_of(bench: Workbench, program: Program, placed: Placed) -> FloatArr
     normals = bench.inward_normals(placed)
     z = np.zeros(program.variables[-1].stop)
     put_contacts(bench, program, z, placed.points, normals)
-    size = PRESSING / np.sqrt(len(placed.points))
-    forces = np.concatenate([size * m.pressing(n) for m, n in zip(bench.problem.models, normals, strict=True)])
+    forces = pressing_forces(bench.problem, normals)
     for name, b in program.hand_blocks:
         z[b.range] = np.ravel(placed.hand[name]) / b.scale
     for b in program.blocks("forces"):

@@ -15,6 +15,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.nlp import CompiledProgram, Scaling, VirtualWork
+from nlpgrasp.nlp.start_values import inward_normals
 from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
@@ -159,9 +160,7 @@ class Workbench:
 
     def inward_normals(self, placed: Placed) -> FloatArray:
         """Return the unit normals of the solver's surface into the body, (k, space)."""
-        body = self.problem.body
-        each = zip(placed.faces, placed.points, strict=True)
-        return np.concatenate([-body.evaluate(face, p[None, :])[2] for face, p in each])
+        return inward_normals(self.problem, placed.points, placed.faces)
 
     def snapped(self, placed: Placed) -> Placed:
         """Return the state with its contacts moved onto their faces to rounding."""
