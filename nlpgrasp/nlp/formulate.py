@@ -413,8 +413,8 @@ class Formulation:
     def _warm(self, before: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
         """Return the multipliers of an earlier result in a solve's units; zero where it has none."""
         rows, bounds = np.zeros(len(scales.constraints)), np.zeros(len(scales.variables))
-        for name, where in self._row_ranges().items():
-            if len(before.multipliers.get(name, ())) == where.stop - where.start:
+        for name, where in self._row_places().items():
+            if len(before.multipliers.get(name, ())) == len(where):
                 rows[where] = before.multipliers[name]
         for name, block in self._variables.items():
             if len(before.bound_multipliers.get(name, ())) == block.size:
@@ -424,14 +424,16 @@ class Formulation:
             "lam_x0": bounds * scales.variables / scales.objective,
         }
 
-    def _row_ranges(self) -> dict[str, slice]:
-        """Return where the constraints of each name are; those of one label together."""
-        ranges = {row.name: row.range for row in self._program.rows}
+    def _row_places(self) -> dict[str, list[int]]:
+        """Return where the constraints of each name are; those of one name together."""
+        places: dict[str, list[int]] = {}
+        for row in self._program.rows:
+            places.setdefault(row.name, []).extend(range(row.start, row.stop))
         done = self._program.rows[-1].stop
         for own in self._added:
-            ranges[own.name] = slice(done, done + len(own.lower))
+            places[own.name] = list(range(done, done + len(own.lower)))
             done += len(own.lower)
-        return ranges
+        return places
 
     def _result(
         self,
@@ -467,7 +469,7 @@ class Formulation:
         normals = np.concatenate([-body.evaluate(face, p[None])[2] for face, p in zip(faces, on, strict=True)])
         return FormulationResult(
             values,
-            {name: prices[where] for name, where in self._row_ranges().items()},
+            {name: prices[where] for name, where in self._row_places().items()},
             {name: of_bounds[block.range] for name, block in self._variables.items()},
             -float(f.item()) * scales.objective,
             str(stats.get("return_status", stats.get("success", ""))),

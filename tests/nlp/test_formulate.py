@@ -125,6 +125,13 @@ def test_multiplier_is_the_difference_of_solved_problems(compact):
     assert here.multipliers["width"][0] == pytest.approx((betas[1] - betas[0]) / 4e-4, rel=0.05)
 
 
+def test_constraints_of_one_name_keep_all_their_multipliers():
+    program = ng.formulate(box_problem(constraints=[ng.Table(-0.02, clearance=0.01), ng.Table(-0.03)]), forces=False)
+    result = program.solve(START)
+    assert result.multipliers["table, finger 0"].shape == (2,)
+    assert sum(map(len, result.multipliers.values())) == len(program.lbg)
+
+
 def test_another_objective():
     """Least sum of normal forces for a lift of 0.9 N by friction 0.6 on two sides: 0.9 / 0.6."""
     lift = ng.TaskPolytope([[0.0, 0.0, 3.0, 0.0, 0.0, 0.0]])
