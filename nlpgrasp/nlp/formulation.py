@@ -88,8 +88,12 @@ def optimal_grasp_program(
     elif not (eliminated and _reaches_in_closed_form(program, problem, scaling, contacts, beta, count, pieces)):
         _reaches_along_each_direction(program, problem, scaling, contacts, beta, count)
     program.end_containment()
+    surfaces = Surfaces(problem)
+    if not surfaces.are_splines:
+        surfaces.constrain(program, contacts.positions, contacts.normals)
     _reachability_and_hand(program, problem, contacts)
-    Surfaces(problem).constrain(program, contacts.positions, contacts.normals)
+    if surfaces.are_splines:
+        surfaces.constrain(program, contacts.positions, contacts.normals)
     return program
 
 

@@ -30,12 +30,17 @@ class Surfaces:
     def __init__(self, problem: GraspProblem) -> None:
         self.problem = problem
 
+    @property
+    def are_splines(self) -> bool:
+        """Whether they exist as ``MX`` only: their constraints are a program's last ones, others go before distances."""
+        return self.problem.body.symbol is ca.MX
+
     def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:
-        """Add the constraints of all contacts; they are the program's last ones."""
+        """Add the constraints of all contacts."""
         body = self.problem.body
         for i, (p, n) in enumerate(zip(positions, normals, strict=True)):
             program.equation = "(3.5-1)"
-            if body.symbol is ca.MX:
+            if self.are_splines:
                 self._on_spline(program, i, n)
                 continue
             h, extent, outward = self._chosen(program, i, p)

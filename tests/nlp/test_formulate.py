@@ -289,3 +289,17 @@ def test_random_starts_are_ranked_without_a_closed_form_too(budget):
     problem = ng.GraspProblem(BOX, [ng.SoftContact(0.5, 0.01, model="elliptic")] * 2, HELD, force_budget=budget)
     result = ng.formulate(problem, "vertex").solve(1)
     assert ng.mu(result.grasp, HELD, force_budget=budget).lower > 0.2
+
+
+def test_limits_are_those_of_their_constraints_beside_an_obstacle():
+    shelf = ng.Obstacle(ng.Box([0.2, 0.2, 0.01]), position=[0, 0, 0.06], name="shelf")
+    hand = ng.Fingertips(4, radius=0.005)
+    program = ng.formulate(
+        ng.GraspProblem(box_problem().body, ng.FrictionContact(0.6), TASK, hand=hand, constraints=[shelf]), forces=False
+    )
+    found = program.solve(1)
+    assert found.success and found.kkt.is_small
+    points = np.stack([found.values[f"position {i}"] for i in range(4)])
+    assert max(abs(program.problem.body.signed_distance(points))) < 1e-8
+    tips = points - 0.005 * np.stack([found.values[f"normal {i}"] for i in range(4)])
+    assert min(shelf.body.signed_distance(tips - [0, 0, 0.06])) >= 0.005 - 1e-8
