@@ -102,11 +102,19 @@ class CompiledProgram:
         result.program = self.program.within(name, lower, upper)
         return result
 
+    def with_options(self, ipopt: dict[str, Option]) -> CompiledProgram:
+        """Return the same program, its functions shared, solved with more options of IPOPT."""
+        result = CompiledProgram(self.program, {})
+        result._options = self._options | {f"ipopt.{key}": value for key, value in ipopt.items()}
+        result._functions, result._linearised = self._functions, self._linearised
+        return result
+
     def solve(
         self,
         start: FloatArray,
         parameters: FloatArray,
         bounds: tuple[FloatArray, FloatArray] | None = None,
+        multipliers: tuple[FloatArray, FloatArray] | None = None,
     ) -> NlpResult:
         """Solve from a start.
 
@@ -116,6 +124,8 @@ class CompiledProgram:
         parameters : (q,) array
         bounds : pair of (n,) arrays, optional
             In place of the program's own bounds, for example a trust region inside them.
+        multipliers : pair of (m,) and (n,) arrays, optional
+            Of rows and bounds, to begin with where the options ask for a warm start.
         """
         lower, upper = self.program.bounds if bounds is None else bounds
         low, high = self.program.limits
@@ -123,8 +133,9 @@ class CompiledProgram:
         if np.count_nonzero(equal) > np.count_nonzero(lower < upper):  # IPOPT refuses more equations than unknowns
             low, high = np.where(equal, low - LOOSE, low), np.where(equal, high + LOOSE, high)
         begun = time.perf_counter()
+        warm = {} if multipliers is None else {"lam_g0": multipliers[0], "lam_x0": multipliers[1]}
         try:
-            found = self._solver(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=low, ubg=high)
+            found = self._solver(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=low, ubg=high, **warm)
             stats = self._solver.stats()
         except RuntimeError as error:
             return _not_run(start, len(low), _reason(error), time.perf_counter() - begun)

@@ -75,7 +75,7 @@ class Program:
     copies: list[Copy] = field(default_factory=list)  # of rows that repeat, where derivatives are made from one
     slots: Slots | None = None  # rows of one function, before all others
     contained: int = 0  # rows of containment come first, this many
-    placement: slice = field(default_factory=lambda: slice(0, 0))  # rows of constraints and hand; faces follow them
+    placement: slice = field(default_factory=lambda: slice(0, 0))  # rows of constraints and hand
     objective: ca.SX = field(default_factory=ca.SX)
     equation: str = ""  # of the paper, that the next constraints belong to
     _z: list[ca.SX] = field(default_factory=list)
@@ -122,7 +122,9 @@ class Program:
         return symbol
 
     def constrain(self, row: Row) -> None:
-        """Add a constraint, or a column of them within the same limits."""
+        """Add a constraint, or a column of them within the same limits; call this before ``constrain_distance``."""
+        if self.distance_parts or self.face_parts:
+            raise RuntimeError(f"{row.name}: an SX expression after rows through distances, whose limits it would get")
         expression: ca.SX = row.expression
         self._g.append(ca.vec(expression / self._applied(row.scale)))
         self._add_rows(row, row.expression.numel(), (row.lower, row.upper), row.scale)
@@ -286,6 +288,14 @@ class Program:
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the variables, (n,) each, solver units."""
         return _stacked(self._bounds)
+
+    def near(self, z: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of the variables, (n,) each, that keep contact positions within a radius of z, solver units."""
+        lower, upper = self.bounds
+        for block in self.blocks("position"):
+            lower[block.range] = np.maximum(lower[block.range], z[block.range] - radius)
+            upper[block.range] = np.minimum(upper[block.range], z[block.range] + radius)
+        return lower, upper
 
     def within(self, name: str, lower: FloatArray, upper: FloatArray) -> Program:
         """Return the same program with other bounds, (m,) each, of one of the hand's variables, in the hand's units."""

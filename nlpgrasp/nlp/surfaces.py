@@ -32,7 +32,7 @@ class Surfaces:
 
     @property
     def are_splines(self) -> bool:
-        """Whether they exist as ``MX`` only: their constraints are a program's last ones, others go before distances."""
+        """Whether they exist as ``MX`` only; their constraints are then a program's last ones."""
         return self.problem.body.symbol is ca.MX
 
     def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:

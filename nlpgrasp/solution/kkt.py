@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solution.schema.types import KKTData
 
 SMALL = 1e-6  # scaled: residuals below are those of a local optimum
 
@@ -25,11 +26,58 @@ class KKT:
         Largest violation of a constraint or bound.
     complementarity : float
         Largest product of a multiplier and the distance from its limit; where there is no limit, the multiplier.
+    reason : str
+        Of a solution, why they are not small; empty where they are.
+    directions : tuple of tuples of d float
+        Of a solution, the directions of wrench space whose support inequalities bind, scaled to ``phi_A = 1``.
+    weights : tuple of float
+        Their multipliers, at least zero, over the sum of all.
     """
 
     stationarity: float
     feasibility: float
     complementarity: float
+    reason: str = ""
+    directions: tuple[tuple[float, ...], ...] = ()
+    weights: tuple[float, ...] = ()
+
+    def to_dict(self) -> KKTData:
+        """Return the residuals as JSON data."""
+        data: KKTData = {
+            "stationarity": self.stationarity,
+            "feasibility": self.feasibility,
+            "complementarity": self.complementarity,
+            "locally_optimal": self.is_small,
+            "directions": [list(direction) for direction in self.directions],
+            "weights": list(self.weights),
+        }
+        return {**data, "reason": self.reason} if self.reason else data
+
+    @classmethod
+    def from_dict(cls, data: KKTData) -> KKT:
+        """Return the residuals that ``to_dict`` wrote."""
+        return cls(
+            float(data["stationarity"]),
+            float(data["feasibility"]),
+            float(data["complementarity"]),
+            data.get("reason", ""),
+            tuple(tuple(map(float, direction)) for direction in data.get("directions", [])),
+            tuple(map(float, data.get("weights", []))),
+        )
+
+    @property
+    def words(self) -> str:
+        """What the residuals say of the grasp, in a few words."""
+        if self.is_small:
+            return f"locally optimal (KKT residuals at most {self.largest:.0e})"
+        return f"not shown to be locally optimal (KKT residuals up to {self.largest:.0e}: {self.why})"
+
+    @property
+    def why(self) -> str:
+        """Why the residuals are not small; empty where they are."""
+        if self.is_small:
+            return ""
+        return self.reason or "the last steps did not settle"
 
     @property
     def largest(self) -> float:

@@ -15,6 +15,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.file import read, write
 from nlpgrasp.solution.findings import Robustness, WhyNot
+from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.many.choice import Accepts, first_accepted
 from nlpgrasp.solution.many.found import FoundGrasp, found_grasps
 from nlpgrasp.solution.measures.forces import forces_and_moments, held_wrenches
@@ -66,6 +67,9 @@ class GraspSolution(Seen):
         What is left of mu when contacts are off and friction is less.
     bound : GlobalBound or None
         On mu over all placements; None for a problem that it does not cover.
+    kkt : KKT or None
+        Residuals of the KKT conditions of the paper's program (3.5-4) at the grasp, along the directions that are
+        weakest there; None without a grasp, where a stop came first, and in files of earlier versions.
     needed : ForcesNeeded or None
         What the fingers press for the task as it was given; None in files of earlier versions.
     why_not : WhyNot or None
@@ -103,6 +107,7 @@ class GraspSolution(Seen):
     prices: tuple[ShadowPrice, ...] = ()
     robust: Robustness | None = None
     bound: GlobalBound | None = None
+    kkt: KKT | None = None
     needed: ForcesNeeded | None = None
     why_not: WhyNot | None = None
     hand: Json | None = None
@@ -140,6 +145,7 @@ class GraspSolution(Seen):
             delta=None,
             nu=None,
             prices=(),
+            kkt=None,
             bound=None if self.bound is None else replace(self.bound, stated_gap=None),
             drawing=None if self.drawing is None else replace(self.drawing, links=()),
             starts=tuple(start for start in self.starts if start.index == found.start),
@@ -157,7 +163,7 @@ class GraspSolution(Seen):
             "schema": SCHEMA_NAME,
             "created_by": dict(versions),
             "status": self.status.name.lower(),
-            "message": self.status.value,
+            "message": self.message,
             "name": self.name,
             "problem": dict(self.problem),
             "grasp": None if placed is None else placed.to_dict(),
@@ -171,6 +177,8 @@ class GraspSolution(Seen):
             "solver": solver,
         }
         several: SolutionData = {**data, "grasps": [found.to_dict() for found in self.grasps]} if self.others else data
+        if self.kkt is not None:
+            several = {**several, "kkt": self.kkt.to_dict()}
         return several if self.best_start is None else {**several, "best_start": self.best_start}
 
     @classmethod
@@ -187,7 +195,7 @@ class GraspSolution(Seen):
         quality = Quality.from_dict(data["quality"], grasp.dimension if grasp else None, f"{name}: quality")
         forces, moments = forces_and_moments(data.get("forces", []), name)
         starts, solver = starts_of(data.get("solver", {}), name)
-        why_not, best = data.get("why_not"), data.get("best_start")
+        why_not, best, kkt = data.get("why_not"), data.get("best_start"), data.get("kkt")
         if best is not None and best not in [start.index for start in starts]:
             raise InputError(f"{name}: best_start", best, "the index of one of its starts")
         kept = found_grasps(data, f"{name}: grasps")
@@ -207,6 +215,7 @@ class GraspSolution(Seen):
             prices=tuple(map(ShadowPrice.from_dict, data.get("shadow_prices", []))),
             robust=quality.robust,
             bound=quality.bound,
+            kkt=None if kkt is None else KKT.from_dict(kkt),
             needed=quality.needed,
             why_not=None if why_not is None else WhyNot.from_dict(why_not),
             hand=data.get("hand"),

@@ -163,6 +163,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         prices=after.prices,
         robust=None if after.robust is None else after.robust.beside(certified),
         bound=bound,
+        kkt=best.kkt,
         hand=best.hand or after.hand,
         surface=found.surface,
         drawing=after.drawing,

@@ -30,7 +30,8 @@ class SharpEdges:
         solid = np.min(areas, axis=1, initial=np.inf) > FLAT * float(np.sum(np.ptp(mesh.bounds, axis=0) ** 2))
         turned = np.asarray(mesh.face_adjacency_angles) > SHARP
         self._edges = np.asarray(mesh.face_adjacency_edges)[solid & turned]
-        self._tree = SearchTree(np.asarray(mesh.vertices), self._edges)
+        self._vertices = np.asarray(mesh.vertices)
+        self._tree = SearchTree(self._vertices, self._edges)
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -41,3 +42,11 @@ class SharpEdges:
         if not len(self._edges) or not len(points):
             return np.full(len(points), np.inf)
         return np.asarray(np.sqrt(self._tree.nearest(points)[0]))
+
+    def nearest_points(self, point: FloatArray, reach: float) -> FloatArray:
+        """Return the nearest point of each sharp edge that is within reach, metres, of a point (3,), (m, 3)."""
+        start, end = self._vertices[self._edges[:, 0]], self._vertices[self._edges[:, 1]]
+        along = end - start
+        share = np.sum((point - start) * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
+        nearest = start + np.clip(share, 0.0, 1.0)[:, None] * along
+        return np.asarray(nearest[np.linalg.norm(nearest - point, axis=1) <= reach])

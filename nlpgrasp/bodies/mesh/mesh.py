@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, NoReturn
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.face import Face
@@ -208,6 +209,10 @@ class Mesh(Body):
         squared, triangles, positions = self._tree.nearest(points)
         return positions, np.asarray(self.mesh.face_normals)[triangles], np.sqrt(squared)
 
+    def triangles_at(self, points: FloatArray) -> NDArray[np.intp]:
+        """Return the numbers of the triangles that points (m, 3) are nearest to, (m,)."""
+        return np.asarray(self._tree.nearest(points)[1], dtype=np.intp)
+
     def angles_off_normals(self, points: FloatArray, normals: FloatArray, on_edges: bool = True) -> FloatArray:
         """Return the angles (m,), radians, between outward unit normals (m, 3) and the mesh's at its points (m, 3).
 
@@ -223,6 +228,10 @@ class Mesh(Body):
         """Return the distance of points (m, 3) from the mesh's sharp edges, (m,), metres; inf without any."""
         del name
         return self._edges.distance(points)
+
+    def sharp_points(self, point: FloatArray, reach: float) -> FloatArray:
+        """Return the nearest points (m, 3) of the sharp edges within reach, metres, of a point (3,)."""
+        return self._edges.nearest_points(point, reach)
 
     def room(self, name: str) -> float:
         """Return how far from all sharp edges some point of the mesh is, metres; inf without any."""

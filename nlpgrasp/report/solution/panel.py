@@ -87,7 +87,7 @@ def verdict(solution: GraspSolution) -> tuple[str, str]:
 
 def _verdict(solution: GraspSolution) -> Fact:
     told, tone = verdict(solution)
-    sentence = solution.status.value.partition(": ")[2]
+    sentence = solution.message.partition(": ")[2]
     why = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
     lines = (capital(sentence), *why)
     if solution.is_certified:

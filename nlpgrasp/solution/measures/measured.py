@@ -14,6 +14,7 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.joint_room import room_lines
+from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.measures.by_hand import ByHand
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.measures.needed import ForcesNeeded
@@ -31,6 +32,7 @@ class Measured(ByHand):
 
     name: str
     status: Status
+    kkt: KKT | None
     grasp: Grasp | None
     drawing: Drawing | None
     mu: Bounds
@@ -90,9 +92,16 @@ class Measured(ByHand):
         return self.needed is not None and self.needed.is_within(self.max_force) is False
 
     @property
+    def message(self) -> str:
+        """What the status means; of a grasp that is solved, whether it is a local optimum."""
+        if self.status is not Status.SOLVED or self.kkt is None:
+            return self.status.value
+        return str(self.status.value).replace("a local optimum at best", self.kkt.words)
+
+    @property
     def told(self) -> str:
         """The status in words; where the gap is closed, how close, and what is wrong with the grasp."""
-        told = self.status.value
+        told = self.message
         if self.status is Status.OPTIMAL:
             told = f"Optimal within {at_most(100.0 * self.gap)}%: {told.removeprefix('Optimal: ')}"
         head, _, rest = told.partition(": ")

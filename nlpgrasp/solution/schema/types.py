@@ -129,6 +129,18 @@ class PriceData(TypedDict):
     gain: float
 
 
+class KKTData(TypedDict):
+    """The entry ``kkt``."""
+
+    stationarity: float
+    feasibility: float
+    complementarity: float
+    locally_optimal: bool
+    directions: NotRequired[list[Vector]]
+    weights: NotRequired[Vector]
+    reason: NotRequired[str]
+
+
 class ConflictData(TypedDict):
     """One of the entries of ``why_not.conflicts``."""
 
@@ -209,6 +221,7 @@ class SolutionData(TypedDict):
     shadow_prices: NotRequired[list[PriceData]]
     why_not: NotRequired[WhyNotData | None]
     drawing: NotRequired[Json | None]
+    kkt: NotRequired[KKTData | None]
     best_start: NotRequired[int | None]
     grasps: NotRequired[list[FoundData]]
     solver: NotRequired[SolverData]

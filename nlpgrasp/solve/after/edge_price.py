@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies.mesh.facets import Facets
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solve.workbench.placed import Placed
@@ -33,7 +33,7 @@ def edge_price(bench: Workbench, placed: Placed, worth: Callable[[Placed], float
         The Lagrangian at another placement: weighted ratios and priced rows.
     """
     problem = bench.problem
-    if problem.margin == 0.0 or isinstance(problem.body, Mesh):
+    if problem.margin == 0.0 or isinstance(problem.body, Facets):
         return None
     each = zip(placed.faces, placed.points, strict=True)
     away = np.array([_away(bench, face, point) for face, point in each])

@@ -7,13 +7,11 @@ count by the support ratio's own derivative: ``sum a_j d(phi_j / phi_A) / dt`` w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
@@ -23,139 +21,38 @@ from nlpgrasp.problem.rows import collected, given_rows, placement_of
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solve.after.edge_price import edge_price
+from nlpgrasp.solve.after.final_step import on_triangles
 from nlpgrasp.solve.after.limits import Limit, limits_of
-from nlpgrasp.solve.ascent.ascend import Model, Round, Rules, ascend
-from nlpgrasp.solve.ascent.state import AscentState
-from nlpgrasp.solve.ascent.steps.linear import LinearModel
-from nlpgrasp.solve.ascent.steps.nonlinear import NonlinearModel
-from nlpgrasp.solve.ascent.weakest import weakest_at
+from nlpgrasp.solve.ascent.local_optimum import LocalOptimum, local_optimum
 from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.programs import SLOTS
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-POLISHING = Rules(rounds=25, radius=0.05, last_radius=0.0, worse=0.5, refused=0.3, allowed=1e-4, looks_back=True)
-LINEAR = replace(POLISHING, rounds=30, radius=0.02, last_radius=1e-4, most_radius=0.05, good=1.6, poor=0.5)
-ROUNDS_WITH_FORCES = 6
-CONVERGED = 3e-5  # relative: the model promises no more than this over what is there
 NOTHING = 1e-4  # relative gains below this are none
-FAR = 0.25  # relative: an optimum whose value is further from the grasp's mu is another grasp's
-
-
-@dataclass(frozen=True)
-class Optimum:
-    """A converged solve of the exchange's program.
-
-    Parameters
-    ----------
-    placed : Placed
-    value : float
-        The least support ratio.
-    cuts, weights : (m, d) and (m,) arrays
-        Directions with ``phi_A = 1`` and their weights, which add up to one.
-    prices : (rows,) array
-        ``d mu / d limit`` of the rows of constraints and hand, in the rows' own units.
-    bounds : dict
-        ``d mu / d bound`` of the hand's variables by name: positive where the upper bound binds, negative the lower.
-    """
-
-    placed: Placed
-    value: float
-    cuts: FloatArray
-    weights: FloatArray
-    prices: FloatArray
-    bounds: dict[str, FloatArray]
+FAR = 0.02  # relative: an optimum whose value is further from the grasp's mu is another grasp's
 
 
 def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[ShadowPrice, ...]:
     """Return the prices of all limits of constraints, hand and contacts, the dearest first.
 
-    None where the last solves do not converge, for a grasp that was cut short or that differs too much on its mesh from
-    the optimum on the smooth surface near it, and under a hand's torque limits, whose derivatives the program does
-    not hold.
+    None for an answer that is not at a local optimum: without multipliers limits have no prices. An answer that is, but
+    was read from a file, is solved once more from where it is.
     """
-    if bench.problem.budget.follows_hand:
+    optimum = best.optimum
+    if optimum is None and best.kkt is None:
+        optimum = local_optimum(*on_triangles(bench, best.found.placed), stop)
+    known = best.record.mu.upper
+    if optimum is None or not optimum.kkt.is_small or abs(optimum.value - known) > FAR * known:
         return ()
-    optimum = polish(bench, [best.ascended, bench.snapped(best.found.placed)], stop, best.record.mu.lower)
-    if optimum is None:
-        return ()
-    found = [price_of(bench, optimum, limit) for limit in limits_of(bench.problem)]
-    found.append(edge_price(bench, optimum.placed, lambda placed: _lagrangian(bench, optimum, placed)))
+    own = on_triangles(bench, optimum.placed)[0]
+    found = [price_of(own, optimum, limit) for limit in limits_of(own.problem)]
+    found.append(edge_price(own, optimum.placed, lambda placed: _lagrangian(own, optimum, placed)))
     prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
     prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
     return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
 
 
-def polish(bench: Workbench, begins: Sequence[Placed], stop: Stop, known: float) -> Optimum | None:
-    """Return a local optimum near a grasp with its multipliers, or None where the exchange does not settle at one.
-
-    A few quadratic programs mostly settle, a tenth of a second from where the exchange ended. IPOPT is asked where they
-    do not, but of a hand with a pose and of a mesh, for which it takes seconds, and where the program has forces of its
-    own.
-
-    Parameters
-    ----------
-    bench : Workbench
-    begins : sequence of Placed
-        Where its exchange ended, and the grasp: fingers that went over a mesh since then may be off the smooth
-        surface's constraints, and far from its optimum.
-    stop : Stop
-    known : float
-        The grasp's mu.
-    """
-    for begin in begins if bench.exchange.linearises else ():
-        found = settled_at(bench, begin, LinearModel(bench), LINEAR, stop)
-        if found is not None and abs(found.value - known) <= FAR * known:
-            return found
-    slow = isinstance(bench.problem.body, Mesh) or not bench.follows_contacts
-    if bench.exchange.linearises and (slow or not bench.exchange.closed):
-        return None
-    rules = POLISHING if bench.exchange.slots == SLOTS else replace(POLISHING, rounds=ROUNDS_WITH_FORCES)
-    found = settled_at(bench, begins[-1], NonlinearModel(bench), rules, stop)
-    return found if found is not None and abs(found.value - known) <= FAR * known else None
-
-
-def settled_at(bench: Workbench, placed: Placed, model: Model, rules: Rules, stop: Stop) -> Optimum | None:
-    """Return the optimum where an ascent with a model settles, None where it does not."""
-    rng = np.random.default_rng(0)
-    found = weakest_at(bench, placed, rng)
-    state = AscentState(placed, found.value, found.directions)
-    if state.value <= 0.0:
-        return None
-    for turn in ascend(bench, state, model, rules, rng, stop):
-        if _settled(turn):
-            return _optimum(bench, turn)
-        if state.value <= 0.0:
-            break
-    return None
-
-
-def _settled(turn: Round) -> bool:
-    """Return whether the model, the trial and where it began agree."""
-    step, there, close = turn.step, turn.trial.value, CONVERGED * turn.before
-    promised = turn.before + step.promised
-    return step.solved and promised - there <= close and there >= turn.before - close
-
-
-def _optimum(bench: Workbench, turn: Round) -> Optimum:
-    """Return the optimum in the user's units: multipliers over the program's scales."""
-    program, step, scale = bench.exchange.compiled.program, turn.step, bench.scaling.beta
-    rows = np.array([row.scale for row in bench.rows.named])
-    bounds = {}
-    for name, block in program.hand_blocks:
-        bounds[name] = step.bound_multipliers[block.range] / (scale * block.scale)
-    weights = np.maximum(step.support, 0.0)
-    return Optimum(
-        step.placed,
-        turn.trial.value,
-        turn.cuts,
-        weights / max(float(weights.sum()), 1e-300),
-        step.multipliers / (scale * rows),
-        bounds,
-    )
-
-
-def price_of(bench: Workbench, optimum: Optimum, limit: Limit) -> ShadowPrice | None:
+def price_of(bench: Workbench, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
     """Return the price of one limit, by central differences of the rows and ratios it enters."""
     h = 1e-3 * limit.step
     more, less = limit.changed(h), limit.changed(-h)
@@ -172,7 +69,7 @@ def price_of(bench: Workbench, optimum: Optimum, limit: Limit) -> ShadowPrice | 
     return ShadowPrice(limit.name, limit.value, limit.step, limit.unit, gain * limit.step)
 
 
-def _lagrangian(bench: Workbench, optimum: Optimum, placed: Placed) -> float:
+def _lagrangian(bench: Workbench, optimum: LocalOptimum, placed: Placed) -> float:
     """Return the weighted ratios of another placement and what the room that its rows leave is worth."""
     there = replace(optimum, placed=placed)
     room, active = _room(bench, there, bench.problem), np.abs(optimum.prices) > 0.0
@@ -180,7 +77,7 @@ def _lagrangian(bench: Workbench, optimum: Optimum, placed: Placed) -> float:
     return float(optimum.weights @ ratios + np.sum((optimum.prices * room)[active]))
 
 
-def _room(bench: Workbench, optimum: Optimum, problem: GraspProblem) -> FloatArray:
+def _room(bench: Workbench, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
     """Return each row's active limit less its value, at the optimum, for a changed problem."""
     normals = bench.inward_normals(optimum.placed)
     p, n = ([ca.DM(v) for v in values] for values in (optimum.placed.points, normals))
@@ -196,13 +93,13 @@ def _room(bench: Workbench, optimum: Optimum, problem: GraspProblem) -> FloatArr
     return np.array([b - v if np.isfinite(b) else -v for b, v in zip(bounds, values, strict=True)])
 
 
-def _ratios(bench: Workbench, optimum: Optimum, problem: GraspProblem) -> FloatArray:
+def _ratios(bench: Workbench, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
     normals = bench.inward_normals(optimum.placed)
     grasp = Grasp(optimum.placed.points, normals, problem.models, problem.origin)
     return WrenchSet.of(grasp, problem.budget).support(optimum.cuts)[0]
 
 
-def _joint_prices(bench: Workbench, optimum: Optimum) -> list[ShadowPrice]:
+def _joint_prices(bench: Workbench, optimum: LocalOptimum) -> list[ShadowPrice]:
     """Return the prices of a degree (a millimetre) more joint range."""
     hand = bench.problem.hand
     if not isinstance(hand, URDFHand):

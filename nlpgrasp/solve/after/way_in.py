@@ -15,6 +15,7 @@ from nlpgrasp.hands import URDFHand
 from nlpgrasp.problem.fields import Distance, distance_to_all, fields_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import of_the_way
+from nlpgrasp.solve.after.final_step import at_local_optimum
 from nlpgrasp.solve.after.pregrasp import pregrasp
 from nlpgrasp.solve.phases.keyframes import keyframes
 from nlpgrasp.solve.posture.roomy import with_room
@@ -52,7 +53,8 @@ def with_free_way(
         for other in sorted(others, key=lambda r: (-r.record.mu.upper, r.record.index)):
             if stop.requested():
                 break
-            found = approached(bench, with_room(bench, other, stop) if bench.options.seeks_room else other)
+            roomy = with_room(bench, other, stop) if bench.options.seeks_room else other
+            found = approached(bench, at_local_optimum(bench, roomy, stop))
             if found.solved and not found.record.obstruction:
                 return (found, *blocked)
             blocked.append(found)

@@ -79,7 +79,11 @@ class QuadraticStep:
 
 
 def shortest_step(
-    rows: Linearised, cost: FloatArray | None = None, damping: float = 1.0, slack: Slack = NO_SLACK
+    rows: Linearised,
+    cost: FloatArray | None = None,
+    damping: float = 1.0,
+    slack: Slack = NO_SLACK,
+    curvature: FloatArray | None = None,
 ) -> QuadraticStep | None:
     """Return the d of least ``cost d + damping |d|^2 / 2`` and price of slack; None where the rows contradict.
 
@@ -94,12 +98,15 @@ def shortest_step(
     damping : float
     slack : Slack
         How far rows may be broken: by default not at all.
+    curvature : (n, n) array, optional
+        Positive semidefinite: ``d curvature d / 2`` is added to what is least.
     """
     g, J = rows.values, rows.jacobian
+    square = damping * np.eye(J.shape[1]) + (0.0 if curvature is None else curvature)
     reach = SHORT * np.abs(J) @ np.maximum(-rows.least, rows.most)
     seen = (rows.lower == rows.upper) | (g - reach < rows.lower) | (g + reach > rows.upper)
     while True:
-        found = _solved(rows, seen, np.zeros(J.shape[1]) if cost is None else cost, damping, slack)
+        found = _solved(rows, seen, np.zeros(J.shape[1]) if cost is None else cost, square, slack)
         if found is None:
             return None
         there = g + J @ found.d
@@ -110,7 +117,7 @@ def shortest_step(
 
 
 def _solved(
-    rows: Linearised, seen: NDArray[np.bool_], cost: FloatArray, damping: float, slack: Slack
+    rows: Linearised, seen: NDArray[np.bool_], cost: FloatArray, square: FloatArray, slack: Slack
 ) -> QuadraticStep | None:
     """Return the step of the program with some of the rows; None where these contradict."""
     g, J = rows.values, rows.jacobian
@@ -133,7 +140,7 @@ def _solved(
     linear, quadratic = slack.prices(m)
     right = np.concatenate(b)
     cones = [clarabel.ZeroConeT(len(used[0])), clarabel.NonnegativeConeT(len(right) - len(used[0]))]
-    P = sparse.diags(np.concatenate([np.full(n, damping), quadratic]), format="csc")
+    P = sparse.block_diag([np.triu(square), sparse.diags(quadratic)], format="csc")
     q = np.concatenate([cost, linear])
     found = clarabel.DefaultSolver(P, q, sparse.csc_matrix(A), right, cones, quiet_settings(slack.tolerance)).solve()
     if "Solved" not in str(found.status):

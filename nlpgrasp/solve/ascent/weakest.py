@@ -12,7 +12,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.certificate.begun import Begun
 from nlpgrasp.quality.certificate.closure import separating_direction
 from nlpgrasp.quality.certificate.containment import Containment, conditioned
-from nlpgrasp.quality.certificate.minimise import descend, iterate, random_directions, separated
+from nlpgrasp.quality.certificate.minimise import descend, iterate, newton, random_directions, separated
 from nlpgrasp.quality.certificate.sandwich import Sandwich, narrowed
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.workbench.placed import Placed
@@ -22,6 +22,9 @@ from nlpgrasp.tasks import Task
 SLACK = 1.25  # keep local minima up to this factor above the least
 KEEP = 64
 SEPARATION = 0.97
+DIFFERENT = 1.0 - 1e-5  # cosine below which two minimisers are two
+NEWTON_STEPS, FOLLOWING_STEPS = 12, 6
+FRESH = 24  # random directions beside known ones
 HULL_GAP, HULL_CELLS = 2e-3, 600
 MISSED, LOOK = 0.01, 0.03  # relative: what descents may lack of the least ratio; width of the certificate that tells
 BEGUN, FOLLOWED = 10, 40  # steps along gradients, and directions that inverse iteration goes on from: the weakest
@@ -113,6 +116,35 @@ def weakest_directions(
     else:
         found, values = _from_hull(problem, descents.gap)
     return _weakest(problem, task, found, values)
+
+
+def minimisers_near(bench: Workbench, placed: Placed, rng: np.random.Generator, known: FloatArray) -> Weakest:
+    """Return the weakest directions of a placed state as local minimisers to rounding, however near each other.
+
+    They are looked for from known directions, such as those of a state nearby, and from a few random ones.
+    """
+    problem, _ = conditioned(bench.wrench_set(placed), bench.problem.task)
+    if problem is None:
+        return Weakest(0.0, known[:0])
+    start = np.concatenate([_in_coordinates(problem, known), random_directions(FRESH, problem.rank, rng)])
+    squared = isinstance(bench.budget(placed), L2Budget)
+    found, values = iterate(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
+    order = np.argsort(values)
+    chosen = separated(found, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
+    found, values = newton(problem, found[chosen], NEWTON_STEPS)
+    order = np.argsort(values)
+    chosen = separated(found, order, DIFFERENT, KEEP)
+    return Weakest(float(values[chosen[0]]), _unit_reach(bench.problem.task, found[chosen] @ problem.matrix))
+
+
+def followed(wrenches: WrenchSet, task: Task, minimisers: FloatArray) -> FloatArray:
+    """Return local minimisers (m, d) of a grasp that are those of a grasp next to it, moved along with it."""
+    problem, _ = conditioned(wrenches, task)
+    if problem is None or not len(minimisers):
+        return minimisers
+    found = newton(problem, _in_coordinates(problem, minimisers), FOLLOWING_STEPS)[0] @ problem.matrix
+    reach = task.support(found)[0]
+    return np.where(reach[:, None] > 0.0, found / np.where(reach > 0.0, reach, 1.0)[:, None], minimisers)
 
 
 def disproved(bench: Workbench, placed: Placed, value: float) -> Weakest | None:

@@ -9,8 +9,10 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.joint_room import JointRoom
+from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.link_depth import LinkDepth
 from nlpgrasp.solution.records import ConstraintReport, Origin, StartRecord, Status
+from nlpgrasp.solve.ascent.local_optimum import LocalOptimum
 from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.reports import constraint_reports
@@ -54,6 +56,10 @@ class StartGrasp(StartResult):
         Where the solve goes by it.
     ascended : Placed
         Where the exchange ended, before the contacts went onto a mesh itself.
+    optimum : LocalOptimum or None
+        Of the answer, where it is at one.
+    kkt : KKT or None
+        Residuals of the answer.
     room : JointRoom or None
         How far the hand's joints are from their limits, where that was looked at.
     depth : LinkDepth or None
@@ -69,6 +75,8 @@ class StartGrasp(StartResult):
     spent: Effort
     robust: Robustness | None
     ascended: Placed
+    optimum: LocalOptimum | None = None
+    kkt: KKT | None = None
     room: JointRoom | None = None
     depth: LinkDepth | None = None
     tip_gaps: tuple[float | None, ...] = ()

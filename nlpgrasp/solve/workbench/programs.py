@@ -40,6 +40,19 @@ POSED: Ipopt = {
     "acceptable_compl_inf_tol": 1e2,
 }
 
+CLOSING: Ipopt = {  # of the last solve, from near a local optimum: exact rows and bounds, multipliers to begin with
+    "tol": 1e-7,
+    "mu_init": 1e-9,
+    "max_iter": 60,
+    "bound_relax_factor": 0.0,
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-9,
+    "warm_start_bound_frac": 1e-9,
+    "warm_start_slack_bound_push": 1e-9,
+    "warm_start_slack_bound_frac": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
+}
+
 
 def follows_contacts(problem: GraspProblem) -> bool:
     """Return whether there is no hand, or one whose variables follow from the contacts."""
@@ -103,10 +116,16 @@ class ExchangeProgram:
         program = optimal_grasp_program(self._problem, SUPPORT, slots, eliminated=True, pieces=self.linearises)
         return _compiled(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
+    @cached_property
+    def closing(self) -> CompiledProgram:
+        """The same program, to be solved from near a local optimum to small residuals."""
+        return self.compiled.with_options(CLOSING | dict(self._options.ipopt))
+
     def within(self, name: str, bounds: FloatArray) -> ExchangeProgram:
         """Return the same, no part of it compiled anew, with other bounds (2, m) of one of the hand's variables."""
         result = copy(self)
         result.compiled = self.compiled.within(name, bounds[0], bounds[1])
+        result.__dict__.pop("closing", None)
         return result
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:

@@ -20,6 +20,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.after.choice import chosen
+from nlpgrasp.solve.after.final_step import at_local_optimum
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.after.way_in import with_free_way
 from nlpgrasp.solve.ascent.steps.registry import model_of
@@ -145,6 +146,12 @@ class Runner:
         if best is None or not self.options.seeks_room or self.problem.hand is None or stop.requested():
             return best
         return next(iter(self.begin(partial(with_room, stop=stop), [best])()), best)
+
+    def at_local_optimum(self, best: StartGrasp | None, stop: Stop) -> StartGrasp | None:
+        """Return the answer at the local optimum of the program next to it, or as it is, with its KKT residuals."""
+        if best is None or stop.requested():
+            return best
+        return next(iter(self.begin(partial(at_local_optimum, stop=stop), [best])()), best)
 
     def reachable(self, best: StartGrasp | None, results: list[StartResult], stop: Stop) -> StartGrasp | None:
         """Return the answer with its hand's way in: the best start, or the next one whose way is free.

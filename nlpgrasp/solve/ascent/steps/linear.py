@@ -12,18 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.nlp import SUPPORT
 from nlpgrasp.solve.ascent.ascend import Step
 from nlpgrasp.solve.ascent.cuts import piece_parameters
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
-from nlpgrasp.solve.ascent.quadratic import Linearised, shortest_step, step_bounds
+from nlpgrasp.solve.ascent.quadratic import Linearised, QuadraticStep, shortest_step, step_bounds
 from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.ascent.steps.torque_cuts import torque_cuts
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.variables import placed_of, variables_of
+from nlpgrasp.solve.workbench.variables import hand_of, placed_of, points_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 DAMPING = 1e-3  # weight of the step's square: joints that do not matter stay where they are
+CURVED_DAMPING = 1e-6  # the same beside the Lagrangian's own curvature
 OTHERS = {"normal": 4.0, "hand": 3.0}  # how far other variables may go, over the positions' radius
 CORRECTIONS = NewtonRules(steps=3, enough=1e-7)
 BETA_STEP = 10.0  # solver units: as good as unbounded
@@ -42,11 +44,26 @@ class LinearModel:
 
     def step(self, state: AscentState, cuts: FloatArray, radius: float) -> Step | None:
         """Return the step that the linearisation promises most of, or None where its rows contradict each other."""
-        return _Linearisation(self.bench, state.placed, cuts).step(radius)
+        return Linearisation(self.bench, state.placed, cuts).step(radius)
 
 
-class _Linearisation:
-    """The program linearised where contacts and hand are."""
+class Linearisation:
+    """The program linearised where contacts and hand are.
+
+    Parameters
+    ----------
+    bench : Workbench
+    placed : Placed
+    cuts : (m, d) array
+        Directions with ``phi_A = 1``.
+
+    Attributes
+    ----------
+    z : (n,) array
+        The program's variables, beta the least support along the cuts.
+    theta : (q,) array
+        Its parameters.
+    """
 
     def __init__(self, bench: Workbench, placed: Placed, cuts: FloatArray) -> None:
         self.bench, self.faces, self.count = bench, placed.faces, len(cuts)
@@ -67,35 +84,80 @@ class _Linearisation:
             self.reach[block.range] = OTHERS.get(block.kind, 1.0)
         self.reach[self.beta] = np.inf
 
-    def step(self, radius: float) -> Step | None:
-        """Return the step inside a trust region, back on the constraints."""
-        program = self.compiled.program
+    @property
+    def cost(self) -> FloatArray:
+        """Gradient of the objective, minus beta, (n,)."""
         cost = np.zeros(len(self.z))
         cost[self.beta] = -1.0
-        size = np.where(np.isfinite(self.reach), radius * self.reach, BETA_STEP)
-        first = shortest_step(self._with_cuts(self._rows(self.z, size, slice(0, None))), cost, DAMPING)
+        return cost
+
+    def rows(self) -> Linearised:
+        """Return all rows here, those of cuts that the program does not hold last; the step is unbounded."""
+        return self._with_cuts(self._rows(self.z, np.full(len(self.z), np.inf), slice(0, None)))
+
+    def jacobian_at(self, z: FloatArray, cuts: FloatArray) -> FloatArray:
+        """Return the Jacobian of all rows at variables nearby, with other cuts in place of these, (rows, n)."""
+        if self.cuts is not None:
+            slopes = torque_cuts(self.bench, self.placed_at(z), z, cuts)[1]
+            slopes[:, self.beta] = -1.0
+            return np.concatenate([self.compiled.linearise(z, self.theta)[1], slopes])
+        theta = self.theta.copy()
+        start = self.compiled.program.block("directions").start
+        theta[start : start + cuts.size] = cuts.ravel()
+        return self.compiled.linearise(z, theta)[1]
+
+    def placed_at(self, z: FloatArray) -> Placed:
+        """Return contacts and hand at variables that satisfy the linearised rows, not put onto the faces."""
+        program = self.compiled.program
+        return Placed(self.faces, points_of(self.bench, program, z), hand_of(program, z))
+
+    def grasp_at(self, z: FloatArray) -> Grasp:
+        """Return the grasp at variables, with the normals that are among them."""
+        normals = np.stack([z[block.range] for block in self.compiled.program.blocks("normal")])
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        return self.bench.grasp_at(points_of(self.bench, self.compiled.program, z), normals / lengths)
+
+    def quadratic_step(self, radius: float, curvature: FloatArray | None = None) -> QuadraticStep | None:
+        """Return the step of the quadratic program inside a trust region, None where its rows contradict each other.
+
+        Parameters
+        ----------
+        radius : float
+            How far positions may go, over the body's size.
+        curvature : (n, n) array, optional
+            Of the Lagrangian, no part of it negative.
+        """
+        rows = self._with_cuts(self._rows(self.z, self._size(radius), slice(0, None)))
+        return shortest_step(rows, self.cost, DAMPING if curvature is None else CURVED_DAMPING, curvature=curvature)
+
+    def step(self, radius: float, curvature: FloatArray | None = None) -> Step | None:
+        """Return the step inside a trust region, back on the constraints; the arguments are ``quadratic_step``'s."""
+        program, size = self.compiled.program, self._size(radius)
+        first = self.quadratic_step(radius, curvature)
         if first is None:
             return None
         others = slice(program.contained, None)
         corrected = restore(lambda z: self._rows(z, size, others), self.z + first.d, CORRECTIONS)
         if corrected.contradicted:
             return None
-        promised = float(first.d[self.beta]) / self.bench.scaling.beta
-        placed = placed_of(self.bench, program, self.faces, corrected.last)
         return Step(
-            placed,
-            promised,
+            placed_of(self.bench, program, self.faces, corrected.last),
+            float(first.d[self.beta]) / self.bench.scaling.beta,
             first.multipliers[program.placement],
             Effort(),
-            self._support(first.multipliers),
+            self.support(first.multipliers),
             np.where(self._at_own(first.d, size), first.bound_multipliers, 0.0),
         )
 
-    def _support(self, multipliers: FloatArray) -> FloatArray:
-        """Return the multipliers of the cuts, (m,)."""
+    def support(self, multipliers: FloatArray) -> FloatArray:
+        """Return the multipliers of the cuts, (m,), at least zero, from those of all rows."""
         if self.cuts is not None:
             return -multipliers[self.compiled.program.limits[0].size :]
         return -multipliers[self.compiled.program.rows_of(SUPPORT)][: self.count]
+
+    def _size(self, radius: float) -> FloatArray:
+        """Return how far each variable may go, (n,)."""
+        return np.where(np.isfinite(self.reach), radius * self.reach, BETA_STEP)
 
     def _at_own(self, d: FloatArray, size: FloatArray) -> NDArray[np.bool_]:
         """Return which variables go towards a bound of their own that is as near as the trust region's, (n,)."""

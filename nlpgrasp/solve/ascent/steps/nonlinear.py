@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT
 from nlpgrasp.solve.ascent.ascend import Step
@@ -30,12 +28,7 @@ class NonlinearModel:
         program = compiled.program
         z = variables_of(bench, program, state.placed)
         z[program.block("beta").range] = state.value * bench.scaling.beta
-        lower, upper = (b.copy() for b in program.bounds)
-        for i in range(len(faces)):
-            block = program.block("position", i).range
-            lower[block] = np.maximum(lower[block], z[block] - radius)
-            upper[block] = np.minimum(upper[block], z[block] + radius)
-        result = compiled.solve(z, slot_parameters(bench, faces, cuts), (lower, upper))
+        result = compiled.solve(z, slot_parameters(bench, faces, cuts), program.near(z, radius))
         return Step(
             placed_of(bench, program, faces, result.z),
             result.objective / bench.scaling.beta - state.value,

@@ -1,0 +1,158 @@
+"""The last step of a solve: from the answer to the local optimum of the paper's program that is next to it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies.mesh.facets import Facets
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.quality import mu
+from nlpgrasp.solution.joint_room import JointRoom
+from nlpgrasp.solve.after.robust import robustness
+from nlpgrasp.solve.ascent.local_optimum import LocalOptimum, local_optimum, residuals_at
+from nlpgrasp.solve.ascent.state import AscentState
+from nlpgrasp.solve.posture.margins import Margins
+from nlpgrasp.solve.start.result import StartGrasp
+from nlpgrasp.solve.surface.match import match_on_mesh
+from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.one_thread import one_thread
+
+LOSS = 2e-3  # relative: what mu may be less at the optimum, whose constraints are kept exactly
+STEP = "then IPOPT on the program"  # message of a start
+
+
+def at_local_optimum(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
+    """Return the answer at the local optimum next to it, or as it is; with its KKT residuals, and the reason if large.
+
+    On a mesh each contact stays on its triangle, and joints that have room to their limits keep it.
+
+    Parameters
+    ----------
+    bench : Workbench
+    best : StartGrasp
+        The answer of the starts.
+    stop : Stop
+    """
+    if not best.solved or stop.requested():
+        return best
+    with one_thread():
+        try:
+            return _moved(bench, best, stop)
+        except (RuntimeError, ArithmeticError, ValueError):
+            return best
+
+
+def on_triangles(bench: Workbench, placed: Placed) -> tuple[Workbench, Placed]:
+    """Return the workbench whose faces are the triangles of a mesh that contacts are on, and the contacts there.
+
+    Of another body both are as they are. Contacts may say by their faces which triangles theirs are.
+    """
+    problem, body = bench.problem, bench.problem.body
+    if not isinstance(body, Mesh):
+        return bench, placed
+    known = placed.faces[0] not in body.face_names
+    triangles = Facets.triangles_of(placed.faces) if known else body.triangles_at(placed.points)
+    facets = Facets(body, triangles, placed.points, problem.margin)
+    models = tuple(replace(model, faces=(name,)) for model, name in zip(problem.models, facets.names, strict=True))
+    own = problem.unchecked(body=facets, contacts=models)
+    return Workbench(own, bench.options), replace(placed, faces=facets.names)
+
+
+def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
+    own, begin = on_triangles(_with_room(bench, best), best.found.placed)
+    reason = _why_not(bench)
+    found = None if reason else local_optimum(own, begin, stop)
+    if found is not None:
+        end = _end(bench, best, own, found)
+        reason = _why_worse(bench, best, end)
+        if not reason:
+            return end
+    return replace(best, kkt=replace(residuals_at(own, begin), reason=reason))
+
+
+def _why_not(bench: Workbench) -> str:
+    """Return in words why there is no last step, empty where there is one."""
+    if bench.options.maximise_robust:
+        return "the contacts are where the worst placement is best, not where mu is"
+    if not bench.options.exchange:
+        return "the search was asked not to refine contacts (exchange=False)"
+    if bench.problem.budget.follows_hand:
+        return "the program along directions does not hold the torques of a hand's joints"
+    return ""
+
+
+def _why_worse(bench: Workbench, best: StartGrasp, end: StartGrasp) -> str:
+    """Return in words why the end of the last step is not the answer, empty where it is."""
+    if end.record.obstruction:
+        return f"at the local optimum next to this grasp {end.record.obstruction}"
+    if not end.solved:
+        return "the local optimum next to this grasp, of the smooth surface's constraints, breaks those of the mesh"
+    if end.record.mu.upper < (1.0 - LOSS) * best.record.mu.upper:
+        return f"the local optimum next to this grasp has less mu, {end.record.mu.upper:.3g}"
+    return "the local optimum next to this grasp is fragile" if _is_fragile(end) and not _is_fragile(best) else ""
+
+
+def _is_fragile(start: StartGrasp) -> bool:
+    """Return whether a start is known to be fragile."""
+    return start.robust is not None and start.robust.is_fragile(start.record.mu)
+
+
+def _with_room(bench: Workbench, best: StartGrasp) -> Workbench:
+    """Return the workbench whose limits are narrower by the margins of those joints that have them."""
+    hand, margin = bench.problem.hand, bench.options.joint_margin
+    if best.room is None or not isinstance(hand, URDFHand) or margin == 0.0:
+        return bench
+    margins = Margins.of(hand, margin)
+    return bench.with_joints(margins.narrowed(~margins.lacking(best.found.placed.hand["joints"])))
+
+
+def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum) -> StartGrasp:
+    """Return the optimum as the end of the start that is the answer: put on the body, certified, measured."""
+    problem, before = bench.problem, best.record
+    placed = Placed(best.found.placed.faces, found.placed.points, found.placed.hand)
+    grasp, match = bench.grasp_at(placed.points, own.inward_normals(found.placed)), None
+    if isinstance(problem.body, Mesh):
+        smooth = bench.inward_normals(placed)
+        match = match_on_mesh(problem.body, best.ascended.points, grasp, smooth, bench.follows_contacts)
+    on_body = OnBody.of(bench, placed, grasp, match)
+    rtol = bench.options.final_rtol if on_body.allowed else bench.options.rtol
+    bounds = mu(grasp, problem.task, rtol, force_budget=bench.budget(placed))
+    rows = np.array([row.scale for row in bench.rows.named])
+    state = AscentState(placed, multipliers=found.prices * bench.scaling.beta * rows, effort=found.effort)
+    end = StartGrasp.of(bench, before.index, on_body, bounds, state, before.message, origin=before.origin)
+    record = replace(
+        end.record,
+        iterations=before.iterations + found.effort.iterations,
+        seconds=before.seconds,
+        message=", ".join(part for part in (before.message, STEP) if part),
+        history=before.history,
+    )
+    robust = None
+    if best.robust is not None and end.solved:
+        robust = robustness(bench, placed, grasp)
+    return replace(
+        end,
+        record=record,
+        spent=best.spent + found.effort,
+        ascended=best.ascended,
+        robust=robust,
+        room=_room(bench, best, end),
+        optimum=found,
+        kkt=found.kkt,
+    )
+
+
+def _room(bench: Workbench, best: StartGrasp, end: StartGrasp) -> JointRoom | None:
+    """Return the room that the joints have at the end."""
+    hand, room = bench.problem.hand, best.room
+    if room is None or not isinstance(hand, URDFHand):
+        return room
+    margins = Margins.of(hand, bench.options.joint_margin)
+    left = margins.left(end.found.placed.hand["joints"]).tolist()
+    return replace(room, left=dict(zip(margins.names, left, strict=True)), mu=end.record.mu)

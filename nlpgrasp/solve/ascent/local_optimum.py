@@ -1,0 +1,239 @@
+"""A local optimum of the program (3.5-4) near a grasp, with multipliers and KKT residuals: the end of a search.
+
+Newton steps with the reduced Hessian lead to where no step helps; there IPOPT solves the program along the directions
+that are weakest, with their multipliers to begin with, and residuals are computed from its answer without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult
+from nlpgrasp.solution.kkt import KKT, kkt_residuals
+from nlpgrasp.solve.ascent.cuts import most_relevant, piece_parameters, with_new
+from nlpgrasp.solve.ascent.reduced_hessian import ACTIVE, reduced_hessian
+from nlpgrasp.solve.ascent.state import Effort
+from nlpgrasp.solve.ascent.steps.linear import Linearisation
+from nlpgrasp.solve.ascent.weakest import QUICK, minimisers_near, weakest_at
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.variables import placed_of, variables_of
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+
+NEWTON_ROUNDS, PROGRAM_ROUNDS = 14, 8
+RADIUS, MOST_RADIUS = 0.03, 0.1  # of the trust region, over the body's size
+LONGER, SHORTER = 1.5, 0.4
+SETTLED = 1e-7  # solver units: the Lagrangian's slope at which the Newton steps end
+NO_LOSS = 1e-9  # relative
+NEAR, LEAST_NEAR = 10.0, 1e-5  # trust region of the program over the last step; at least, solver units
+WIDE = 0.01  # solver units: the same where minimisers merge and Newton steps do not settle: room for cuts to close in
+CLOSE = 1e-3  # relative: beta of the program may be above the least ratio in all directions by so much
+
+
+@dataclass(frozen=True)
+class LocalOptimum:
+    """A local optimum of the exchange's program.
+
+    Parameters
+    ----------
+    placed : Placed
+    value : float
+        The least support ratio.
+    cuts, weights : (m, d) and (m,) arrays
+        Directions with ``phi_A = 1`` and their weights, which add up to one.
+    prices : (rows,) array
+        ``d mu / d limit`` of the rows of constraints and hand, in the rows' own units.
+    bounds : dict
+        ``d mu / d bound`` of the hand's variables by name: positive where the upper bound binds, negative the lower.
+    kkt : KKT
+        Residuals of the program along the cuts.
+    effort : Effort
+        Of IPOPT.
+    """
+
+    placed: Placed
+    value: float
+    cuts: FloatArray
+    weights: FloatArray
+    prices: FloatArray
+    bounds: dict[str, FloatArray]
+    kkt: KKT
+    effort: Effort
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Contacts and hand with the directions that are weakest there.
+
+    Parameters
+    ----------
+    placed : Placed
+    value : float
+        The least support ratio.
+    minimisers : (m, d) array
+        Local minimisers of the ratio.
+    others : (m', d) array
+        Directions in which places nearby are weaker.
+    """
+
+    placed: Placed
+    value: float
+    minimisers: FloatArray
+    others: FloatArray
+
+    @property
+    def cuts(self) -> FloatArray:
+        """All directions, (m + m', d)."""
+        return np.concatenate([self.minimisers, self.others])
+
+
+def local_optimum(bench: Workbench, placed: Placed, stop: Stop) -> LocalOptimum | None:
+    """Return the local optimum that a placed state is next to; its residuals are not small where it did not settle.
+
+    None where the state exerts nothing, and under the torque limits of a hand, which the program does not hold.
+    """
+    rng = np.random.default_rng(0)
+    if bench.problem.budget.follows_hand:
+        return None
+    point = _point_at(bench, placed, rng, weakest_at(bench, placed, rng).directions)
+    if point.value <= 0.0:
+        return None
+    last = LEAST_NEAR
+    if bench.exchange.linearises:
+        point, last = _by_newton(bench, point, rng, stop)
+    return _by_program(bench, point, max(LEAST_NEAR, NEAR * last), rng, stop)
+
+
+def _point_at(bench: Workbench, placed: Placed, rng: np.random.Generator, known: FloatArray) -> _Point:
+    found = minimisers_near(bench, placed, rng, known)
+    return _Point(placed, found.value, found.directions, found.directions[:0])
+
+
+def _by_newton(bench: Workbench, here: _Point, rng: np.random.Generator, stop: Stop) -> tuple[_Point, float]:
+    """Return where Newton steps lead, and how long the last one was, solver units."""
+    radius, length, curvature = RADIUS, RADIUS, None
+    for _ in range(NEWTON_ROUNDS):
+        if stop.requested():
+            break
+        cuts = most_relevant(bench, here.placed, here.cuts)
+        linear = Linearisation(bench, here.placed, cuts)
+        first = linear.quadratic_step(radius, curvature)
+        if first is None or (curvature is not None and float(np.max(np.abs(curvature @ first.d))) < SETTLED):
+            break
+        known = np.arange(len(cuts)) < len(here.minimisers)
+        curvature = reduced_hessian(bench, here.placed, cuts, known, first.multipliers)
+        step = linear.step(radius, curvature)
+        if step is None or bench.violation(step.placed) > FEASIBLE:
+            radius *= SHORTER
+            continue
+        moved = variables_of(bench, linear.compiled.program, step.placed) - linear.z
+        moved[linear.beta] = 0.0
+        length = float(np.max(np.abs(moved)))
+        there = _point_at(bench, step.placed, rng, here.minimisers)
+        if there.value >= here.value * (1.0 - NO_LOSS):
+            binding = cuts[np.flatnonzero(step.support > ACTIVE)] if len(here.others) else here.others
+            here, radius = replace(there, others=binding), min(LONGER * radius, MOST_RADIUS)
+        else:
+            again = _point_at(bench, here.placed, rng, np.concatenate([here.minimisers, there.minimisers]))
+            here = replace(again, others=np.concatenate([there.minimisers, here.others]))
+            radius = SHORTER * min(radius, length)
+    return here, length
+
+
+def _by_program(bench: Workbench, here: _Point, radius: float, rng: np.random.Generator, stop: Stop) -> LocalOptimum:
+    """Return what IPOPT makes of a point; where it does not settle, directions that are weak at its answer join in."""
+    cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
+    for _ in range(PROGRAM_ROUNDS):
+        cuts = most_relevant(bench, here.placed, cuts)
+        optimum, beta = _solved(bench, here, cuts, radius, rng)
+        found.append(optimum)
+        effort += optimum.effort
+        if stop.requested() or (optimum.kkt.is_small and beta - optimum.value <= CLOSE * here.value):
+            return replace(optimum, effort=effort)
+        cuts = with_new(bench, cuts, weakest_at(bench, optimum.placed, rng, cuts, QUICK).directions)
+        radius = WIDE
+    return replace(min(found, key=lambda optimum: optimum.kkt.largest), effort=effort)
+
+
+def _solved(
+    bench: Workbench, here: _Point, cuts: FloatArray, radius: float, rng: np.random.Generator
+) -> tuple[LocalOptimum, float]:
+    """Return where IPOPT ends inside a trust region around a point, and its beta in units of mu."""
+    compiled, faces = bench.exchange.closing, here.placed.faces
+    program, scale = compiled.program, bench.scaling.beta
+    z, theta = variables_of(bench, program, here.placed), piece_parameters(bench, here.placed, cuts)
+    z[program.block("beta").range] = scale * min(
+        here.value, float(np.min(bench.wrench_set(here.placed).support(cuts)[0]))
+    )
+    result = compiled.solve(z, theta, program.near(z, radius), _multipliers(bench, here, cuts, radius))
+    placed = placed_of(bench, program, faces, result.z)
+    weights = np.maximum(-result.multipliers[program.rows_of(SUPPORT)][: len(cuts)], 0.0)
+    rows = np.array([row.scale for row in bench.rows.named])
+    optimum = LocalOptimum(
+        placed,
+        weakest_at(bench, placed, rng, cuts, QUICK).value,
+        cuts,
+        weights / max(float(weights.sum()), 1e-300),
+        result.multipliers[program.placement] / (scale * rows),
+        {name: result.bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks},
+        _residuals(compiled, result, theta),
+        Effort.of(result),
+    )
+    return replace(optimum, kkt=_with_binding(optimum)), result.objective / scale
+
+
+def _with_binding(optimum: LocalOptimum) -> KKT:
+    """Return an optimum's residuals with the directions that bind, and their weights."""
+    binding = optimum.weights > ACTIVE
+    directions = tuple(tuple(map(float, direction)) for direction in optimum.cuts[binding])
+    return replace(optimum.kkt, directions=directions, weights=tuple(optimum.weights[binding].tolist()))
+
+
+def residuals_at(bench: Workbench, placed: Placed) -> KKT:
+    """Return the KKT residuals where contacts and hand are, with the multipliers of the linearised program there."""
+    cuts = weakest_at(bench, placed, np.random.default_rng(0)).directions
+    linear = Linearisation(bench, placed, most_relevant(bench, placed, cuts))
+    step = linear.quadratic_step(LEAST_NEAR) if len(cuts) and bench.exchange.linearises else None
+    rows = linear.rows()
+    nothing = np.zeros(len(rows.values)), np.zeros(len(linear.z))
+    multipliers = nothing if step is None else (step.multipliers, step.bound_multipliers)
+    constraints = rows.values, rows.lower, rows.upper
+    return _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.compiled.program.bounds, multipliers)
+
+
+def _multipliers(
+    bench: Workbench, here: _Point, cuts: FloatArray, radius: float
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the multipliers of rows and bounds that the linearised program has at a point, None without any."""
+    if not bench.exchange.linearises:
+        return None
+    step = Linearisation(bench, here.placed, cuts).quadratic_step(radius)
+    return None if step is None else (step.multipliers, step.bound_multipliers)
+
+
+def _residuals(compiled: CompiledProgram, result: NlpResult, theta: FloatArray) -> KKT:
+    """Return the KKT residuals of IPOPT's answer in the program without a trust region."""
+    program = compiled.program
+    values, jacobian = compiled.linearise(result.z, theta)
+    multipliers = result.multipliers, result.bound_multipliers
+    beta = program.block("beta").start
+    return _kkt(result.z, beta, jacobian, (values, *program.limits), program.bounds, multipliers)
+
+
+def _kkt(
+    z: FloatArray,
+    beta: int,
+    jacobian: FloatArray,
+    constraints: tuple[FloatArray, FloatArray, FloatArray],
+    bounds: tuple[FloatArray, FloatArray],
+    multipliers: tuple[FloatArray, FloatArray],
+) -> KKT:
+    """Return the KKT residuals of variables (n,), solver units, with beta's size as the unit of the objective."""
+    size = max(abs(float(z[beta])), 1e-300)
+    gradient = np.zeros(len(z))
+    gradient[beta] = 1.0 / size
+    of_rows, of_bounds = (each / size for each in multipliers)
+    return KKT(*kkt_residuals(gradient, jacobian, constraints, (z, *bounds), of_rows, of_bounds))
