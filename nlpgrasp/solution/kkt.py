@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema.types import KKTData
 
 SMALL = 1e-6  # scaled: residuals below are those of a local optimum
@@ -55,8 +56,14 @@ class KKT:
 
     @classmethod
     def from_dict(cls, data: KKTData) -> KKT:
-        """Return the residuals that ``to_dict`` wrote."""
-        return cls(
+        """Return the residuals that ``to_dict`` wrote.
+
+        Raises
+        ------
+        InputError
+            Where they do not go with what is said of them.
+        """
+        found = cls(
             float(data["stationarity"]),
             float(data["feasibility"]),
             float(data["complementarity"]),
@@ -64,6 +71,9 @@ class KKT:
             tuple(tuple(map(float, direction)) for direction in data.get("directions", [])),
             tuple(map(float, data.get("weights", []))),
         )
+        if found.is_small != data["locally_optimal"]:
+            raise InputError("kkt.locally_optimal", data["locally_optimal"], f"{found.is_small}, by its residuals")
+        return found
 
     @property
     def words(self) -> str:

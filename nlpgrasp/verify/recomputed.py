@@ -19,6 +19,7 @@ from nlpgrasp.verify.check import BROKEN, NO_BODY, Check, NotMadeError, guarded,
 from nlpgrasp.verify.claims.drawing import drawing_check
 from nlpgrasp.verify.claims.gripper import gripper_checks
 from nlpgrasp.verify.claims.links import link_checks
+from nlpgrasp.verify.claims.optimality import optimality_checks
 from nlpgrasp.verify.claims.phases import phase_checks
 from nlpgrasp.verify.claims.room import room_checks
 from nlpgrasp.verify.claims.squeeze import squeeze_checks
@@ -83,6 +84,7 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     checks += guarded("links inside something", lambda: link_checks(solution, hand, surface, placement))
     checks += guarded("phases", lambda: phase_checks(solution))
     checks += guarded("approach", lambda: way_checks(solution, hand, surface, placement))
+    checks += guarded("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
     checks += guarded("drawing", lambda: _drawing_checks(solution, surface))
     slack = partial(_slack, stated=stated, scales=_scales(solution, grasp, unseen * size), promise=promise)
     return [*checks, face_check(solution), *rows, *_stated_check(solution, stated, owners, slack)]

@@ -254,7 +254,7 @@ def test_a_flat_task_without_torque(capfd):
     options = ng.SolveOptions(shadow_prices=False, workers=1, global_bound=False)
     solution = ng.solve(problem, starts=2, options=options)
     assert solution.mu.upper == pytest.approx(1 / np.sqrt(3.0), rel=1e-4)  # the best there is
-    assert all(start.message == "Solve_Succeeded" and start.iterations > 0 for start in solution.starts)
+    assert all(start.message.startswith("Solve_Succeeded") and start.iterations > 0 for start in solution.starts)
     assert "overconstrained" not in capfd.readouterr().err
 
 

@@ -18,7 +18,7 @@ from nlpgrasp.solve.ascent.cuts import most_relevant, piece_parameters, with_new
 from nlpgrasp.solve.ascent.reduced_hessian import ACTIVE, reduced_hessian
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.ascent.steps.linear import Linearisation
-from nlpgrasp.solve.ascent.weakest import QUICK, minimisers_near, weakest_at
+from nlpgrasp.solve.ascent.weakest import minimisers_near, weakest_at
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
@@ -153,7 +153,7 @@ def _by_program(bench: Workbench, here: _Point, radius: float, rng: np.random.Ge
         effort += optimum.effort
         if stop.requested() or (optimum.kkt.is_small and beta - optimum.value <= CLOSE * here.value):
             return replace(optimum, effort=effort)
-        cuts = with_new(bench, cuts, weakest_at(bench, optimum.placed, rng, cuts, QUICK).directions)
+        cuts = with_new(bench, cuts, minimisers_near(bench, optimum.placed, rng, cuts).directions)
         radius = WIDE
     return replace(min(found, key=lambda optimum: optimum.kkt.largest), effort=effort)
 
@@ -174,7 +174,7 @@ def _solved(
     rows = np.array([row.scale for row in bench.rows.named])
     optimum = LocalOptimum(
         placed,
-        weakest_at(bench, placed, rng, cuts, QUICK).value,
+        minimisers_near(bench, placed, rng, cuts).value,
         cuts,
         weights / max(float(weights.sum()), 1e-300),
         result.multipliers[program.placement] / (scale * rows),
