@@ -25,12 +25,13 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-KEPT = 12  # candidates that exchanges go on from, of those from random tuples
-SETTLES = 2  # exchanges, each followed by a search for weak directions, before candidates are ranked
-SHAKES, SHAKEN = 3, 12  # rounds in which contacts of the best candidates are moved at random; candidates made a round
+KEPT = 8  # candidates that exchanges go on from, of those from random tuples
+SETTLES = 1  # exchanges, each followed by a search for weak directions, before candidates are ranked
+SHAKES, FIRST_SHAKES = 2, 3  # rounds in which contacts of the best candidates move at random: of a start, and at first
+SHAKEN = 8  # candidates made a round
 SWEEPS = 4  # most exchanges of each contact
-WEAK = 48  # directions that all samples are compared along: the weakest of the contacts that stay
-LIKELY = 48  # samples, of those that seem best, that are compared along all directions
+WEAK = 24  # directions that all samples are compared along: the weakest of the contacts that stay
+LIKELY = 16  # samples, of those that seem best, that are compared along all directions
 GAIN = 1e-3  # relative: the least gain of an exchange
 TIE = 0.05  # weight of the mean along weak directions beside the least support
 DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, and directions learned
@@ -41,8 +42,13 @@ APART = 0.05  # of the body's size: candidates whose contacts are nearer are the
 
 def propose(bench: Workbench, rng: np.random.Generator) -> list[Placed]:
     """Return the best few candidates of a coordinate exchange from random tuples of samples, best first."""
+    tables = bench.sample_tables
+    if not tables.learned:
+        first = CoordinateExchange(bench, np.random.default_rng(0))
+        first.search(FIRST_SHAKES)
+        tables.directions, tables.powers, tables.learned = first.directions, first.powers, True
     search = CoordinateExchange(bench, rng)
-    tuples = search.search()
+    tuples = search.search(SHAKES)
     if bench.rows.narrow:
         return _on_constraints(bench, search, tuples)
     return [search.placed(t) for t in search.distinct(tuples)]
@@ -64,18 +70,18 @@ class CoordinateExchange:
 
     def __init__(self, bench: Workbench, rng: np.random.Generator) -> None:
         self._bench, self._rng, self._tables = bench, rng, bench.sample_tables
-        self.directions, self._powers = self._tables.directions, list(self._tables.powers)
+        self.directions, self.powers = self._tables.directions, list(self._tables.powers)
         self._combine = np.add if self._tables.measure.exact else np.maximum
 
-    def search(self) -> IntArray:
+    def search(self, shakes: int) -> IntArray:
         """Return the best tuples found, (b, k), best first."""
-        best = self.best(self.settled(self.random(self._bench.options.candidates), 1), KEPT)
+        best = self.best(self.settled(self.random(self._bench.options.candidates // 4), 1), KEPT)
         best = self.best(self.settled(best, SETTLES), KEPT)
-        for _ in range(SHAKES):
-            self.certify(best[:CERTIFIED])
+        for _ in range(shakes):
             best = self.best(np.concatenate([best, self.settled(self.shaken(best), SETTLES)]), KEPT)
-        self.certify(best[:CERTIFIED])
-        return self.best(best, KEPT)
+            self.certify(best[:CERTIFIED])
+            best = self.best(best, KEPT)
+        return best
 
     def random(self, count: int) -> IntArray:
         """Return random tuples, (count, k)."""
@@ -99,7 +105,7 @@ class CoordinateExchange:
 
     def values(self, tuples: IntArray) -> FloatArray:
         """Return the least ``phi_G / phi_A`` of tuples (b, k) along the known directions, (b,); -1 less violations."""
-        least = np.min(self._combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
+        least = np.min(self._combine.reduce(self.of_tuples(tuples), axis=2), axis=0).astype(float)
         violation = self.violations(tuples)
         return np.where(violation <= FEASIBLE, least ** (1.0 / self._tables.measure.power), -1.0 - violation)
 
@@ -119,7 +125,7 @@ class CoordinateExchange:
     def exchanged(self, tuples: IntArray) -> IntArray:
         """Return tuples (b, k) after exchanges of one contact at a time to the best sample, side by side."""
         tuples, k = tuples.copy(), tuples.shape[1]
-        own, violation = self._powers_of(tuples), self.violations(tuples)
+        own, violation = self.of_tuples(tuples), self.violations(tuples)
         since = np.zeros(len(tuples), dtype=int)  # contacts tried since the last exchange
         for turn in range(SWEEPS * k):
             i, going = turn % k, np.flatnonzero(since < k)
@@ -138,12 +144,12 @@ class CoordinateExchange:
                 since[b] += 1
                 if merit[chosen] > merit[-1] + GAIN * abs(merit[-1]):
                     tuples[b, i], violation[b], since[b] = samples[chosen], excess[chosen], 1
-                    own[:, b, i] = self._powers[self._tables.of_contact[i]][:, samples[chosen]]
+                    own[:, b, i] = self.powers[self._tables.of_contact[i]][:, samples[chosen]]
         return tuples
 
     def learn_from(self, tuples: IntArray) -> None:
         """Add the directions in which tuples (b, k) are weakest, found by descents."""
-        ratios = self._combine.reduce(self._powers_of(tuples), axis=2)
+        ratios = self._combine.reduce(self.of_tuples(tuples), axis=2)
         count = min(DESCENTS, len(ratios) - 1)
         begun = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
         stack = GraspStack(*self._tables.places(tuples), self._bench.problem.models, self._bench.problem.origin)
@@ -168,9 +174,9 @@ class CoordinateExchange:
         known = reach > 1e-9 * np.linalg.norm(y * self._bench.scaling.length, axis=1)
         y = y[known] / reach[known, None]
         self.directions = np.concatenate([self.directions, y])
-        self._powers = [
+        self.powers = [
             np.concatenate([old, table.powers(y)])
-            for old, table in zip(self._powers, self._tables.distinct, strict=True)
+            for old, table in zip(self.powers, self._tables.distinct, strict=True)
         ]
 
     def placed(self, one: IntArray) -> Placed:
@@ -196,18 +202,18 @@ class CoordinateExchange:
         """Return what tuples have in common that differ in the order of contacts alike."""
         return tuple(sorted(zip(self._tables.of_contact, one.tolist(), strict=True)))
 
-    def _powers_of(self, tuples: IntArray) -> FloatArray:
+    def of_tuples(self, tuples: IntArray) -> FloatArray:
         """Return the supports' powers of the contacts of tuples (b, k) along all directions, (j, b, k)."""
         each = zip(self._tables.of_contact, tuples.T, strict=True)
-        return np.stack([self._powers[table][:, samples] for table, samples in each], axis=2)
+        return np.stack([self.powers[table][:, samples] for table, samples in each], axis=2)
 
     def _shortlist(self, own: FloatArray, i: int, current: int, violated: bool) -> tuple[IntArray, FloatArray]:
         """Return samples of contact i that look best beside the others of a tuple (j, k), its own last, and scores."""
-        powers = self._powers[self._tables.of_contact[i]]
+        powers = self.powers[self._tables.of_contact[i]]
         rest = self._combine.reduce(np.delete(own, i, axis=1), axis=1, initial=0.0)
         weak = np.argpartition(rest, WEAK)[:WEAK] if len(rest) > WEAK else np.arange(len(rest))
         supports = self._combine(rest[weak, None], powers[weak])
-        score = np.min(supports, axis=0) + TIE * np.mean(supports, axis=0)
+        score = np.min(supports, axis=0) + np.full(len(weak), TIE / len(weak), dtype=np.float32) @ supports
         likely = np.argpartition(score, -LIKELY)[-LIKELY:] if len(score) > LIKELY else np.arange(len(score))
         if violated:
             likely = np.concatenate([likely, self._rng.integers(len(score), size=LIKELY)])

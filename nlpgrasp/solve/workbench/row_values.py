@@ -44,9 +44,9 @@ class RowValues:
         if not self.named:
             return np.zeros((len(points), 0))
         b = len(points)
-        columns = [points.reshape(b, -1).T, normals.reshape(b, -1).T]
-        columns += [np.broadcast_to(v.reshape(b, -1).T, (v.reshape(b, -1).shape[1], b)) for v in hand.values()]
-        return np.asarray(self._row_function.map(b)(*columns).full()).T
+        padded = 1 << (b - 1).bit_length()  # CasADi keeps the maps of a function by their size
+        columns = [np.resize(v.reshape(b, -1), (padded, v.size // b)).T for v in (points, normals, *hand.values())]
+        return np.asarray(self._row_function.map(padded)(*columns).full()).T[:b]
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
         """Return each placement's largest violation relative to the rows' scales, (b,), and of face extents not."""

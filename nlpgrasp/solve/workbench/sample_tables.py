@@ -18,6 +18,7 @@ from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.solve.workbench.surface_samples import Cloud, SurfaceSamples
 
+SAMPLES = 2400  # of a contact, at most
 BAND = 0.05  # of a narrow row's scale: how far from it samples may be, which are moved onto it afterwards
 FEASIBLE = 1e-5  # violation of a row, relative to its scale, that counts as none
 SHAPED_BY = 256  # random grasps that tell how wrenches of grasps are spread
@@ -89,7 +90,7 @@ class SampleTables:
         self.of_contact = [order.index(i) for i in first]
         self.distinct = []
         for i in order:
-            samples = clouds[i].subset(kept[i]) if kept[i].any() else clouds[i]
+            samples = _subset(clouds[i], np.flatnonzero(kept[i]) if kept[i].any() else np.arange(len(kept[i])))
             maps = GraspStack(samples.points[:, None], samples.normals[:, None], [models[i]], origin).G
             self.distinct.append(SampleTable(models[i], self.measure, samples, np.asarray(maps)))
         single = np.sum(rows.dependence[:, :-1], axis=1) + rows.dependence[:, -1] * len(models) <= 1
@@ -98,6 +99,7 @@ class SampleTables:
         drawn = np.stack([rng.integers(len(self.samples(i).points), size=SHAPED_BY) for i in range(len(models))], axis=1)
         y = spread_directions(GraspStack(*self.places(drawn), models, origin), problem.task)
         self.directions = y / problem.task.support(y)[0][:, None]
+        self.learned = False
         self.powers = [table.powers(self.directions) for table in self.distinct]
 
     def samples(self, contact: int) -> Cloud:
@@ -109,6 +111,13 @@ class SampleTables:
         clouds = [self.samples(i) for i in range(tuples.shape[1])]
         points = np.stack([cloud.points[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
         return points, np.stack([cloud.normals[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
+
+
+def _subset(cloud: Cloud, kept: IntArray) -> Cloud:
+    """Return the points of a cloud with these numbers (m,), at most ``SAMPLES`` of them."""
+    if len(kept) > SAMPLES:
+        kept = np.random.default_rng(0).choice(kept, SAMPLES, replace=False)
+    return cloud.subset(kept)
 
 
 def _allowed(rows: RowValues, hand: HandPoints, clouds: list[Cloud], contact: int) -> NDArray[np.bool_]:

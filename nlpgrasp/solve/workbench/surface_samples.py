@@ -42,8 +42,8 @@ class Cloud:
     normals: FloatArray
     tree: cKDTree
 
-    def subset(self, kept: NDArray[np.bool_]) -> Cloud:
-        """Return the points where a mask (m,) is true."""
+    def subset(self, kept: NDArray[np.intp]) -> Cloud:
+        """Return the points with these numbers (m,)."""
         points = self.points[kept]
         return Cloud(self.faces[kept], points, self.normals[kept], cKDTree(points))
 
