@@ -11,8 +11,6 @@ which candidates turn out to be weakest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
@@ -20,6 +18,7 @@ from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.certificate.begun import Begun
 from nlpgrasp.quality.screening import weak_directions
 from nlpgrasp.solve.ascent.weakest import missed
+from nlpgrasp.solve.start.scores import scores
 from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray
@@ -37,21 +36,22 @@ TIE = 0.05  # weight of the mean along weak directions beside the least support
 DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, and directions learned
 CERTIFIED, LOOSE = 3, 0.2  # candidates a round whose certificate is begun, and its relative width
 PROPOSED = 4  # candidates of a start
-APART = 0.05  # of the body's size: candidates whose contacts are nearer are the same
+APART = 0.05  # of the body's size: candidates whose distances between contacts differ by less are of one kind
 
 
 def propose(bench: Workbench, rng: np.random.Generator) -> list[Placed]:
-    """Return the best few candidates of a coordinate exchange from random tuples of samples, best first."""
+    """Return the best few candidates of a coordinate exchange from random tuples of samples, best first.
+
+    The first call searches once more, with a seed of its own: the directions learned there serve all starts.
+    """
     tables = bench.sample_tables
-    if not tables.learned:
+    if not tables.informed:
         first = CoordinateExchange(bench, np.random.default_rng(0))
         first.search(FIRST_SHAKES)
-        tables.directions, tables.powers, tables.learned = first.directions, first.powers, True
+        tables.directions, tables.powers, tables.informed = first.directions, first.powers, True
     search = CoordinateExchange(bench, rng)
     tuples = search.search(SHAKES)
-    if bench.rows.narrow:
-        return _on_constraints(bench, search, tuples)
-    return [search.placed(t) for t in search.distinct(tuples)]
+    return _onto_narrow(bench, search, tuples) if bench.rows.narrow else search.distinct(tuples)
 
 
 class CoordinateExchange:
@@ -75,7 +75,7 @@ class CoordinateExchange:
 
     def search(self, shakes: int) -> IntArray:
         """Return the best tuples found, (b, k), best first."""
-        best = self.best(self.settled(self.random(self._bench.options.candidates // 4), 1), KEPT)
+        best = self.best(self.settled(self._tables.random(self._bench.options.candidates, self._rng), 1), KEPT)
         best = self.best(self.settled(best, SETTLES), KEPT)
         for _ in range(shakes):
             best = self.best(np.concatenate([best, self.settled(self.shaken(best), SETTLES)]), KEPT)
@@ -83,15 +83,10 @@ class CoordinateExchange:
             best = self.best(best, KEPT)
         return best
 
-    def random(self, count: int) -> IntArray:
-        """Return random tuples, (count, k)."""
-        sizes = [len(self._tables.samples(i).points) for i in range(len(self._tables.of_contact))]
-        return np.stack([self._rng.integers(size, size=count) for size in sizes], axis=1)
-
     def shaken(self, tuples: IntArray) -> IntArray:
         """Return tuples with one or two contacts at random samples, (SHAKEN, k); the best ones first and most often."""
         result = np.resize(tuples, (SHAKEN, tuples.shape[1]))
-        for number, (row, drawn) in enumerate(zip(result, self.random(SHAKEN), strict=True)):
+        for number, (row, drawn) in enumerate(zip(result, self._tables.random(SHAKEN, self._rng), strict=True)):
             moved = self._rng.permutation(len(row))[: 1 + number % 2]
             row[moved] = drawn[moved]
         return result
@@ -136,10 +131,10 @@ class CoordinateExchange:
             trials[:, i] = np.concatenate([samples for samples, _ in shortlists])
             broken = self.violations(trials)
             end = 0
-            for b, (samples, scores) in zip(going, shortlists, strict=True):
+            for b, (samples, score) in zip(going, shortlists, strict=True):
                 start, end = end, end + len(samples)
                 excess = broken[start:end]
-                merit = np.where(excess <= FEASIBLE, scores, -1.0 - excess)
+                merit = np.where(excess <= FEASIBLE, score, -1.0 - excess)
                 chosen = int(np.argmax(merit))
                 since[b] += 1
                 if merit[chosen] > merit[-1] + GAIN * abs(merit[-1]):
@@ -186,8 +181,11 @@ class CoordinateExchange:
         faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(one))
         return Placed(faces, points[0], {name: value[0] for name, value in hand.items()})
 
-    def distinct(self, tuples: IntArray) -> list[IntArray]:
-        """Return the first few tuples that are apart: whose distances between contacts and from the origin differ."""
+    def distinct(self, tuples: IntArray) -> list[Placed]:
+        """Return the first few tuples (b, k) of different kinds: no motion or reflection joins two.
+
+        They are compared by the distances between contacts, and from the torque origin.
+        """
         points = self._tables.places(tuples)[0] - self._bench.problem.origin
         across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(tuples), -1)
         shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
@@ -196,7 +194,7 @@ class CoordinateExchange:
             near = np.max(np.abs(shapes[chosen] - shape), axis=1, initial=0.0)
             if not np.any(near < APART * self._bench.scaling.length):
                 chosen.append(b)
-        return [tuples[b] for b in chosen[:PROPOSED]]
+        return [self.placed(tuples[b]) for b in chosen[:PROPOSED]]
 
     def _key(self, one: IntArray) -> tuple[tuple[int, int], ...]:
         """Return what tuples have in common that differ in the order of contacts alike."""
@@ -222,8 +220,11 @@ class CoordinateExchange:
         return likely, np.min(every, axis=0) + TIE * np.mean(every[weak], axis=0)
 
 
-def _on_constraints(bench: Workbench, search: CoordinateExchange, tuples: IntArray) -> list[Placed]:
-    """Return tuples (b, k) near narrow rows moved onto them, best first; where none gets there, as they are."""
-    moved = [touching(bench, search.placed(t)) for t in tuples]
+def _onto_narrow(bench: Workbench, search: CoordinateExchange, tuples: IntArray) -> list[Placed]:
+    """Return tuples (b, k) moved onto narrow rows, best first; where none gets there, the best as they are."""
+    moved = [touching(bench, search.placed(one)) for one in tuples]
     kept = [bench.snapped(placed) for placed, left in moved if left <= TOUCHING]
-    return kept or [search.placed(t) for t in tuples[:PROPOSED]]
+    if not kept:
+        return search.distinct(tuples)
+    points, normals = np.stack([p.points for p in kept]), np.stack([bench.inward_normals(p) for p in kept])
+    return [kept[b] for b in np.argsort(-scores(bench, points, normals), kind="stable")[:PROPOSED]]

@@ -1,7 +1,8 @@
-"""Tables of the support of single contacts: surface samples times directions of wrench space."""
+"""Tables of the support of single contacts: directions of wrench space times surface samples."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,11 +19,12 @@ from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.solve.workbench.surface_samples import Cloud, SurfaceSamples
 
-SAMPLES = 2400  # of a contact, at most
-BAND = 0.05  # of a narrow row's scale: how far from it samples may be, which are moved onto it afterwards
-FEASIBLE = 1e-5  # violation of a row, relative to its scale, that counts as none
-SHAPED_BY = 256  # random grasps that tell how wrenches of grasps are spread
 IntArray = NDArray[np.intp]
+
+SAMPLES = 2400  # of a contact, at most
+BAND = 0.05  # of a narrow row's scale: how far off samples may be, which are moved onto the constraint afterwards
+KEEPS = 1e-5  # violation of a row, relative to its scale, that counts as none
+SHAPED_BY = 256  # random grasps whose wrenches fill up the metric of a flat task
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class SampleTable:
     ----------
     model : ContactModel
     measure : Measure
-        Of the force budget.
+        Of the force budget: how supports of contacts combine, and its power p.
     samples : Cloud
     maps : (m, d, n) array
     """
@@ -44,14 +46,14 @@ class SampleTable:
     maps: FloatArray
 
     def powers(self, y: FloatArray) -> FloatArray:
-        """Return the contact's support to the measure's power at all samples along directions (j, d), (j, m)."""
+        """Return ``s(y)^p``, the support to the measure's power, at all samples along directions (j, d), (j, m)."""
         m, d, n = self.maps.shape
         work = (y @ self.maps.transpose(1, 0, 2).reshape(d, m * n)).reshape(len(y), m, n)
         return np.asarray(self.measure.powers(self.model, work), dtype=np.float32)
 
 
 class SampleTables:
-    """Sample tables of a problem's contacts along well-spread directions of its task.
+    """Sample tables of a problem's contacts, and their supports along directions.
 
     Parameters
     ----------
@@ -63,7 +65,7 @@ class SampleTables:
     Attributes
     ----------
     budget : ForceBudget
-        The problem's; the L2 budget where supports of its contacts do not combine to that of a grasp.
+        The problem's; the L2 budget where that depends on the hand, or the contacts' supports do not combine.
     measure : Measure
         Of that budget.
     distinct : list of SampleTable
@@ -71,11 +73,13 @@ class SampleTables:
     of_contact : list of k int
         The table of each contact.
     directions : (j, d) array
-        Each with ``phi_A = 1``.
+        Each with ``phi_A = 1``: well spread for the task, and those added.
     powers : list of (j, m) array
-        Of each table along these.
+        ``s^p`` of each table along these.
     coupled : bool
         Whether constraints are left that have to be checked on all contacts together.
+    informed : bool
+        Whether directions were added that a first search learned.
     """
 
     def __init__(self, problem: GraspProblem, surface: SurfaceSamples, rows: RowValues, hand: HandPoints) -> None:
@@ -83,28 +87,32 @@ class SampleTables:
         self.measure = Measure.of(self.budget)
         models, origin = problem.models, problem.origin
         clouds = [surface.cloud(i) for i in range(len(models))]
-        kept = [_allowed(rows, hand, clouds, i) for i in range(len(models))]
-        keys = [(model, surface.usable(i), kept[i].tobytes()) for i, model in enumerate(models)]
+        allowed = [_allowed(rows, hand, clouds, i) for i in range(len(models))]
+        keys = [(model, surface.usable(i), allowed[i].tobytes()) for i, model in enumerate(models)]
         first = [keys.index(key) for key in keys]
         order = sorted(set(first))
         self.of_contact = [order.index(i) for i in first]
-        self.distinct = []
+        self.distinct: list[SampleTable] = []
         for i in order:
-            samples = _subset(clouds[i], np.flatnonzero(kept[i]) if kept[i].any() else np.arange(len(kept[i])))
+            samples = _subset(clouds[i], allowed[i])
             maps = GraspStack(samples.points[:, None], samples.normals[:, None], [models[i]], origin).G
             self.distinct.append(SampleTable(models[i], self.measure, samples, np.asarray(maps)))
-        single = np.sum(rows.dependence[:, :-1], axis=1) + rows.dependence[:, -1] * len(models) <= 1
-        self.coupled = not (np.all(single) and all(mask.any() for mask in kept))
-        rng = np.random.default_rng(0)
-        drawn = np.stack([rng.integers(len(self.samples(i).points), size=SHAPED_BY) for i in range(len(models))], axis=1)
-        y = spread_directions(GraspStack(*self.places(drawn), models, origin), problem.task)
+        on_one_contact = ~rows.dependence[:, -1] & (np.sum(rows.dependence, axis=1) <= 1)
+        self.coupled = not (np.all(on_one_contact) and all(mask.any() for mask in allowed))
+        grasps = self.places(self.random(SHAPED_BY, np.random.default_rng(0)))
+        y = spread_directions(GraspStack(*grasps, models, origin), problem.task)
         self.directions = y / problem.task.support(y)[0][:, None]
-        self.learned = False
         self.powers = [table.powers(self.directions) for table in self.distinct]
+        self.informed = False
 
     def samples(self, contact: int) -> Cloud:
         """Return the samples of a contact."""
         return self.distinct[self.of_contact[contact]].samples
+
+    def random(self, count: int, rng: np.random.Generator) -> IntArray:
+        """Return random tuples of samples, one a contact, by number, (count, k)."""
+        sizes = [len(self.samples(i).points) for i in range(len(self.of_contact))]
+        return np.stack([rng.integers(size, size=count) for size in sizes], axis=1)
 
     def places(self, tuples: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return points and inward normals of tuples of samples (b, k), (b, k, space) each."""
@@ -113,14 +121,15 @@ class SampleTables:
         return points, np.stack([cloud.normals[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
 
 
-def _subset(cloud: Cloud, kept: IntArray) -> Cloud:
-    """Return the points of a cloud with these numbers (m,), at most ``SAMPLES`` of them."""
+def _subset(cloud: Cloud, allowed: NDArray[np.bool_]) -> Cloud:
+    """Return the points of a cloud that are allowed (m,), all where none is; at most ``SAMPLES`` of them."""
+    kept = np.flatnonzero(allowed if allowed.any() else ~allowed)
     if len(kept) > SAMPLES:
         kept = np.random.default_rng(0).choice(kept, SAMPLES, replace=False)
     return cloud.subset(kept)
 
 
-def _allowed(rows: RowValues, hand: HandPoints, clouds: list[Cloud], contact: int) -> NDArray[np.bool_]:
+def _allowed(rows: RowValues, hand: HandPoints, clouds: Sequence[Cloud], contact: int) -> NDArray[np.bool_]:
     """Return which samples of a contact keep the constraints on that contact alone, (m,)."""
     cloud, count = clouds[contact], len(clouds[contact].points)
     alone = rows.dependence[:, contact] & (np.sum(rows.dependence, axis=1) == 1)
@@ -131,4 +140,4 @@ def _allowed(rows: RowValues, hand: HandPoints, clouds: list[Cloud], contact: in
     )
     points[:, contact], normals[:, contact] = cloud.points, cloud.normals
     values = rows.values(points, normals, hand.start(points, normals))
-    return np.all(rows.each_excess(values, BAND)[:, alone] <= FEASIBLE, axis=1)
+    return np.asarray(np.all(rows.each_excess(values, BAND)[:, alone] <= KEEPS, axis=1))
