@@ -25,7 +25,6 @@ from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 KEPT = 8  # candidates that exchanges go on from, of those from random tuples
-SETTLES = 1  # exchanges, each followed by a search for weak directions, before candidates are ranked
 SHAKES, FIRST_SHAKES = 2, 3  # rounds in which contacts of the best candidates move at random: of a start, and at first
 SHAKEN = 8  # candidates made a round
 SWEEPS = 4  # most exchanges of each contact
@@ -34,7 +33,8 @@ LIKELY = 16  # samples, of those that seem best, that are compared along all dir
 GAIN = 1e-3  # relative: the least gain of an exchange
 TIE = 0.05  # weight of the mean along weak directions beside the least support
 DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, and directions learned
-CERTIFIED, LOOSE = 3, 0.2  # candidates a round whose certificate is begun, and its relative width
+CERTIFIED, LOOSE = 2, 0.2  # certificates a round at most, and their relative width
+SHOWN = 8  # directions learned of a certificate
 PROPOSED = 4  # candidates of a start
 APART = 0.05  # of the body's size: candidates whose distances between contacts differ by less are of one kind
 
@@ -71,16 +71,13 @@ class CoordinateExchange:
     def __init__(self, bench: Workbench, rng: np.random.Generator) -> None:
         self._bench, self._rng, self._tables = bench, rng, bench.sample_tables
         self.directions, self.powers = self._tables.directions, list(self._tables.powers)
-        self._combine = np.add if self._tables.measure.exact else np.maximum
 
     def search(self, shakes: int) -> IntArray:
         """Return the best tuples found, (b, k), best first."""
-        best = self.best(self.settled(self._tables.random(self._bench.options.candidates, self._rng), 1), KEPT)
-        best = self.best(self.settled(best, SETTLES), KEPT)
+        best = self.best(self.settled(self._tables.random(self._bench.options.candidates, self._rng)), KEPT)
+        best = self.certified(self.best(self.settled(best), KEPT))
         for _ in range(shakes):
-            best = self.best(np.concatenate([best, self.settled(self.shaken(best), SETTLES)]), KEPT)
-            self.certify(best[:CERTIFIED])
-            best = self.best(best, KEPT)
+            best = self.certified(self.best(np.concatenate([best, self.settled(self.shaken(best))]), KEPT))
         return best
 
     def shaken(self, tuples: IntArray) -> IntArray:
@@ -91,18 +88,17 @@ class CoordinateExchange:
             row[moved] = drawn[moved]
         return result
 
-    def settled(self, tuples: IntArray, times: int) -> IntArray:
-        """Return tuples that no exchange improves, also along their own weakest directions."""
-        for _ in range(times):
-            tuples = self.exchanged(tuples)
-            self.learn_from(self.best(tuples, KEPT))
+    def settled(self, tuples: IntArray) -> IntArray:
+        """Return tuples (b, k) after exchanges; the directions in which they are weakest then are learned."""
+        tuples = self.exchanged(tuples)
+        self.learn_from(self.best(tuples, KEPT))
         return tuples
 
     def values(self, tuples: IntArray) -> FloatArray:
         """Return the least ``phi_G / phi_A`` of tuples (b, k) along the known directions, (b,); -1 less violations."""
-        least = np.min(self._combine.reduce(self.of_tuples(tuples), axis=2), axis=0).astype(float)
+        least = np.min(self._tables.combine.reduce(self.of_tuples(tuples), axis=2), axis=0).astype(float)
         violation = self.violations(tuples)
-        return np.where(violation <= FEASIBLE, least ** (1.0 / self._tables.measure.power), -1.0 - violation)
+        return np.where(violation <= FEASIBLE, least ** (1.0 / self._tables.power), -1.0 - violation)
 
     def violations(self, tuples: IntArray) -> FloatArray:
         """Return the largest violation of tuples (b, k), relative to the rows' scales, (b,)."""
@@ -144,7 +140,7 @@ class CoordinateExchange:
 
     def learn_from(self, tuples: IntArray) -> None:
         """Add the directions in which tuples (b, k) are weakest, found by descents."""
-        ratios = self._combine.reduce(self.of_tuples(tuples), axis=2)
+        ratios = self._tables.combine.reduce(self.of_tuples(tuples), axis=2)
         count = min(DESCENTS, len(ratios) - 1)
         begun = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
         stack = GraspStack(*self._tables.places(tuples), self._bench.problem.models, self._bench.problem.origin)
@@ -152,16 +148,21 @@ class CoordinateExchange:
         weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
         self.learn(np.take_along_axis(found, weakest[:, :, None], axis=1).reshape(-1, found.shape[2]))
 
-    def certify(self, tuples: IntArray) -> None:
-        """Add directions that descents missed, where a loose certificate shows less than the known directions."""
-        for one, value in zip(tuples, self.values(tuples), strict=True):
-            if value <= 0.0:
-                continue
-            grasp = self._bench.grasp_at(*(part[0] for part in self._tables.places(one[None])))
-            begun = Begun.of(grasp, self._bench.problem.task, self._tables.budget, LOOSE)
-            weaker = None if begun is None else missed(begun, float(value))
-            if weaker is not None:
-                self.learn(weaker.directions[: 2 * LEARNED])
+    def certified(self, tuples: IntArray) -> IntArray:
+        """Return tuples (b, k), best first, by directions that loose certificates of the best show as well.
+
+        Descents miss narrow dips. A tuple that turns out to be weaker makes place for the next.
+        """
+        for _ in range(CERTIFIED):
+            value = float(self.values(tuples[:1])[0])
+            grasp = self._bench.grasp_at(*(part[0] for part in self._tables.places(tuples[:1])))
+            begun = Begun.of(grasp, self._bench.problem.task, self._tables.budget, LOOSE) if value > 0.0 else None
+            weaker = None if begun is None else missed(begun, value)
+            if weaker is None:
+                break
+            self.learn(weaker.directions[:SHOWN])
+            tuples = self.best(self.exchanged(tuples), KEPT)
+        return tuples
 
     def learn(self, y: FloatArray) -> None:
         """Add directions (j, d)."""
@@ -208,15 +209,15 @@ class CoordinateExchange:
     def _shortlist(self, own: FloatArray, i: int, current: int, violated: bool) -> tuple[IntArray, FloatArray]:
         """Return samples of contact i that look best beside the others of a tuple (j, k), its own last, and scores."""
         powers = self.powers[self._tables.of_contact[i]]
-        rest = self._combine.reduce(np.delete(own, i, axis=1), axis=1, initial=0.0)
+        rest = self._tables.combine.reduce(np.delete(own, i, axis=1), axis=1, initial=0.0)
         weak = np.argpartition(rest, WEAK)[:WEAK] if len(rest) > WEAK else np.arange(len(rest))
-        supports = self._combine(rest[weak, None], powers[weak])
+        supports = self._tables.combine(rest[weak, None], powers[weak])
         score = np.min(supports, axis=0) + np.full(len(weak), TIE / len(weak), dtype=np.float32) @ supports
         likely = np.argpartition(score, -LIKELY)[-LIKELY:] if len(score) > LIKELY else np.arange(len(score))
         if violated:
             likely = np.concatenate([likely, self._rng.integers(len(score), size=LIKELY)])
         likely = np.append(likely, current)
-        every = self._combine(rest[:, None], powers[:, likely])
+        every = self._tables.combine(rest[:, None], powers[:, likely])
         return likely, np.min(every, axis=0) + TIE * np.mean(every[weak], axis=0)
 
 

@@ -35,7 +35,7 @@ class SampleTable:
     ----------
     model : ContactModel
     measure : Measure
-        Of the force budget: how supports of contacts combine, and its power p.
+        Of the force budget.
     samples : Cloud
     maps : (m, d, n) array
     """
@@ -46,10 +46,11 @@ class SampleTable:
     maps: FloatArray
 
     def powers(self, y: FloatArray) -> FloatArray:
-        """Return ``s(y)^p``, the support to the measure's power, at all samples along directions (j, d), (j, m)."""
+        """Return ``s(y)^p``, the support to its power, at all samples along directions (j, d), (j, m)."""
         m, d, n = self.maps.shape
         work = (y @ self.maps.transpose(1, 0, 2).reshape(d, m * n)).reshape(len(y), m, n)
-        return np.asarray(self.measure.powers(self.model, work), dtype=np.float32)
+        found = (self.measure.powers if self.measure.exact else self.measure.support)(self.model, work)
+        return np.asarray(found, dtype=np.float32)
 
 
 class SampleTables:
@@ -66,8 +67,10 @@ class SampleTables:
     ----------
     budget : ForceBudget
         The problem's; the L2 budget where that depends on the hand, or the contacts' supports do not combine.
-    measure : Measure
-        Of that budget.
+    power : float
+        p of ``phi_G^p = sum_i s_i^p`` for the supports of the contacts; 1 where ``phi_G`` is the largest of them.
+    combine : numpy.ufunc
+        That sum, or the maximum.
     distinct : list of SampleTable
         Contacts with one model and the same samples share a table.
     of_contact : list of k int
@@ -84,7 +87,9 @@ class SampleTables:
 
     def __init__(self, problem: GraspProblem, surface: SurfaceSamples, rows: RowValues, hand: HandPoints) -> None:
         self.budget: ForceBudget = problem.budget if type(problem.budget) in MEASURES else L2Budget()
-        self.measure = Measure.of(self.budget)
+        measure = Measure.of(self.budget)
+        self.power = measure.power if measure.exact else 1.0
+        self.combine: np.ufunc = np.add if measure.exact else np.maximum
         models, origin = problem.models, problem.origin
         clouds = [surface.cloud(i) for i in range(len(models))]
         allowed = [_allowed(rows, hand, clouds, i) for i in range(len(models))]
@@ -96,7 +101,7 @@ class SampleTables:
         for i in order:
             samples = _subset(clouds[i], allowed[i])
             maps = GraspStack(samples.points[:, None], samples.normals[:, None], [models[i]], origin).G
-            self.distinct.append(SampleTable(models[i], self.measure, samples, np.asarray(maps)))
+            self.distinct.append(SampleTable(models[i], measure, samples, np.asarray(maps)))
         on_one_contact = ~rows.dependence[:, -1] & (np.sum(rows.dependence, axis=1) <= 1)
         self.coupled = not (np.all(on_one_contact) and all(mask.any() for mask in allowed))
         grasps = self.places(self.random(SHAPED_BY, np.random.default_rng(0)))

@@ -26,24 +26,28 @@ def readme_box():
 
 
 @pytest.mark.parametrize("budget", ["l2", "per_finger", "per_finger_size", "shared"])
-@pytest.mark.parametrize("centre", [[0.0, 0.0, 0.0], [0.3, 1.5, 0.2]])
+@pytest.mark.parametrize("centre", [[0.0, 0.0, 0.0], [0.3, 1.5, 0.2]], ids=["centred", "one-sided"])
 def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
-    """All 12,341 multisets of three of 41 samples, by the bound that screens grasps."""
-    monkeypatch.setattr(sample_tables, "SAMPLES", 41)
+    """All 1,771 multisets of three of 21 samples; a bound spares certificates of most."""
+    monkeypatch.setattr(sample_tables, "SAMPLES", 21)
     task = ng.TaskEllipsoid([1.0, 0.8, 0.4], center=centre)
     problem = ng.GraspProblem(RECTANGLE, [ng.FrictionContact(0.4)] * 3, task, force_budget=budget)
-    bench = Workbench(problem, QUICK)
-    every = np.array(list(combinations_with_replacement(range(41), 3)))
+    tables = Workbench(problem, QUICK).sample_tables
 
-    def quality(tuples):
-        stack = GraspStack(*bench.sample_tables.places(tuples), problem.models, problem.origin)
-        return ng.screen(stack, task, force_budget=budget)
+    def quality(one):
+        points, normals = tables.places(one[None])
+        grasp = ng.Grasp(points[0], normals[0], problem.models, problem.origin)
+        return ng.mu(grasp, task, 0.01, force_budget=budget).lower
 
-    best = np.max(quality(every))
-    assert best > 0.0
-    for seed in range(3):
-        found = CoordinateExchange(bench, np.random.default_rng(seed)).search(shakes=3)
-        assert np.max(quality(found)) >= 0.99 * best
+    found = 0.0
+    for seed in range(2):
+        search = CoordinateExchange(Workbench(problem, QUICK), np.random.default_rng(seed))
+        found = max(found, quality(search.search(shakes=3)[0]))
+    every = np.array(list(combinations_with_replacement(range(21), 3)))
+    stack = GraspStack(*tables.places(every), problem.models, problem.origin)
+    promising = every[ng.screen(stack, task, force_budget=budget) > 1.01 * found]
+    assert found > 0.0
+    assert max((quality(one) for one in promising), default=0.0) <= 1.01 * found
 
 
 def test_readme_box_without_the_bound():
@@ -76,9 +80,9 @@ def test_candidates_keep_coupled_constraints(problem):
 
 def test_unlike_contacts_keep_to_their_faces():
     contacts = [
-        ng.FrictionContact(0.6, faces="x+"),
-        ng.SoftContact(0.6, 0.004, faces=("x-", "y-")),
-        ng.PointContact(faces="y+"),
+        ng.FrictionContact(0.6, faces="+x"),
+        ng.SoftContact(0.6, 0.004, faces=("-x", "-y")),
+        ng.PointContact(faces="+y"),
         ng.FrictionContact(0.6),
     ]
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), contacts, ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]))
@@ -93,7 +97,7 @@ def test_a_constraint_on_one_contact_limits_its_samples_alone():
         ng.Sphere(0.03),
         [ng.FrictionContact(0.6)] * 3,
         ng.TaskEllipsoid([1, 1, 1, 0.02, 0.02, 0.02]),
-        constraints=[ng.Constraint("first on top", lambda p, n: p[0][2], 0.01, None)],
+        constraints=[ng.Constraint("first on top", lambda p, n: p[0][2], 0.01, 0.03)],
     )
     tables = Workbench(problem, QUICK).sample_tables
     assert not tables.coupled
