@@ -24,8 +24,8 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-KEPT = 8  # candidates that exchanges go on from, of those from random tuples
-SHAKES, FIRST_SHAKES = 2, 3  # rounds in which contacts of the best candidates move at random: of a start, and at first
+KEPT = 8  # candidates that exchanges go on from
+SHAKES, FIRST_SHAKES = 2, 3  # rounds that move contacts of the best at random: of a start, and of the first search
 SHAKEN = 8  # candidates made a round
 SWEEPS = 4  # most exchanges of each contact
 WEAK = 24  # directions that all samples are compared along: the weakest of the contacts that stay
@@ -42,7 +42,7 @@ APART = 0.05  # of the body's size: candidates whose distances between contacts 
 def propose(bench: Workbench, rng: np.random.Generator) -> list[Placed]:
     """Return the best few candidates of a coordinate exchange from random tuples of samples, best first.
 
-    The first call searches once more, with a seed of its own: the directions learned there serve all starts.
+    The first call searches beforehand with a fixed seed: the directions learned there serve all starts.
     """
     tables = bench.sample_tables
     if not tables.informed:
@@ -66,6 +66,8 @@ class CoordinateExchange:
     ----------
     directions : (j, d) array
         Known so far, each with ``phi_A = 1``.
+    powers : list of (j, m) array
+        ``s^p`` of each sample table along these.
     """
 
     def __init__(self, bench: Workbench, rng: np.random.Generator) -> None:
@@ -96,7 +98,7 @@ class CoordinateExchange:
 
     def values(self, tuples: IntArray) -> FloatArray:
         """Return the least ``phi_G / phi_A`` of tuples (b, k) along the known directions, (b,); -1 less violations."""
-        least = np.min(self._tables.combine.reduce(self.of_tuples(tuples), axis=2), axis=0).astype(float)
+        least = np.min(self._tables.combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
         violation = self.violations(tuples)
         return np.where(violation <= FEASIBLE, least ** (1.0 / self._tables.power), -1.0 - violation)
 
@@ -116,13 +118,15 @@ class CoordinateExchange:
     def exchanged(self, tuples: IntArray) -> IntArray:
         """Return tuples (b, k) after exchanges of one contact at a time to the best sample, side by side."""
         tuples, k = tuples.copy(), tuples.shape[1]
-        own, violation = self.of_tuples(tuples), self.violations(tuples)
+        own, violation = self._powers_of(tuples), self.violations(tuples)
         since = np.zeros(len(tuples), dtype=int)  # contacts tried since the last exchange
         for turn in range(SWEEPS * k):
             i, going = turn % k, np.flatnonzero(since < k)
             if not len(going):
                 break
-            shortlists = [self._shortlist(own[:, b], i, int(tuples[b, i]), bool(violation[b] > 0.0)) for b in going]
+            shortlists = [
+                self._shortlist(own[:, b], i, int(tuples[b, i]), bool(violation[b] > FEASIBLE)) for b in going
+            ]
             trials = np.repeat(tuples[going], [len(samples) for samples, _ in shortlists], axis=0)
             trials[:, i] = np.concatenate([samples for samples, _ in shortlists])
             broken = self.violations(trials)
@@ -140,7 +144,7 @@ class CoordinateExchange:
 
     def learn_from(self, tuples: IntArray) -> None:
         """Add the directions in which tuples (b, k) are weakest, found by descents."""
-        ratios = self._tables.combine.reduce(self.of_tuples(tuples), axis=2)
+        ratios = self._tables.combine.reduce(self._powers_of(tuples), axis=2)
         count = min(DESCENTS, len(ratios) - 1)
         begun = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
         stack = GraspStack(*self._tables.places(tuples), self._bench.problem.models, self._bench.problem.origin)
@@ -167,8 +171,7 @@ class CoordinateExchange:
     def learn(self, y: FloatArray) -> None:
         """Add directions (j, d)."""
         reach = self._bench.problem.task.support(y)[0]
-        known = reach > 1e-9 * np.linalg.norm(y * self._bench.scaling.length, axis=1)
-        y = y[known] / reach[known, None]
+        y = y[reach > 0.0] / reach[reach > 0.0, None]
         self.directions = np.concatenate([self.directions, y])
         self.powers = [
             np.concatenate([old, table.powers(y)])
@@ -201,7 +204,7 @@ class CoordinateExchange:
         """Return what tuples have in common that differ in the order of contacts alike."""
         return tuple(sorted(zip(self._tables.of_contact, one.tolist(), strict=True)))
 
-    def of_tuples(self, tuples: IntArray) -> FloatArray:
+    def _powers_of(self, tuples: IntArray) -> FloatArray:
         """Return the supports' powers of the contacts of tuples (b, k) along all directions, (j, b, k)."""
         each = zip(self._tables.of_contact, tuples.T, strict=True)
         return np.stack([self.powers[table][:, samples] for table, samples in each], axis=2)
