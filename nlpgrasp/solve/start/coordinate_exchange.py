@@ -25,13 +25,13 @@ from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 KEPT = 8  # candidates that exchanges go on from
-SHAKES, FIRST_SHAKES = 2, 3  # rounds that move contacts of the best at random: of a start, and of the first search
+SHAKES, FIRST_SHAKES = 4, 3  # rounds that move contacts of the best at random: of a start, and of the first search
 SHAKEN = 8  # candidates made a round
 SWEEPS = 4  # most exchanges of each contact
 WEAK = 24  # directions that all samples are compared along: the weakest of the contacts that stay
 LIKELY = 16  # samples, of those that seem best, that are compared along all directions
 GAIN = 1e-3  # relative: the least gain of an exchange
-TIE = 0.05  # weight of the mean along weak directions beside the least support
+TIE = 0.2  # weight of the mean along weak directions beside the least support
 DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, and directions learned
 CERTIFIED, LOOSE = 2, 0.2  # certificates a round at most, and their relative width
 SHOWN = 8  # directions learned of a certificate
