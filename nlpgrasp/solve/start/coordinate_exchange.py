@@ -31,7 +31,7 @@ SWEEPS = 4  # most exchanges of each contact
 WEAK = 24  # directions that all samples are compared along: the weakest of the contacts that stay
 LIKELY = 16  # samples, of those that seem best, that are compared along all directions
 GAIN = 1e-3  # relative: the least gain of an exchange
-TIE = 0.2  # weight of the mean along weak directions beside the least support
+TIE, LAST_TIE = 0.2, 0.01  # weight of the mean along weak directions beside the least support; in the last exchange
 DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, and directions learned
 CERTIFIED, LOOSE = 2, 0.2  # certificates a round at most, and their relative width
 SHOWN = 8  # directions learned of a certificate
@@ -80,7 +80,7 @@ class CoordinateExchange:
         best = self.certified(self.best(self.settled(best), KEPT))
         for _ in range(shakes):
             best = self.certified(self.best(np.concatenate([best, self.settled(self.shaken(best))]), KEPT))
-        return best
+        return self.certified(self.best(np.concatenate([best, self.exchanged(best, LAST_TIE)]), KEPT))
 
     def shaken(self, tuples: IntArray) -> IntArray:
         """Return tuples with one or two contacts at random samples, (SHAKEN, k); the best ones first and most often."""
@@ -115,7 +115,7 @@ class CoordinateExchange:
         order = np.argsort(-self.values(tuples), kind="stable")
         return np.array(list({self._key(t): t for t in tuples[order[::-1]]}.values())[::-1][:count])
 
-    def exchanged(self, tuples: IntArray) -> IntArray:
+    def exchanged(self, tuples: IntArray, tie: float = TIE) -> IntArray:
         """Return tuples (b, k) after exchanges of one contact at a time to the best sample, side by side."""
         tuples, k = tuples.copy(), tuples.shape[1]
         own, violation = self._powers_of(tuples), self.violations(tuples)
@@ -124,9 +124,8 @@ class CoordinateExchange:
             i, going = turn % k, np.flatnonzero(since < k)
             if not len(going):
                 break
-            shortlists = [
-                self._shortlist(own[:, b], i, int(tuples[b, i]), bool(violation[b] > FEASIBLE)) for b in going
-            ]
+            outside = violation > FEASIBLE
+            shortlists = [self._shortlist(own[:, b], i, int(tuples[b, i]), bool(outside[b]), tie) for b in going]
             trials = np.repeat(tuples[going], [len(samples) for samples, _ in shortlists], axis=0)
             trials[:, i] = np.concatenate([samples for samples, _ in shortlists])
             broken = self.violations(trials)
@@ -165,7 +164,7 @@ class CoordinateExchange:
             if weaker is None:
                 break
             self.learn(weaker.directions[:SHOWN])
-            tuples = self.best(self.exchanged(tuples), KEPT)
+            tuples = self.best(np.concatenate([tuples, self.exchanged(tuples, LAST_TIE)]), KEPT)
         return tuples
 
     def learn(self, y: FloatArray) -> None:
@@ -209,19 +208,21 @@ class CoordinateExchange:
         each = zip(self._tables.of_contact, tuples.T, strict=True)
         return np.stack([self.powers[table][:, samples] for table, samples in each], axis=2)
 
-    def _shortlist(self, own: FloatArray, i: int, current: int, violated: bool) -> tuple[IntArray, FloatArray]:
+    def _shortlist(
+        self, own: FloatArray, i: int, current: int, outside: bool, tie: float
+    ) -> tuple[IntArray, FloatArray]:
         """Return samples of contact i that look best beside the others of a tuple (j, k), its own last, and scores."""
         powers = self.powers[self._tables.of_contact[i]]
         rest = self._tables.combine.reduce(np.delete(own, i, axis=1), axis=1, initial=0.0)
         weak = np.argpartition(rest, WEAK)[:WEAK] if len(rest) > WEAK else np.arange(len(rest))
         supports = self._tables.combine(rest[weak, None], powers[weak])
-        score = np.min(supports, axis=0) + np.full(len(weak), TIE / len(weak), dtype=np.float32) @ supports
+        score = np.min(supports, axis=0) + np.full(len(weak), tie / len(weak), dtype=np.float32) @ supports
         likely = np.argpartition(score, -LIKELY)[-LIKELY:] if len(score) > LIKELY else np.arange(len(score))
-        if violated:
+        if outside:
             likely = np.concatenate([likely, self._rng.integers(len(score), size=LIKELY)])
         likely = np.append(likely, current)
         every = self._tables.combine(rest[:, None], powers[:, likely])
-        return likely, np.min(every, axis=0) + TIE * np.mean(every[weak], axis=0)
+        return likely, np.min(every, axis=0) + tie * np.mean(every[weak], axis=0)
 
 
 def _onto_narrow(bench: Workbench, search: CoordinateExchange, tuples: IntArray) -> list[Placed]:
