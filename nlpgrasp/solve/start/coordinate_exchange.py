@@ -25,7 +25,7 @@ from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 KEPT = 8  # candidates that exchanges go on from
-SHAKES, FIRST_SHAKES = 4, 3  # rounds that move contacts of the best at random: of a start, and of the first search
+SHAKES, FIRST_SHAKES = 3, 3  # rounds that move contacts of the best at random: of a start, and of the first search
 SHAKEN = 8  # candidates made a round
 SWEEPS = 4  # most exchanges of each contact
 WEAK = 24  # directions that all samples are compared along: the weakest of the contacts that stay
