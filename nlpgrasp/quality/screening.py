@@ -51,11 +51,39 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     force_set = _bound(stack, _budget(stack, force_budget))
     if not len(stack):
         return np.zeros(0)
-    y = directions(stack.dimension, 2) @ np.linalg.inv(np.linalg.cholesky(_shape(stack, task)))
-    reach = task.support(y)[0]
-    y = y[reach > 1e-9 * np.max(reach)]
+    y = spread_directions(stack, task)
     parts = [_descend(_View(stack, slice(a, a + CHUNK), force_set), task, y) for a in range(0, len(stack), CHUNK)]
     return np.concatenate(parts)
+
+
+def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
+    """Return directions that are well spread in the metric of a task, (m, d); grasps fill up that of a flat one."""
+    y = directions(stack.dimension, 2) @ np.linalg.inv(np.linalg.cholesky(_shape(stack, task)))
+    reach = task.support(y)[0]
+    return np.asarray(y[reach > 1e-9 * np.max(reach)])
+
+
+def weak_directions(
+    stack: GraspStack, task: Task, y: FloatArray, budget: ForceBudget, steps: int = STEPS
+) -> tuple[FloatArray, FloatArray]:
+    """Follow ``phi_G / phi_A`` downhill from directions of each grasp, (b, m, d).
+
+    Parameters
+    ----------
+    stack : GraspStack
+    task : Task
+    y : (b, m, d) array
+    budget : ForceBudget
+        One that does not depend on the contacts' frames.
+    steps : int
+
+    Returns
+    -------
+    directions : (b, m, d) array
+    ratios : (b, m) array
+    """
+    view = _View(stack, slice(None), _bound(stack, budget))
+    return descend(lambda u: view.quadratic(u, task), y, steps)
 
 
 def _shape(stack: GraspStack, task: Task) -> FloatArray:

@@ -34,7 +34,8 @@ class SolveOptions:
     exchange_rounds : int
         Most rounds of it a start.
     candidates : int
-        Random placements screened a start.
+        Random tuples of surface samples that the coordinate exchange of a start begins from. With a hand that has a
+        pose of its own: a thirty-second of the random poses that a start compares.
     rtol : float
         Relative gap of each start's certificate.
     final_rtol : float
@@ -92,7 +93,7 @@ class SolveOptions:
     shells: int | None = None
     exchange: bool | str = True
     exchange_rounds: int = 40
-    candidates: int = 64
+    candidates: int = 16
     rtol: float = 0.02
     final_rtol: float = 0.01
     link_tolerance: float = 0.001

@@ -52,13 +52,14 @@ def solve(
 
     A short branch and bound over all placements, where it covers the problem, bounds mu from above and gives grasps
     from which up to three quarters of the starts begin (up to half on a mesh, or where it leaves out a part). Every
-    other start draws random placements, screens them, and solves the first program by IPOPT. An ascent by cutting
-    planes in a trust region refines each candidate: its steps are quadratic programs of the program's linearisation, or
-    IPOPT's where the program holds forces. The contacts then go onto the body and are certified, and the links of a
-    hand are measured there. The answer is the start with the best certified bounds whose hand is free and comes to it
-    freely, if any is; ``solution.gap`` says how far it is from the best possible, at most, and with
-    ``SolveOptions(gap=...)`` the search goes on until it is as close as that. The same seed gives the same answer with
-    any number of workers (unless a time limit or Ctrl-C cuts the solve short).
+    other start exchanges contacts of random tuples of surface samples one at a time (hands with a pose of their own
+    compare random poses) and solves the first program by IPOPT. An ascent by cutting planes in a trust region refines
+    each candidate: its steps are quadratic programs of the program's linearisation, or IPOPT's where the program holds
+    forces. The contacts then go onto the body and are certified, and the links of a hand are measured there. The answer
+    is the start with the best certified bounds whose hand is free and comes to it freely, if any is; ``solution.gap``
+    says how far it is from the best possible, at most, and with ``SolveOptions(gap=...)`` the search goes on until it
+    is as close as that. The same seed gives the same answer with any number of workers (unless a time limit or Ctrl-C
+    cuts the solve short).
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ def test_a_flag_against_the_residuals_is_refused(stated, tmp_path):
     def change(data):
         data["kkt"]["stationarity"] = 0.1
 
-    with pytest.raises(ng.InputError, match="kkt.locally_optimal: got True, expected False, by its residuals"):
+    with pytest.raises(ng.InputError, match=r"kkt\.locally_optimal: got True, expected False, by its residuals"):
         verified(stated, change, tmp_path)
 
 

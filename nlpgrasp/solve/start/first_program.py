@@ -1,4 +1,4 @@
-"""The first program of a start: from a screened placement to contacts that exert the task."""
+"""The first program of a start: from a candidate to contacts that exert the task."""
 
 from __future__ import annotations
 

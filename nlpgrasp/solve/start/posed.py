@@ -20,7 +20,7 @@ from nlpgrasp.solve.start.touch import best_touching, touching_candidates
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-POSES_A_CANDIDATE = 8  # random poses for each of the candidates that the options ask for
+POSES_A_CANDIDATE = 32  # random poses for each of the candidates that the options ask for
 DRAWN, SCREENED, GOALS = 4096, 512, 64  # random placements; those looked at closer; those that hands reach for
 ORDERS, NEAR, EACH = 24, 8, 12  # ways to share a goal's places among fingers; postures for each; kept for a goal
 LOOKED_AT = 256

@@ -1,4 +1,4 @@
-"""One start: screen, first program, exchange, surface, certificate."""
+"""One start: candidates, first program, exchange, surface, certificate."""
 
 from __future__ import annotations
 

@@ -44,9 +44,9 @@ class RowValues:
         if not self.named:
             return np.zeros((len(points), 0))
         b = len(points)
-        columns = [points.reshape(b, -1).T, normals.reshape(b, -1).T]
-        columns += [np.broadcast_to(v.reshape(b, -1).T, (v.reshape(b, -1).shape[1], b)) for v in hand.values()]
-        return np.asarray(self._row_function.map(b)(*columns).full()).T
+        padded = 1 << (b - 1).bit_length()  # CasADi keeps the maps of a function by their size
+        columns = [np.resize(v.reshape(b, -1), (padded, v.size // b)).T for v in (points, normals, *hand.values())]
+        return np.asarray(self._row_function.map(padded)(*columns).full()).T[:b]
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
         """Return each placement's largest violation relative to the rows' scales, (b,), and of face extents not."""
@@ -54,13 +54,26 @@ class RowValues:
 
     def excess(self, values: FloatArray) -> FloatArray:
         """Return the largest violation of rows' values (b, m), relative to the rows' scales, (b,)."""
-        if not values.shape[1]:
-            return np.zeros(len(values))
-        lower = np.array([r.lower for r in self.named])
-        upper = np.array([r.upper for r in self.named])
-        scale = np.array([r.scale for r in self.named])
-        excess = np.maximum(lower - values, values - upper) / scale
-        return np.asarray(np.max(np.where(np.isfinite(values), np.maximum(excess, 0.0), np.inf), axis=1))
+        return np.asarray(np.max(self.each_excess(values), axis=1, initial=0.0))
+
+    def each_excess(self, values: FloatArray, band: float = 0.0) -> FloatArray:
+        """Return the violation of each row's values (b, m), relative to its scale, (b, m).
+
+        Narrow rows may be off by a ``band``, relative to their scales.
+        """
+        lower, upper, scale = (np.array([getattr(r, key) for r in self.named]) for key in ("lower", "upper", "scale"))
+        excess = np.maximum(lower - values, values - upper) / scale - band * (upper - lower <= NARROW * scale)
+        return np.where(np.isfinite(values), np.maximum(excess, 0.0), np.inf)
+
+    @cached_property
+    def dependence(self) -> NDArray[np.bool_]:
+        """Which contacts, and in the last column whether the hand's variables, each row depends on, (rows, k + 1)."""
+        k, space = len(self.problem.models), self.problem.body.space
+        result = np.zeros((len(self.named), k + 1), dtype=bool)
+        for i in range(self._row_function.n_in() if self.named else 0):
+            rows, columns = self._row_function.jac_sparsity(0, i).get_triplet()
+            result[rows, np.array(columns, dtype=int) // space if i < 2 else k] = True
+        return result
 
     def broken(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
         """Return the sum of each placement's violated inequalities of the user's constraints, as ``blocked``, (b,)."""

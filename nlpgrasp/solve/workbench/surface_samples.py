@@ -42,6 +42,11 @@ class Cloud:
     normals: FloatArray
     tree: cKDTree
 
+    def subset(self, kept: NDArray[np.intp]) -> Cloud:
+        """Return the points with these numbers (m,)."""
+        points = self.points[kept]
+        return Cloud(self.faces[kept], points, self.normals[kept], cKDTree(points))
+
 
 def mesh_of(problem: GraspProblem) -> Mesh:
     """Return a problem's body, which has to be a mesh."""

@@ -33,6 +33,7 @@ from nlpgrasp.solve.workbench.programs import (
     follows_contacts,
 )
 from nlpgrasp.solve.workbench.row_values import RowValues
+from nlpgrasp.solve.workbench.sample_tables import SampleTables
 from nlpgrasp.solve.workbench.surface_samples import SurfaceSamples
 
 FEASIBLE = 1e-5  # relative to a row's scale
@@ -134,6 +135,11 @@ class Workbench:
     def virtual_work(self) -> VirtualWork:
         """Derivatives of supports under the hand's torque limits."""
         return VirtualWork(self.exchange.compiled.program, self.problem)
+
+    @cached_property
+    def sample_tables(self) -> SampleTables:
+        """Supports of the contacts at surface samples, for coordinate exchange."""
+        return SampleTables(self.problem, self.surface, self.rows, self.hand_points)
 
     @cached_property
     def mesh_climb(self) -> MeshClimb | None:

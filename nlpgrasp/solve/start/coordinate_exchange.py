@@ -1,0 +1,235 @@
+"""Coordinate exchange over surface samples: initial candidates of starts whose hand, if any, follows the contacts.
+
+A candidate is a tuple of samples, one a contact. Its quality is the least of ``phi_G(y_j) / phi_A(y_j)`` over
+directions ``y_j``; the support ``phi_G`` of the grasp combines the supports ``s_i`` of its contacts,
+``phi_G^p = sum_i s_i^p``, or is their largest under a shared budget. With the ``s_i^p`` of all samples in a table the
+best exchange of one contact takes one addition and one minimum a sample and direction (as exchange algorithms of
+optimal designs do: Meyer and Nachtsheim 1995, "The coordinate-exchange algorithm for constructing exact optimal
+experimental designs", doi:10.1080/00401706.1995.10485889). Directions are well-spread ones of the task, and those in
+which candidates turn out to be weakest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality.certificate.begun import Begun
+from nlpgrasp.quality.screening import weak_directions
+from nlpgrasp.solve.ascent.weakest import missed
+from nlpgrasp.solve.start.scores import scores
+from nlpgrasp.solve.start.touch import TOUCHING, touching
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+
+KEPT = 8  # candidates that exchanges go on from
+SHAKES, FIRST_SHAKES = 3, 3  # rounds that move contacts of the best at random: of a start, and of the first search
+SHAKEN = 8  # candidates made a round
+SWEEPS = 4  # most exchanges of each contact
+WEAK = 24  # directions that all samples are compared along: the weakest of the contacts that stay
+LIKELY = 16  # samples, of those that seem best, that are compared along all directions
+GAIN = 1e-3  # relative: the least gain of an exchange
+TIE, LAST_TIE = 0.2, 0.01  # weight of the mean along weak directions beside the least support; in the last exchange
+DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, and directions learned
+CERTIFIED, LOOSE = 2, 0.2  # certificates a round at most, and their relative width
+SHOWN = 8  # directions learned of a certificate
+PROPOSED = 4  # candidates of a start
+APART = 0.05  # of the body's size: candidates whose distances between contacts differ by less are of one kind
+
+
+def propose(bench: Workbench, rng: np.random.Generator) -> list[Placed]:
+    """Return the best few candidates of a coordinate exchange from random tuples of samples, best first.
+
+    The first call searches beforehand with a fixed seed: the directions learned there serve all starts.
+    """
+    tables = bench.sample_tables
+    if not tables.informed:
+        first = CoordinateExchange(bench, np.random.default_rng(0))
+        first.search(FIRST_SHAKES)
+        tables.directions, tables.powers, tables.informed = first.directions, first.powers, True
+    search = CoordinateExchange(bench, rng)
+    tuples = search.search(SHAKES)
+    return _onto_narrow(bench, search, tuples) if bench.rows.narrow else search.distinct(tuples)
+
+
+class CoordinateExchange:
+    """Search over tuples of surface samples by exchanges of one contact at a time.
+
+    Parameters
+    ----------
+    bench : Workbench
+    rng : numpy.random.Generator
+
+    Attributes
+    ----------
+    directions : (j, d) array
+        Known so far, each with ``phi_A = 1``.
+    powers : list of (j, m) array
+        ``s^p`` of each sample table along these.
+    """
+
+    def __init__(self, bench: Workbench, rng: np.random.Generator) -> None:
+        self._bench, self._rng, self._tables = bench, rng, bench.sample_tables
+        self.directions, self.powers = self._tables.directions, list(self._tables.powers)
+
+    def search(self, shakes: int) -> IntArray:
+        """Return the best tuples found, (b, k), best first."""
+        best = self.best(self.settled(self._tables.random(self._bench.options.candidates, self._rng)), KEPT)
+        best = self.certified(self.best(self.settled(best), KEPT))
+        for _ in range(shakes):
+            best = self.certified(self.best(np.concatenate([best, self.settled(self.shaken(best))]), KEPT))
+        return self.certified(self.best(np.concatenate([best, self.exchanged(best, LAST_TIE)]), KEPT))
+
+    def shaken(self, tuples: IntArray) -> IntArray:
+        """Return tuples with one or two contacts at random samples, (SHAKEN, k); the best ones first and most often."""
+        result = np.resize(tuples, (SHAKEN, tuples.shape[1]))
+        for number, (row, drawn) in enumerate(zip(result, self._tables.random(SHAKEN, self._rng), strict=True)):
+            moved = self._rng.permutation(len(row))[: 1 + number % 2]
+            row[moved] = drawn[moved]
+        return result
+
+    def settled(self, tuples: IntArray) -> IntArray:
+        """Return tuples (b, k) after exchanges; the directions in which they are weakest then are learned."""
+        tuples = self.exchanged(tuples)
+        self.learn_from(self.best(tuples, KEPT))
+        return tuples
+
+    def values(self, tuples: IntArray) -> FloatArray:
+        """Return the least ``phi_G / phi_A`` of tuples (b, k) along the known directions, (b,); -1 less violations."""
+        least = np.min(self._tables.combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
+        violation = self.violations(tuples)
+        return np.where(violation <= FEASIBLE, least ** (1.0 / self._tables.power), -1.0 - violation)
+
+    def violations(self, tuples: IntArray) -> FloatArray:
+        """Return the largest violation of tuples (b, k), relative to the rows' scales, (b,)."""
+        if not self._tables.coupled:
+            return np.zeros(len(tuples))
+        rows, (points, normals) = self._bench.rows, self._tables.places(tuples)
+        values = rows.values(points, normals, self._bench.hand_points.start(points, normals))
+        return np.asarray(np.max(rows.each_excess(values, BAND), axis=1))
+
+    def best(self, tuples: IntArray, count: int) -> IntArray:
+        """Return the best of tuples (b, k), no two the same."""
+        order = np.argsort(-self.values(tuples), kind="stable")
+        return np.array(list({self._key(t): t for t in tuples[order[::-1]]}.values())[::-1][:count])
+
+    def exchanged(self, tuples: IntArray, tie: float = TIE) -> IntArray:
+        """Return tuples (b, k) after exchanges of one contact at a time to the best sample, side by side."""
+        tuples, k = tuples.copy(), tuples.shape[1]
+        own, violation = self._powers_of(tuples), self.violations(tuples)
+        since = np.zeros(len(tuples), dtype=int)  # contacts tried since the last exchange
+        for turn in range(SWEEPS * k):
+            i, going = turn % k, np.flatnonzero(since < k)
+            if not len(going):
+                break
+            outside = violation > FEASIBLE
+            shortlists = [self._shortlist(own[:, b], i, int(tuples[b, i]), bool(outside[b]), tie) for b in going]
+            trials = np.repeat(tuples[going], [len(samples) for samples, _ in shortlists], axis=0)
+            trials[:, i] = np.concatenate([samples for samples, _ in shortlists])
+            broken = self.violations(trials)
+            end = 0
+            for b, (samples, score) in zip(going, shortlists, strict=True):
+                start, end = end, end + len(samples)
+                excess = broken[start:end]
+                merit = np.where(excess <= FEASIBLE, score, -1.0 - excess)
+                chosen = int(np.argmax(merit))
+                since[b] += 1
+                if merit[chosen] > merit[-1] + GAIN * abs(merit[-1]):
+                    tuples[b, i], violation[b], since[b] = samples[chosen], excess[chosen], 1
+                    own[:, b, i] = self.powers[self._tables.of_contact[i]][:, samples[chosen]]
+        return tuples
+
+    def learn_from(self, tuples: IntArray) -> None:
+        """Add the directions in which tuples (b, k) are weakest, found by descents."""
+        ratios = self._tables.combine.reduce(self._powers_of(tuples), axis=2)
+        count = min(DESCENTS, len(ratios) - 1)
+        begun = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
+        stack = GraspStack(*self._tables.places(tuples), self._bench.problem.models, self._bench.problem.origin)
+        found, values = weak_directions(stack, self._bench.problem.task, begun, self._tables.budget, STEPS)
+        weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
+        self.learn(np.take_along_axis(found, weakest[:, :, None], axis=1).reshape(-1, found.shape[2]))
+
+    def certified(self, tuples: IntArray) -> IntArray:
+        """Return tuples (b, k), best first, by directions that loose certificates of the best show as well.
+
+        Descents miss narrow dips. A tuple that turns out to be weaker makes place for the next.
+        """
+        for _ in range(CERTIFIED):
+            value = float(self.values(tuples[:1])[0])
+            grasp = self._bench.grasp_at(*(part[0] for part in self._tables.places(tuples[:1])))
+            begun = Begun.of(grasp, self._bench.problem.task, self._tables.budget, LOOSE) if value > 0.0 else None
+            weaker = None if begun is None else missed(begun, value)
+            if weaker is None:
+                break
+            self.learn(weaker.directions[:SHOWN])
+            tuples = self.best(np.concatenate([tuples, self.exchanged(tuples, LAST_TIE)]), KEPT)
+        return tuples
+
+    def learn(self, y: FloatArray) -> None:
+        """Add directions (j, d)."""
+        reach = self._bench.problem.task.support(y)[0]
+        y = y[reach > 0.0] / reach[reach > 0.0, None]
+        self.directions = np.concatenate([self.directions, y])
+        self.powers = [
+            np.concatenate([old, table.powers(y)])
+            for old, table in zip(self.powers, self._tables.distinct, strict=True)
+        ]
+
+    def placed(self, one: IntArray) -> Placed:
+        """Return a tuple (k,) as a placement with its hand."""
+        points, normals = self._tables.places(one[None])
+        hand = self._bench.hand_points.start(points, normals)
+        faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(one))
+        return Placed(faces, points[0], {name: value[0] for name, value in hand.items()})
+
+    def distinct(self, tuples: IntArray) -> list[Placed]:
+        """Return the first few tuples (b, k) of different kinds: no motion or reflection joins two.
+
+        They are compared by the distances between contacts, and from the torque origin.
+        """
+        points = self._tables.places(tuples)[0] - self._bench.problem.origin
+        across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(tuples), -1)
+        shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
+        chosen: list[int] = []
+        for b, shape in enumerate(shapes):
+            near = np.max(np.abs(shapes[chosen] - shape), axis=1, initial=0.0)
+            if not np.any(near < APART * self._bench.scaling.length):
+                chosen.append(b)
+        return [self.placed(tuples[b]) for b in chosen[:PROPOSED]]
+
+    def _key(self, one: IntArray) -> tuple[tuple[int, int], ...]:
+        """Return what tuples have in common that differ in the order of contacts alike."""
+        return tuple(sorted(zip(self._tables.of_contact, one.tolist(), strict=True)))
+
+    def _powers_of(self, tuples: IntArray) -> FloatArray:
+        """Return the supports' powers of the contacts of tuples (b, k) along all directions, (j, b, k)."""
+        each = zip(self._tables.of_contact, tuples.T, strict=True)
+        return np.stack([self.powers[table][:, samples] for table, samples in each], axis=2)
+
+    def _shortlist(
+        self, own: FloatArray, i: int, current: int, outside: bool, tie: float
+    ) -> tuple[IntArray, FloatArray]:
+        """Return samples of contact i that look best beside the others of a tuple (j, k), its own last, and scores."""
+        powers = self.powers[self._tables.of_contact[i]]
+        rest = self._tables.combine.reduce(np.delete(own, i, axis=1), axis=1, initial=0.0)
+        weak = np.argpartition(rest, WEAK)[:WEAK] if len(rest) > WEAK else np.arange(len(rest))
+        supports = self._tables.combine(rest[weak, None], powers[weak])
+        score = np.min(supports, axis=0) + np.full(len(weak), tie / len(weak), dtype=np.float32) @ supports
+        likely = np.argpartition(score, -LIKELY)[-LIKELY:] if len(score) > LIKELY else np.arange(len(score))
+        if outside:
+            likely = np.concatenate([likely, self._rng.integers(len(score), size=LIKELY)])
+        likely = np.append(likely, current)
+        every = self._tables.combine(rest[:, None], powers[:, likely])
+        return likely, np.min(every, axis=0) + tie * np.mean(every[weak], axis=0)
+
+
+def _onto_narrow(bench: Workbench, search: CoordinateExchange, tuples: IntArray) -> list[Placed]:
+    """Return tuples (b, k) moved onto narrow rows, best first; where none gets there, the best as they are."""
+    moved = [touching(bench, search.placed(one)) for one in tuples]
+    kept = [bench.snapped(placed) for placed, left in moved if left <= TOUCHING]
+    if not kept:
+        return search.distinct(tuples)
+    points, normals = np.stack([p.points for p in kept]), np.stack([bench.inward_normals(p) for p in kept])
+    return [kept[b] for b in np.argsort(-scores(bench, points, normals), kind="stable")[:PROPOSED]]
