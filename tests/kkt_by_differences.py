@@ -17,8 +17,9 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.solve.workbench.row_values import RowValues
 
-STEP = 1e-6  # of each variable's size
+STEP = 1e-7  # of each variable's size: second derivatives jump where a force is at the edge of its cone
 AT = 1e-6  # relative: a limit that is as near is active
+SHARP = np.radians(30.0)  # turn of a sharp edge
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class _State:
         self.on_mesh = isinstance(self.body, ng.Mesh)
         if self.on_mesh:
             self.triangles = self._triangles(solution.grasp)
+            self.sharp = [self._sharp_near(p) for p in solution.grasp.points]
 
     def placed(self, v):
         """Return contacts and hand."""
@@ -119,8 +121,9 @@ class _State:
                 for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
                     away = np.cross(b - a, outward)
                     result.append(np.dot(away / np.linalg.norm(away), p - a) / self.body.size)
-                far = self.body.edge_distance(face, p[None])[0]
-                result.append((self.problem.margin - far) / self.body.size if np.isfinite(far) else -1.0)
+                for a, b in self.sharp[i]:
+                    along = np.clip(np.dot(p - a, b - a) / np.dot(b - a, b - a), 0.0, 1.0)
+                    result.append((self.problem.margin - np.linalg.norm(p - a - along * (b - a))) / self.body.size)
             else:
                 extents = self.body.surface_function(face, self.problem.margin)(p)[3].full().ravel()
                 result += (extents / self.body.size).tolist()
@@ -139,6 +142,15 @@ class _State:
     def _row_values(self, placed):
         normals = self.inward(placed.points)
         return self.rows.values(placed.points[None], normals[None], placed.repeated_hand(1))[0]
+
+    def _sharp_near(self, point):
+        """Return the ends of the edges within the margin, and a little more, of a point at which the mesh turns."""
+        mesh = self.body.mesh
+        ends = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[mesh.face_adjacency_angles > SHARP]]
+        along = ends[:, 1] - ends[:, 0]
+        share = np.clip(np.sum((point - ends[:, 0]) * along, axis=1) / np.sum(along**2, axis=1), 0.0, 1.0)
+        far = np.linalg.norm(point - ends[:, 0] - share[:, None] * along, axis=1)
+        return ends[far <= self.problem.margin + 1e-3 * self.body.size] if self.problem.margin > 0.0 else []
 
     def _triangles(self, grasp):
         """Return the corners of the triangles that contacts are on and whose normals they have, (k, 3, 3)."""

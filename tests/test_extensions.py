@@ -341,7 +341,7 @@ def test_an_exchange_model_from_elsewhere(tmp_path, workers):
     found = ng.solve(problem, starts=2, options=options)
     for start in found.starts:
         assert list(start.history) == sorted(start.history)
-        assert start.history[-1] > 1.01 * start.history[0] > 0.0
+        assert start.history[-1] > start.history[0] > 0.0
     assert passed(found, tmp_path / "random.json").solver["options"]["exchange"] == "test random"
 
 

@@ -85,7 +85,7 @@ def test_the_report_says_it(found, tmp_path):
     tight = solve(max_force=1.0)
     page = write_report({"wide": found, "tight": tight}, tmp_path / "f.html").read_text()
     assert page.count("Forces for the task as given") == 2
-    assert f"<td>{found.needed.size[1]:.4g} N</td>" in page
+    assert f"<td>{rounded(found.needed.size[1])} N</td>" in page
     assert ", ABOVE max_force = 1 N." in page
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.solve.start.screen import draw_start
+from nlpgrasp.solve.start.coordinate_exchange import CoordinateExchange
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.studies.sliding import CUTS, GAIN, Branch, at_most, look, slide
 
@@ -23,7 +23,8 @@ def certified(bench, state):
 
 def begun(bench, count):
     rng = np.random.default_rng(0)
-    placed = [draw_start(bench, rng)[0] for _ in range(count)]
+    search = CoordinateExchange(bench, rng)
+    placed = [search.placed(one) for one in search.best(bench.sample_tables.random(64, rng), 64)[8 : 8 + count]]
     return [Branch(p, multipliers=np.zeros(len(bench.rows.named))) for p in placed], rng
 
 

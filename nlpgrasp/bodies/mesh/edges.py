@@ -43,10 +43,10 @@ class SharpEdges:
             return np.full(len(points), np.inf)
         return np.asarray(np.sqrt(self._tree.nearest(points)[0]))
 
-    def nearest_points(self, point: FloatArray, reach: float) -> FloatArray:
-        """Return the nearest point of each sharp edge that is within reach, metres, of a point (3,), (m, 3)."""
-        start, end = self._vertices[self._edges[:, 0]], self._vertices[self._edges[:, 1]]
-        along = end - start
-        share = np.sum((point - start) * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
-        nearest = start + np.clip(share, 0.0, 1.0)[:, None] * along
-        return np.asarray(nearest[np.linalg.norm(nearest - point, axis=1) <= reach])
+    def nearest(self, point: FloatArray, count: int) -> FloatArray:
+        """Return the ends of the sharp edges that are nearest to a point (3,), up to ``count``, (m, 2, 3)."""
+        ends = self._vertices[self._edges]
+        along = ends[:, 1] - ends[:, 0]
+        share = np.sum((point - ends[:, 0]) * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
+        foot = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, None] * along
+        return np.asarray(ends[np.argsort(np.linalg.norm(foot - point, axis=1), kind="stable")[:count]])

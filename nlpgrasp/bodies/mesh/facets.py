@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
 import casadi as ca
@@ -15,6 +15,8 @@ from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
+NEAREST = 12  # sharp edges about a contact that its face keeps away from: it moves little
+
 
 class Facets(Body):
     """The body of a mesh whose faces are the triangles that contacts are on: planes, with the edges as extents.
@@ -24,10 +26,10 @@ class Facets(Body):
     mesh : Mesh
     triangles : (k,) array of int
         Numbers of triangles of the mesh, one a contact.
-    points : (k, 3) array
-        A point of each, metres.
+    points : (n, k, 3) array
+        Places of the contacts, metres.
     margin : float
-        How far the points are from sharp edges, metres: faces keep that distance to first order about their point.
+        How far contacts stay from the sharp edges about their places, metres.
 
     Attributes
     ----------
@@ -63,30 +65,33 @@ class Facets(Body):
     def make_faces(self) -> tuple[Face, ...]:
         """Return a face for each contact."""
         corners, outward = np.asarray(self.mesh.mesh.triangles), np.asarray(self.mesh.mesh.face_normals)
-        each = zip(self.names, self.points, self.numbers, strict=True)
-        return tuple(self._face(name, point, corners[number], outward[number]) for name, point, number in each)
+        each = zip(self.names, self.points.transpose(1, 0, 2), self.numbers, strict=True)
+        return tuple(self._face(name, places, corners[number], outward[number]) for name, places, number in each)
 
     def to_dict(self) -> Json:
         """Return the mesh as JSON data."""
         return self.mesh.to_dict()
 
-    def _face(self, name: str, point: FloatArray, corners: FloatArray, outward: FloatArray) -> Face:
-        edges = np.roll(corners, -1, axis=0) - corners
-        beyond = np.cross(edges, outward)
+    def _face(self, name: str, places: FloatArray, corners: FloatArray, outward: FloatArray) -> Face:
+        beyond = np.cross(np.roll(corners, -1, axis=0) - corners, outward)
         lines = [(c, b / np.linalg.norm(b)) for c, b in zip(corners, beyond, strict=True) if np.any(b)]
-        sharp = [False] * len(lines)
+        edges = np.zeros((0, 2, 3))
         if self.margin > 0.0:
-            reach = self.margin + float(np.max(np.linalg.norm(corners - point, axis=1)))
-            for nearest in self.mesh.sharp_points(point, reach):
-                lines.append((nearest, (nearest - point) / np.linalg.norm(nearest - point)))
-                sharp.append(True)
+            about = [self.mesh.sharp_edges(point, NEAREST) for point in places]
+            edges = np.unique(np.concatenate(about).reshape(-1, 6), axis=0).reshape(-1, 2, 3)
 
         def surface(p: Expression) -> Expression:
-            return ca.dot(ca.DM(outward), p - ca.DM(point))
+            return ca.dot(ca.DM(outward), p - ca.DM(corners[0]))
 
-        return Face(name, surface, _beyond(lines), sharp)
+        def extent(p: Expression) -> list[Expression]:
+            own = [ca.dot(ca.DM(away), p - ca.DM(corner)) for corner, away in lines]
+            return own + [-_distance(p, *map(ca.DM, ends)) for ends in edges]
+
+        return Face(name, surface, extent, [False] * len(lines) + [True] * len(edges))
 
 
-def _beyond(lines: Sequence[tuple[FloatArray, FloatArray]]) -> Callable[[Expression], Sequence[Expression]]:
-    """Return what says how far a CasADi point is beyond lines, each a point and the direction away from the face."""
-    return lambda p: [ca.dot(ca.DM(away), p - ca.DM(point)) for point, away in lines]
+def _distance(p: Expression, start: ca.DM, end: ca.DM) -> Expression:
+    """Return the distance of a CasADi point from a line segment."""
+    along = end - start
+    share = ca.fmin(ca.fmax(ca.dot(p - start, along) / ca.dot(along, along), 0.0), 1.0)
+    return ca.norm_2(p - start - share * along)

@@ -229,9 +229,9 @@ class Mesh(Body):
         del name
         return self._edges.distance(points)
 
-    def sharp_points(self, point: FloatArray, reach: float) -> FloatArray:
-        """Return the nearest points (m, 3) of the sharp edges within reach, metres, of a point (3,)."""
-        return self._edges.nearest_points(point, reach)
+    def sharp_edges(self, point: FloatArray, count: int) -> FloatArray:
+        """Return the ends of the sharp edges that are nearest to a point (3,), up to ``count``, (m, 2, 3)."""
+        return self._edges.nearest(point, count)
 
     def room(self, name: str) -> float:
         """Return how far from all sharp edges some point of the mesh is, metres; inf without any."""

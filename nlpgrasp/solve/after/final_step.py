@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.mesh.facets import Facets
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.joint_room import JointRoom
@@ -24,6 +26,7 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
 LOSS = 2e-3  # relative: what mu may be less at the optimum, whose constraints are kept exactly
+PASSES = 4  # over a mesh, while contacts come too near to sharp edges that were far from where they began
 STEP = "then IPOPT on the program"  # message of a start
 
 
@@ -48,31 +51,46 @@ def at_local_optimum(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGra
             return best
 
 
-def on_triangles(bench: Workbench, placed: Placed) -> tuple[Workbench, Placed]:
+def on_triangles(bench: Workbench, placed: Placed, places: Sequence[FloatArray] = ()) -> tuple[Workbench, Placed]:
     """Return the workbench whose faces are the triangles of a mesh that contacts are on, and the contacts there.
 
-    Of another body both are as they are. Contacts may say by their faces which triangles theirs are.
+    Of another body both are as they are.
+
+    Parameters
+    ----------
+    bench : Workbench
+    placed : Placed
+        Contacts may say by their faces which triangles theirs are.
+    places : sequence of (k, 3) arrays
+        Where contacts stay away from sharp edges, metres; about themselves if not given.
     """
     problem, body = bench.problem, bench.problem.body
     if not isinstance(body, Mesh):
         return bench, placed
     known = placed.faces[0] not in body.face_names
     triangles = Facets.triangles_of(placed.faces) if known else body.triangles_at(placed.points)
-    facets = Facets(body, triangles, placed.points, problem.margin)
+    facets = Facets(body, triangles, np.stack([placed.points] if not len(places) else places), problem.margin)
     models = tuple(replace(model, faces=(name,)) for model, name in zip(problem.models, facets.names, strict=True))
     own = problem.unchecked(body=facets, contacts=models)
     return Workbench(own, bench.options), replace(placed, faces=facets.names)
 
 
 def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
-    own, begin = on_triangles(_with_room(bench, best), best.found.placed)
-    reason = _why_not(bench)
-    found = None if reason else local_optimum(own, begin, stop)
-    if found is not None:
+    roomy = _with_room(bench, best)
+    own, begin = on_triangles(roomy, best.found.placed)
+    reason, places = _why_not(bench), [begin.points]
+    for _ in range(0 if reason else PASSES):
+        found = local_optimum(own, begin, stop)
+        if found is None:
+            break
         end = _end(bench, best, own, found)
         reason = _why_worse(bench, best, end)
         if not reason:
             return end
+        if end.found.allowed:
+            break
+        places.append(found.placed.points)
+        own, _ = on_triangles(roomy, begin, places)
     return replace(best, kkt=replace(residuals_at(own, begin), reason=reason))
 
 

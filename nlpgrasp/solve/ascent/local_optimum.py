@@ -30,6 +30,7 @@ SETTLED = 1e-7  # solver units: the Lagrangian's slope at which the Newton steps
 NO_LOSS = 1e-9  # relative
 NEAR, LEAST_NEAR = 10.0, 1e-5  # trust region of the program over the last step; at least, solver units
 WIDE = 0.01  # solver units: the same where minimisers merge and Newton steps do not settle: room for cuts to close in
+BINDING = 1e-9  # weight of a direction that is stated
 CLOSE = 1e-3  # relative: beta of the program may be above the least ratio in all directions by so much
 
 
@@ -187,7 +188,7 @@ def _solved(
 
 def _with_binding(optimum: LocalOptimum) -> KKT:
     """Return an optimum's residuals with the directions that bind, and their weights."""
-    binding = optimum.weights > ACTIVE
+    binding = optimum.weights > BINDING
     directions = tuple(tuple(map(float, direction)) for direction in optimum.cuts[binding])
     return replace(optimum.kkt, directions=directions, weights=tuple(optimum.weights[binding].tolist()))
 
