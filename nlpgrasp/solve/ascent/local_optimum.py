@@ -23,7 +23,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-NEWTON_ROUNDS, PROGRAM_ROUNDS = 14, 8
+NEWTON_ROUNDS, PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 14, 8, 3
 RADIUS, MOST_RADIUS = 0.03, 0.1  # of the trust region, over the body's size
 LONGER, SHORTER = 1.5, 0.4
 SETTLED = 1e-7  # solver units: the Lagrangian's slope at which the Newton steps end
@@ -147,7 +147,7 @@ def _by_newton(bench: Workbench, here: _Point, rng: np.random.Generator, stop: S
 def _by_program(bench: Workbench, here: _Point, radius: float, rng: np.random.Generator, stop: Stop) -> LocalOptimum:
     """Return what IPOPT makes of a point; where it does not settle, directions that are weak at its answer join in."""
     cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
-    for _ in range(PROGRAM_ROUNDS):
+    for _ in range(PROGRAM_ROUNDS if bench.exchange.linearises else ROUNDS_WITH_FORCES):
         cuts = most_relevant(bench, here.placed, cuts)
         optimum, beta = _solved(bench, here, cuts, radius, rng)
         found.append(optimum)

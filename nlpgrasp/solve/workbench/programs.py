@@ -118,8 +118,12 @@ class ExchangeProgram:
 
     @cached_property
     def closing(self) -> CompiledProgram:
-        """The same program, to be solved from near a local optimum to small residuals."""
-        return self.compiled.with_options(CLOSING | dict(self._options.ipopt))
+        """The same program, to be solved from near a local optimum to small residuals.
+
+        Where forces are variables there are no multipliers to begin with, nor forces.
+        """
+        last: Ipopt = CLOSING if self.linearises else {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
+        return self.compiled.with_options(last | dict(self._options.ipopt))
 
     def within(self, name: str, bounds: FloatArray) -> ExchangeProgram:
         """Return the same, no part of it compiled anew, with other bounds (2, m) of one of the hand's variables."""
