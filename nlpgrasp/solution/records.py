@@ -39,7 +39,7 @@ class Status(Enum):
 class Origin(Enum):
     """Proposal that a start began from; the value is the message of a start without another."""
 
-    RANDOM = "random placements, screened"
+    RANDOM = "random surface samples, exchanged, or random poses"
     BOUND = "from the search of all placements"
     FACING = "from a pair of places that face each other"
     HELD = "a hand that holds the body"
