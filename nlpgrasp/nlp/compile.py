@@ -87,7 +87,9 @@ class CompiledProgram:
 
     @cached_property
     def _solver(self) -> ca.Function:
-        return ca.nlpsol("grasp", "ipopt", self._functions.nlp, self._options | self._functions.derivatives)
+        approximates = self._options.get("ipopt.hessian_approximation") == "limited-memory"
+        derivatives = self._functions.first_derivatives if approximates else self._functions.derivatives
+        return ca.nlpsol("grasp", "ipopt", self._functions.nlp, self._options | derivatives)
 
     @cached_property
     def _linearised(self) -> Evaluator:

@@ -47,11 +47,16 @@ class ProgramFunctions:
         objective = ca.Function("objective", [z, theta], [-self.program.objective])
         return {"x": self._x, "p": self._p, "f": objective(self._x, self._p), "g": self._rows}
 
-    @cached_property
+    @property
+    def first_derivatives(self) -> dict[str, ca.Function]:
+        """Function of the first derivatives for ``nlpsol``; none where CasADi's own is best."""
+        return {} if self.is_scalar and not self.program.copies else {"jac_g": self.jacobian}
+
+    @property
     def derivatives(self) -> dict[str, ca.Function]:
         """Derivative functions for ``nlpsol``; none where CasADi's own are best."""
-        own = self.is_scalar and not self.program.copies
-        return {} if own else {"jac_g": self.jacobian, "hess_lag": self.hessian}
+        first = self.first_derivatives
+        return first and {**first, "hess_lag": self.hessian}
 
     @cached_property
     def jacobian(self) -> ca.Function:

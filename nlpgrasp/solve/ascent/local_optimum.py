@@ -149,7 +149,9 @@ def _by_program(bench: Workbench, here: _Point, radius: float, rng: np.random.Ge
     cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
     for _ in range(PROGRAM_ROUNDS if bench.exchange.linearises else ROUNDS_WITH_FORCES):
         cuts = most_relevant(bench, here.placed, cuts)
-        optimum, beta = _solved(bench, here, cuts, radius, rng)
+        first = bench.exchange.linearises and not found
+        compiled = bench.exchange.confirming if first else bench.exchange.closing
+        optimum, beta = _solved(bench, compiled, here, cuts, radius, rng)
         found.append(optimum)
         effort += optimum.effort
         if stop.requested() or (optimum.kkt.is_small and beta - optimum.value <= CLOSE * here.value):
@@ -160,11 +162,15 @@ def _by_program(bench: Workbench, here: _Point, radius: float, rng: np.random.Ge
 
 
 def _solved(
-    bench: Workbench, here: _Point, cuts: FloatArray, radius: float, rng: np.random.Generator
+    bench: Workbench,
+    compiled: CompiledProgram,
+    here: _Point,
+    cuts: FloatArray,
+    radius: float,
+    rng: np.random.Generator,
 ) -> tuple[LocalOptimum, float]:
     """Return where IPOPT ends inside a trust region around a point, and its beta in units of mu."""
-    compiled, faces = bench.exchange.closing, here.placed.faces
-    program, scale = compiled.program, bench.scaling.beta
+    faces, program, scale = here.placed.faces, compiled.program, bench.scaling.beta
     z, theta = variables_of(bench, program, here.placed), piece_parameters(bench, here.placed, cuts)
     z[program.block("beta").range] = scale * min(
         here.value, float(np.min(bench.wrench_set(here.placed).support(cuts)[0]))

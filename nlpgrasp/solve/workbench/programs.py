@@ -40,6 +40,7 @@ POSED: Ipopt = {
     "acceptable_compl_inf_tol": 1e2,
 }
 
+CONFIRMING_ITERATIONS = 5
 CLOSING: Ipopt = {  # of the last solve, from near a local optimum: exact rows and bounds, multipliers to begin with
     "tol": 1e-7,
     "mu_init": 1e-9,
@@ -117,6 +118,12 @@ class ExchangeProgram:
         return _compiled(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
     @cached_property
+    def confirming(self) -> CompiledProgram:
+        """The same program for a point that is a local optimum already: without second derivatives, soon built."""
+        first: Ipopt = CLOSING | {"hessian_approximation": "limited-memory", "max_iter": CONFIRMING_ITERATIONS}
+        return self.compiled.with_options(first | dict(self._options.ipopt))
+
+    @cached_property
     def closing(self) -> CompiledProgram:
         """The same program, to be solved from near a local optimum to small residuals.
 
@@ -129,7 +136,8 @@ class ExchangeProgram:
         """Return the same, no part of it compiled anew, with other bounds (2, m) of one of the hand's variables."""
         result = copy(self)
         result.compiled = self.compiled.within(name, bounds[0], bounds[1])
-        result.__dict__.pop("closing", None)
+        for name in ("confirming", "closing"):
+            result.__dict__.pop(name, None)
         return result
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
