@@ -140,7 +140,7 @@ def test_solve_states_room_and_verify_agrees(tmp_path):
     )
     assert "room" not in off.hand
     room = on.hand["room"]
-    assert room["mu_without"]["upper"] == pytest.approx(off.mu.upper, rel=1e-6)
+    assert 0.99 * off.mu.upper <= room["mu_without"]["upper"] <= (1.0 + 1e-6) * off.mu.upper  # before its last step
     assert on.mu.upper >= (1.0 - 0.03) * off.mu.upper
     limits = dict(zip((j.name for j in hand.robot.free_joints), hand.tree.joint_limits.T, strict=True))
     for joint, (lower, upper) in limits.items():
