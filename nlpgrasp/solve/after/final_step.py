@@ -26,6 +26,7 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
 LOSS = 2e-3  # relative: what mu may be less at the optimum, whose constraints are kept exactly
+GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 PASSES = 4  # over a mesh, while contacts come too near to sharp edges that were far from where they began
 STEP = "then IPOPT on the program"  # message of a start
 
@@ -83,7 +84,7 @@ def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
         found = local_optimum(own, begin, stop)
         if found is None:
             break
-        end = _end(bench, best, own, found)
+        end = _end(bench, best, own, found, stop)
         reason = _why_worse(bench, best, end)
         if not reason:
             return end
@@ -132,7 +133,7 @@ def _with_room(bench: Workbench, best: StartGrasp) -> Workbench:
     return bench.with_joints(margins.narrowed(~margins.lacking(best.found.placed.hand["joints"])))
 
 
-def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum) -> StartGrasp:
+def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum, stop: Stop) -> StartGrasp:
     """Return the optimum as the end of the start that is the answer: put on the body, certified, measured."""
     problem, before = bench.problem, best.record
     placed = Placed(best.found.placed.faces, found.placed.points, found.placed.hand)
@@ -142,7 +143,8 @@ def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum
         match = match_on_mesh(problem.body, best.ascended.points, grasp, smooth, bench.follows_contacts)
     on_body = OnBody.of(bench, placed, grasp, match)
     rtol = bench.options.final_rtol if on_body.allowed else bench.options.rtol
-    bounds = mu(grasp, problem.task, rtol, force_budget=bench.budget(placed))
+    deadline = stop.certificate_deadline(GRACE)
+    bounds = mu(grasp, problem.task, rtol, force_budget=bench.budget(placed), deadline=deadline)
     rows = np.array([row.scale for row in bench.rows.named])
     state = AscentState(placed, multipliers=found.prices * bench.scaling.beta * rows, effort=found.effort)
     end = StartGrasp.of(bench, before.index, on_body, bounds, state, before.message, origin=before.origin)
