@@ -6,6 +6,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+GRACE = 1.0  # seconds a certificate may still take once a stop was requested
+
 
 @dataclass(frozen=True)
 class Stop:
@@ -28,9 +30,9 @@ class Stop:
             return True
         return self.flag is not None and self.flag.exists()
 
-    def certificate_deadline(self, grace: float) -> float | None:
-        """Return when a certificate has to be done: ``grace`` seconds from now once a stop was requested."""
+    def certificate_deadline(self) -> float | None:
+        """Return when a certificate has to be done: a second from now once a stop was requested."""
         now = time.monotonic()
         if self.requested():
-            return now + grace
-        return None if self.deadline is None else max(self.deadline, now + grace)
+            return now + GRACE
+        return None if self.deadline is None else max(self.deadline, now + GRACE)

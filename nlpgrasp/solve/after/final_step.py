@@ -26,7 +26,6 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
 LOSS = 2e-3  # relative: what mu may be less at the optimum, whose constraints are kept exactly
-GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 PASSES = 4  # over a mesh, while contacts come too near to sharp edges that were far from where they began
 STEP = "then IPOPT on the program"  # message of a start
 
@@ -143,7 +142,7 @@ def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum
         match = match_on_mesh(problem.body, best.ascended.points, grasp, smooth, bench.follows_contacts)
     on_body = OnBody.of(bench, placed, grasp, match)
     rtol = bench.options.final_rtol if on_body.allowed else bench.options.rtol
-    deadline = stop.certificate_deadline(GRACE)
+    deadline = stop.certificate_deadline()
     bounds = mu(grasp, problem.task, rtol, force_budget=bench.budget(placed), deadline=deadline)
     rows = np.array([row.scale for row in bench.rows.named])
     state = AscentState(placed, multipliers=found.prices * bench.scaling.beta * rows, effort=found.effort)
@@ -175,6 +174,5 @@ def _room(bench: Workbench, best: StartGrasp, end: StartGrasp) -> JointRoom | No
     hand, room = bench.problem.hand, best.room
     if room is None or not isinstance(hand, URDFHand):
         return room
-    margins = Margins.of(hand, bench.options.joint_margin)
-    left = margins.left(end.found.placed.hand["joints"]).tolist()
-    return replace(room, left=dict(zip(margins.names, left, strict=True)), mu=end.record.mu)
+    left = Margins.of(hand, bench.options.joint_margin).left_by_name(end.found.placed.hand["joints"])
+    return replace(room, left=left, mu=end.record.mu)

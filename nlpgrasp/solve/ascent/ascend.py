@@ -90,10 +90,6 @@ class Step:
     effort : Effort
     support : (m,) array
         Multipliers of the cuts, at least zero up to rounding; empty from a model that does not tell.
-    bound_multipliers : (n,) array
-        Of the bounds of the program's variables: positive where the upper one is active, negative the lower.
-    solved : bool
-        Whether the model was solved to its tolerance.
     """
 
     placed: Placed
@@ -101,8 +97,6 @@ class Step:
     multipliers: FloatArray
     effort: Effort
     support: FloatArray = field(default_factory=lambda: np.zeros(0))
-    bound_multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))
-    solved: bool = True
 
 
 class Model(Protocol):

@@ -125,7 +125,7 @@ def _by_newton(bench: Workbench, here: _Point, rng: np.random.Generator, stop: S
         if first is None or (curvature is not None and float(np.max(np.abs(curvature @ first.d))) < SETTLED):
             break
         known = np.arange(len(cuts)) < len(here.minimisers)
-        curvature = reduced_hessian(bench, here.placed, cuts, known, first.multipliers)
+        curvature = reduced_hessian(linear, cuts, known, first.multipliers)
         step = linear.step(radius, curvature)
         if step is None or bench.violation(step.placed) > FEASIBLE:
             radius *= SHORTER

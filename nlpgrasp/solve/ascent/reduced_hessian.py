@@ -15,8 +15,6 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.ascent.steps.linear import Linearisation
 from nlpgrasp.solve.ascent.weakest import followed
-from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.workbench import Workbench
 
 STEP = 1e-5  # solver units, of the differences
 ACTIVE = 1e-7  # a multiplier below is zero
@@ -25,24 +23,22 @@ LEAST = 1e-4  # curvature, solver units, that directions of less are given: alon
 
 
 def reduced_hessian(
-    bench: Workbench, placed: Placed, cuts: FloatArray, minimisers: NDArray[np.bool_], multipliers: FloatArray
+    here: Linearisation, cuts: FloatArray, minimisers: NDArray[np.bool_], multipliers: FloatArray
 ) -> FloatArray:
     """Return the reduced Hessian of ``-beta + multipliers g``, its negative part left out, (n, n), solver units.
 
     Parameters
     ----------
-    bench : Workbench
-    placed : Placed
-        Where contacts and hand are.
+    here : Linearisation
+        The program linearised where contacts and hand are.
     cuts : (m, d) array
-        Directions with ``phi_A = 1``.
+        Directions that it was linearised with.
     minimisers : (m,) array of bool
         Which of them are local minimisers of the support ratio there; others stay as they are.
     multipliers : (rows,) array
         Of all rows of ``Linearisation.rows``.
     """
-    here = Linearisation(bench, placed, cuts)
-    rows = here.rows()
+    bench, rows = here.bench, here.rows()
     basis = _tangents(rows.jacobian[rows.lower == rows.upper], here.beta)
     slope = multipliers @ rows.jacobian
     moving = minimisers & (here.support(multipliers) > ACTIVE)

@@ -44,6 +44,10 @@ class Margins:
         """Return how far joints (m,) are from their nearer limits, (m,)."""
         return np.asarray(np.minimum(joints - self.limits[0], self.limits[1] - joints))
 
+    def left_by_name(self, joints: FloatArray) -> dict[str, float]:
+        """Return how far joints (m,) are from their nearer limits, by their names."""
+        return dict(zip(self.names, self.left(joints).tolist(), strict=True))
+
     def lacking(self, joints: FloatArray) -> NDArray[np.bool_]:
         """Return which joints have less than their margin, (m,)."""
         return np.asarray(self.left(joints) < (1.0 - SMALL) * self.wanted)

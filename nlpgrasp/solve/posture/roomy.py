@@ -73,11 +73,10 @@ class _Posture:
     def told(self, end: StartGrasp) -> StartGrasp:
         """Return a grasp that says what room its joints have, as the end of the start that is the answer."""
         best, names, options = self.best, self.margins.names, self.bench.options
-        left = self.margins.left(end.found.placed.hand["joints"])
         room = JointRoom(
             options.joint_margin,
             dict(zip(names, self.margins.wanted.tolist(), strict=True)),
-            dict(zip(names, left.tolist(), strict=True)),
+            self.margins.left_by_name(end.found.placed.hand["joints"]),
             options.room_price,
             best.record.mu,
             end.record.mu,

@@ -30,7 +30,6 @@ from nlpgrasp.solve.workers.one_thread import one_thread
 SLOWEST = 0.01  # relative gain over some rounds, below which the exchange from a grasp that was climbed to ends
 SLOWEST_BEFORE = 0.03  # the same where contacts climb over the mesh itself afterwards
 MOST_TOUCHING = 2  # attempts of a start whose hand touches, before it ends
-GRACE = 1.0  # seconds a certificate may still take once a stop was requested
 
 
 def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Placed | None = None) -> StartResult:
@@ -143,7 +142,7 @@ class _Attempts:
         if bench.options.maximise_robust:
             found, robust = steady(bench, found)
             self.clock.mark("robust")
-        bounds = _certified(bench, found, state, self.stop.certificate_deadline(GRACE))
+        bounds = _certified(bench, found, state, self.stop.certificate_deadline())
         self.clock.mark("certificate")
         end = StartGrasp.of(bench, self.index, found, bounds, state, first.message, origin=first.origin, robust=robust)
         self.clock.mark("link depth")

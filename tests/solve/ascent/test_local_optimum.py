@@ -105,7 +105,7 @@ def test_reduced_hessian_by_differences_of_values():
     cuts = found.cuts[found.weights > 1e-6]
     here = Linearisation(bench, found.placed, cuts)
     step = here.quadratic_step(1e-4)
-    hessian = reduced_hessian(bench, found.placed, cuts, np.ones(len(cuts), dtype=bool), step.multipliers)
+    hessian = reduced_hessian(here, cuts, np.ones(len(cuts), dtype=bool), step.multipliers)
     values, vectors = np.linalg.eigh(hessian)
     way = vectors[:, -1]  # of the largest curvature
     h, weights = 1e-3, here.support(step.multipliers)

@@ -9,7 +9,6 @@ Madsen (1975, doi:10.1093/imamat/16.3.321).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
@@ -146,7 +145,6 @@ class Linearisation:
             first.multipliers[program.placement],
             Effort(),
             self.support(first.multipliers),
-            np.where(self._at_own(first.d, size), first.bound_multipliers, 0.0),
         )
 
     def support(self, multipliers: FloatArray) -> FloatArray:
@@ -158,11 +156,6 @@ class Linearisation:
     def _size(self, radius: float) -> FloatArray:
         """Return how far each variable may go, (n,)."""
         return np.where(np.isfinite(self.reach), radius * self.reach, BETA_STEP)
-
-    def _at_own(self, d: FloatArray, size: FloatArray) -> NDArray[np.bool_]:
-        """Return which variables go towards a bound of their own that is as near as the trust region's, (n,)."""
-        lower, upper = self.compiled.program.bounds
-        return np.asarray(np.where(d > 0.0, upper - self.z, self.z - lower) <= size)
 
     def _with_cuts(self, rows: Linearised) -> Linearised:
         """Return the rows together with the cuts that the program does not hold: at least zero."""

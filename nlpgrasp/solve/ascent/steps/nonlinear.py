@@ -35,6 +35,4 @@ class NonlinearModel:
             result.multipliers[program.placement],
             Effort.of(result),
             -result.multipliers[program.rows_of(SUPPORT)][: len(cuts)],
-            result.bound_multipliers,
-            result.success,
         )
