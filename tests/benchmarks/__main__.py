@@ -4,6 +4,7 @@ import sys
 
 from nlpgrasp.solve.workers.one_thread import one_thread
 from tests.benchmarks import (
+    baseline,
     best,
     by_hand,
     calls,
@@ -24,6 +25,7 @@ from tests.benchmarks import (
 )
 
 ALL = {
+    "baseline": baseline,
     "calls": calls,
     "ellipsoid": ellipsoid,
     "measures": measures,
