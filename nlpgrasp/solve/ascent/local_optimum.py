@@ -31,7 +31,8 @@ NO_LOSS = 1e-9  # relative
 NEAR, LEAST_NEAR = 10.0, 1e-5  # trust region of the program over the last step; at least, solver units
 WIDE = 0.01  # solver units: the same where minimisers merge and Newton steps do not settle: room for cuts to close in
 BINDING = 1e-9  # weight of a direction that is stated
-CLOSE = 1e-3  # relative: beta of the program may be above the least ratio in all directions by so much
+UNEQUAL = 1e-5  # relative: how far inequalities that bind may be from beta: the program rounds the tips of cones off
+CLOSE = 1e-3  # relative: beta may be above the least ratio in all directions by so much
 
 
 @dataclass(frozen=True)
@@ -151,10 +152,10 @@ def _by_program(bench: Workbench, here: _Point, radius: float, rng: np.random.Ge
         cuts = most_relevant(bench, here.placed, cuts)
         first = bench.exchange.linearises and not found
         compiled = bench.exchange.confirming if first else bench.exchange.closing
-        optimum, beta = _solved(bench, compiled, here, cuts, radius, rng)
+        optimum = _solved(bench, compiled, here, cuts, radius, rng)
         found.append(optimum)
         effort += optimum.effort
-        if stop.requested() or (optimum.kkt.is_small and beta - optimum.value <= CLOSE * here.value):
+        if stop.requested() or optimum.kkt.is_small:
             return replace(optimum, effort=effort)
         cuts = with_new(bench, cuts, minimisers_near(bench, optimum.placed, rng, cuts).directions)
         radius = WIDE
@@ -168,8 +169,8 @@ def _solved(
     cuts: FloatArray,
     radius: float,
     rng: np.random.Generator,
-) -> tuple[LocalOptimum, float]:
-    """Return where IPOPT ends inside a trust region around a point, and its beta in units of mu."""
+) -> LocalOptimum:
+    """Return where IPOPT ends inside a trust region around a point."""
     faces, program, scale = here.placed.faces, compiled.program, bench.scaling.beta
     z, theta = variables_of(bench, program, here.placed), piece_parameters(bench, here.placed, cuts)
     z[program.block("beta").range] = scale * min(
@@ -189,14 +190,27 @@ def _solved(
         _residuals(compiled, result, theta),
         Effort.of(result),
     )
-    return replace(optimum, kkt=_with_binding(optimum)), result.objective / scale
+    return replace(optimum, kkt=_of_whole_inequalities(bench, optimum, result.objective / scale))
 
 
-def _with_binding(optimum: LocalOptimum) -> KKT:
-    """Return an optimum's residuals with the directions that bind, and their weights."""
-    binding = optimum.weights > BINDING
-    directions = tuple(tuple(map(float, direction)) for direction in optimum.cuts[binding])
-    return replace(optimum.kkt, directions=directions, weights=tuple(optimum.weights[binding].tolist()))
+def _of_whole_inequalities(bench: Workbench, optimum: LocalOptimum, beta: float) -> KKT:
+    """Return an optimum's residuals with the directions that bind, and their weights.
+
+    The inequalities are those of all directions: beta has to be next to the least ratio. Complementarity is theirs,
+    too: where the program holds one contact's support in place of the largest (``nlpgrasp.nlp.support_function``), a
+    row may bind though its inequality does not.
+    """
+    binding, kkt = optimum.weights > BINDING, optimum.kkt
+    slack = bench.wrench_set(optimum.placed).support(optimum.cuts)[0] - beta
+    apart = float(np.max(optimum.weights * np.abs(slack), initial=0.0)) / max(abs(beta), 1e-300)
+    above = (beta - optimum.value) / max(abs(beta), 1e-300)
+    return replace(
+        kkt,
+        feasibility=kkt.feasibility if above <= CLOSE else max(kkt.feasibility, above),
+        complementarity=kkt.complementarity if apart <= UNEQUAL else max(kkt.complementarity, apart),
+        directions=tuple(tuple(map(float, direction)) for direction in optimum.cuts[binding]),
+        weights=tuple(optimum.weights[binding].tolist()),
+    )
 
 
 def residuals_at(bench: Workbench, placed: Placed) -> KKT:
