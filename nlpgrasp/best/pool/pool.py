@@ -61,7 +61,8 @@ class Pool:
             most = self._over_clusters(mixed)
             hit = np.flatnonzero(mixed == most[last:][self._cluster])
             self._where[last * i + self._cluster[hit], k] = hit
-            self._most[2 * last * i : 2 * last * (i + 1), k] = most.astype(np.float32) * (1 + ROUNDING)
+            with np.errstate(over="ignore"):  # inf is a bound too
+                self._most[2 * last * i : 2 * last * (i + 1), k] = most.astype(np.float32) * (1 + ROUNDING)
         self.mixtures.append((numbers, weights))
 
     def largest(self, numbers: IntArray, weights: FloatArray) -> FloatArray:
