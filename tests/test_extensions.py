@@ -22,18 +22,10 @@ from nlpgrasp.contacts.base import CONTACTS
 from nlpgrasp.contacts.cones.range_cone import RangeContact
 from nlpgrasp.contacts.registry import register as register_contact
 from nlpgrasp.interop.contacts_csv import contacts_csv
-from nlpgrasp.solve.ascent.ascend import Rules, Step
-from nlpgrasp.solve.ascent.state import Effort
-from nlpgrasp.solve.ascent.steps import registry as models
-from nlpgrasp.solve.ascent.steps.registry import ExchangeModel
-from nlpgrasp.solve.ascent.steps.registry import register as register_exchange
-from nlpgrasp.solve.start import run as start_run
-from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.tasks import TaskPolytope, task_from_dict
 from nlpgrasp.tasks.base import TASKS
 from nlpgrasp.tasks.registry import register as register_task
 
-RANDOM_RULES = Rules(60, 0.1, 1e-3, worse=0.9, refused=0.9)
 FILES = Path(__file__).parent / "solution" / "files"
 BOX, BALL = ng.Box([0.08, 0.04, 0.04]), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
 
@@ -142,11 +134,10 @@ class Pair(TaskPolytope):
 @pytest.fixture(scope="module", autouse=True)
 def registered():
     """Register the kinds of this module, and forget them again."""
-    with patch.dict(CONTACTS._kinds), patch.dict(BUDGETS._kinds), patch.dict(TASKS._kinds), patch.dict(models._models):
+    with patch.dict(CONTACTS._kinds), patch.dict(BUDGETS._kinds), patch.dict(TASKS._kinds):
         register_contact(Gecko)
         register_budget(Weighed)
         register_task(Pair)
-        register_exchange(ExchangeModel("test random", RandomSteps, RANDOM_RULES, lambda bench: True))
         yield
 
 
@@ -319,41 +310,3 @@ def test_files_of_a_toy_format_are_read(toy, tmp_path):
     done = toy("quality", "contacts.faces", "--task", "box.json")
     assert done.returncode == 2
     assert done.stderr.startswith("nlpgrasp: --task: got ")
-
-
-class RandomSteps:
-    """Steps of the exchange by chance alone."""
-
-    def __init__(self, bench):
-        self.bench, self.rng = bench, np.random.default_rng(0)
-
-    def step(self, state, cuts, radius):
-        placed, length = state.placed, radius * self.bench.scaling.length
-        moved = placed.points + length * self.rng.standard_normal(placed.points.shape)
-        there = self.bench.snapped(Placed(placed.faces, moved, placed.hand))
-        return Step(there, np.inf, np.zeros_like(state.multipliers), Effort())
-
-
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_an_exchange_model_from_elsewhere(tmp_path, workers):
-    problem = ng.GraspProblem(ng.Ellipsoid([0.06, 0.03, 0.03]), [ng.FrictionContact(0.5)] * 3, BALL)
-    options = ng.SolveOptions(exchange="test random", shadow_prices=False, workers=workers, global_bound=False)
-    found = ng.solve(problem, starts=2, options=options)
-    for start in found.starts:
-        assert list(start.history) == sorted(start.history)
-        assert start.history[-1] > start.history[0] > 0.0
-    assert passed(found, tmp_path / "random.json").solver["options"]["exchange"] == "test random"
-
-
-def test_exchange_models_that_do_not_serve(monkeypatch):
-    with_forces = [ng.SoftContact(0.5, 0.01, model="elliptic")] * 3  # the program has copies of them
-    problem = ng.GraspProblem(BOX, with_forces, BALL)
-    with pytest.raises(ng.InputError, match="one of 'linear', 'nonlinear'"):
-        ng.solve(problem, options=ng.SolveOptions(exchange="by hand"))
-    # nor is any start begun: none is left to screen a placement
-    monkeypatch.setattr(start_run, "candidates", None)
-    for workers in (1, 2):
-        with pytest.raises(ng.InputError, match="a model that suits the problem: 'nonlinear'"):
-            ng.solve(problem, starts=2, options=ng.SolveOptions(exchange="linear", workers=workers))
-    with pytest.raises(ng.InputError, match="True or False"):
-        ng.SolveOptions(exchange=1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.best.bound.weakest import Design, descended
 from nlpgrasp.best.climb import Climber
-from nlpgrasp.best.exchange import Exchange, Places
+from nlpgrasp.best.exchange import Exchange
 from nlpgrasp.best.incumbent import ROUGH, Incumbent
 from nlpgrasp.best.pool.certificate import pool_certificate
 from nlpgrasp.best.pool.tree import PoolTree
@@ -42,20 +42,16 @@ class Search:
         Relative, at which to stop.
     rough : float
         Relative width of the certificates of grasps met, until the best is close to the bound.
-    places : sequence of Places, optional
-        Where on a mesh the contacts of grasps may be, those that are alike together as in the scope; anywhere in it if
-        not given.
     """
 
-    def __init__(self, scope: Scope, gap: float, rough: float = ROUGH, places: Sequence[Places] | None = None) -> None:
+    def __init__(self, scope: Scope, gap: float, rough: float = ROUGH) -> None:
         self.scope, self.gap = scope, gap
         self.best = Incumbent(scope, gap, rough)
         self.tree = tree_of(scope)
         self.twists = self.tree.twists
         self.climber = Climber(scope.task, self.twists.lattice, scope.problem.body.size)
-        self.exchange = Exchange.of(scope.pieces, self.climber) if places is None else Exchange(places, self.climber)
-        reaches = scope.pieces if places is None else [some.pieces for some in places]
-        self._reach_of = [reach for reach in reaches for _ in reach.slots]
+        self.exchange = Exchange.of(scope.pieces, self.climber)
+        self._reach_of = [reach for reach in scope.pieces for _ in reach.slots]
         self._begun = self._wandered = False
         self._hurried = True  # whether climbs far below the best so far end early
         self._fresh: list[Node] = []  # nodes that no climb began from yet

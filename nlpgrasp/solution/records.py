@@ -64,7 +64,7 @@ class StartRecord:
         IPOPT iterations of the attempt that is kept; 0 where the start began from a known grasp and every step was a
         quadratic program.
     seconds : mapping
-        Wall time by stage: ``screen``, ``vertex``, ``exchange``, ``mesh``, ``certificate``.
+        Wall time by stage: ``propose``, ``first program``, ``refine``, ``certificate``, ``link depth``.
     message : str
         The vertex solver's own word, or the error.
     history : tuple of float

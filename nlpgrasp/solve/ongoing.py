@@ -54,7 +54,6 @@ class Ongoing:
     def run_starts(self) -> None:
         """Run its own starts, over the workers that the options allow."""
         with one_thread():
-            self._runner.check_model()
             self.results = sorted(self._runner.starts(self._seed, self._stop), key=lambda r: r.record.index)
 
     def scout(self, count: int) -> None:

@@ -28,9 +28,8 @@ class SolveOptions:
     shells : {0, 1, 2}, optional
         Directions of the first program: the ends of the task's semi-axes, one shell of well-spread directions, or
         two for a tighter program. When left out: 0 with a hand that has a pose, 1 otherwise.
-    exchange : bool or str
-        Refine with cutting planes in a trust region until mu itself is locally maximal; a name chooses what proposes
-        the steps (``"nonlinear"``: IPOPT, ``"linear"``: a quadratic program; others may be registered).
+    exchange : bool
+        Refine candidates with cutting planes in a trust region until mu itself is locally maximal.
     exchange_rounds : int
         Most rounds of it a start.
     candidates : int
@@ -91,8 +90,8 @@ class SolveOptions:
 
     transcription: str = "vertex"
     shells: int | None = None
-    exchange: bool | str = True
-    exchange_rounds: int = 40
+    exchange: bool = True
+    exchange_rounds: int = 25
     candidates: int = 16
     rtol: float = 0.02
     final_rtol: float = 0.01
@@ -145,11 +144,9 @@ class SolveOptions:
         if self.workers is not None:
             workers = integer("SolveOptions.workers", self.workers, at_least=1, at_most=1024)
             object.__setattr__(self, "workers", workers)
-        if not isinstance(self.exchange, bool | str) or self.exchange == "":
-            raise InputError("SolveOptions.exchange", self.exchange, "True or False, or the name of a model")
         if self.ipopt != {}:
             object.__setattr__(self, "ipopt", check_ipopt_options("SolveOptions.ipopt", self.ipopt))
-        for name in ("shadow_prices", "extras", "maximise_robust", "global_bound"):
+        for name in ("exchange", "shadow_prices", "extras", "maximise_robust", "global_bound"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
 

@@ -21,7 +21,6 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
-from nlpgrasp.solve.ascent.steps.registry import check_name
 from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.close_gap import close_gap
@@ -51,11 +50,11 @@ def solve(
     """Find the best grasp over several seeded starts and certify it.
 
     A short branch and bound over all placements, where it covers the problem, bounds mu from above and gives grasps
-    from which up to three quarters of the starts begin (up to half on a mesh, or where it leaves out a part). Every
-    other start exchanges contacts of random tuples of surface samples one at a time (hands with a pose of their own
-    compare random poses) and solves the first program by IPOPT. An ascent by cutting planes in a trust region refines
-    each candidate: its steps are quadratic programs of the program's linearisation, or IPOPT's where the program holds
-    forces. The contacts then go onto the body and are certified, and the links of a hand are measured there. The answer
+    from which up to three quarters of the starts begin (up to half where it leaves out a part, none on a mesh). Every
+    other start exchanges contacts of random tuples of surface samples one at a time; hands with a pose of their own
+    compare random poses. Cutting planes in a trust region refine the best candidates: steps are quadratic programs of
+    the program's linearisation with the Lagrangian's curvature, or IPOPT's where the program holds forces. Their ends
+    are certified on the body itself, and the links of a hand are measured there. The answer
     is the start with the best certified bounds whose hand is free and comes to it freely, if any is; ``solution.gap``
     says how far it is from the best possible, at most, and with ``SolveOptions(gap=...)`` the search goes on until it
     is as close as that. The same seed gives the same answer with any number of workers (unless a time limit or Ctrl-C
@@ -93,7 +92,7 @@ def solve(
     Raises
     ------
     InputError
-        Before any start: for arguments out of range, and for a model of the exchange that does not suit the problem.
+        Before any start, for arguments out of range.
     NoGraspError
         With ``throw``, when no grasp was found.
 
@@ -112,7 +111,6 @@ def solve(
         raise InputError("options", options, "a SolveOptions, such as ng.SolveOptions(gap=0.02)")
     if options.edge_margin is not None:
         problem = replace(problem, edge_margin=options.edge_margin)
-    check_name(options.exchange)
     check_json(problem.to_dict())
     warn_of_smoothing(problem.body, problem.hand)
     keeping = Keeping(keep, distinct)
@@ -137,7 +135,6 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         stop = Stop(deadline, Path(folder) / "stop")
         with Interrupt(stop) as interrupt, one_thread():
-            runner.check_model()
             if runner.outlook(stop) is None and options.gap is not None:
                 warn(f"gap: {why_not_bounded(runner.problem)}; the answer is the best of its starts")
             clock.mark("outlook")

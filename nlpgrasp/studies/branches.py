@@ -15,7 +15,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.outlook.outlook import Outlook, unseen
-from nlpgrasp.solve.start.first_program import solve_first
+from nlpgrasp.solve.start.first_program import first_of
 from nlpgrasp.solve.start.run import with_hand
 from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.workbench.placed import Placed
@@ -88,13 +88,13 @@ class Branches:
         """Return what a start's first program finds; None where that breaks constraints or fails."""
         rng = np.random.default_rng([self._seed, number])
         try:
-            first = solve_first(bench, candidates(bench, rng, Stop()), rng)
+            first = first_of(bench, candidates(bench, rng, Stop()), rng)
         except (RuntimeError, np.linalg.LinAlgError):
             return None
         if first is None or first.score < 0.0:
             return None
-        found = first.state
-        branch = Branch(bench.snapped(found.placed), multipliers=found.multipliers, effort=found.effort)
+        none = np.zeros(len(bench.rows.named))
+        branch = Branch(bench.snapped(first.placed), multipliers=none, effort=first.effort)
         if first.score == 0.0:
             self._raise(bench, branch, rng)
         return branch
@@ -103,7 +103,7 @@ class Branches:
         """Slide a branch that exerts nothing as long as that helps."""
         look(bench, branch, rng)
         for _ in range(RISING):
-            if slide(bench, branch, rng, self.steps) or branch.value <= 0.0:
+            if slide(bench, branch, self.steps) or branch.value <= 0.0:
                 return
 
     def improve(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
@@ -113,7 +113,7 @@ class Branches:
             state.effort, state.value = Effort(), 0.0
         if current is not None:
             look(bench, current, rng)
-            slide(bench, current, rng, self.steps)
+            slide(bench, current, self.steps)
         if not self._search(bench, 0.0 if current is None else current.value, rng):
             if self._complete and self.steps == 1:
                 self._begin(bench, range(self._starts))
@@ -122,7 +122,7 @@ class Branches:
             following = self._next(bench, current)
             if following is None:
                 break
-            slide(bench, following, rng, self.steps)
+            slide(bench, following, self.steps)
         self._best = max((state.value for state in self.states), default=0.0)
 
     def _search(self, bench: Workbench, known: float, rng: np.random.Generator) -> bool:

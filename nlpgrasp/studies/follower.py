@@ -19,7 +19,7 @@ from nlpgrasp.solve.answer import solver_record
 from nlpgrasp.solve.ascent.weakest import MISSED
 from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.surface.on_body import OnBody
-from nlpgrasp.solve.surface.put import put_on_body
+from nlpgrasp.solve.surface.put import on_body
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.studies.branches import Branches, moved
 from nlpgrasp.studies.dynamic_grasp import DynamicStep
@@ -129,13 +129,13 @@ class Follower:
 
     def _on_body(self, bench: Workbench, state: Branch, rng: np.random.Generator) -> Held:
         """Return a branch on the body, slid on where its certificate disproves what descents found of it."""
-        best = held = self._certified(bench, state, put_on_body(bench, state, rng, Stop()))
+        best = held = self._certified(bench, state, on_body(bench, state.placed, state.value, Stop()))
         for _ in range(SLID_ON):
             flattered = held.found.allowed and held.bounds.upper < (1.0 - MISSED) * state.value
             if not (flattered and learn(bench, state)):
                 break
-            slide(bench, state, rng, self._branches.steps)
-            held = self._certified(bench, state, put_on_body(bench, state, rng, Stop()))
+            slide(bench, state, self._branches.steps)
+            held = self._certified(bench, state, on_body(bench, state.placed, state.value, Stop()))
             best = max(best, held, key=lambda h: h.worth)
         return best
 

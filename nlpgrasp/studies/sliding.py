@@ -9,20 +9,18 @@ import numpy as np
 
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.solve.ascent.ascend import Rules, ascend
 from nlpgrasp.solve.ascent.cuts import with_known, with_new
-from nlpgrasp.solve.ascent.exchange import exchange_rules
+from nlpgrasp.solve.ascent.refine import refine
 from nlpgrasp.solve.ascent.state import AscentState
-from nlpgrasp.solve.ascent.steps.registry import model_of
 from nlpgrasp.solve.ascent.weakest import QUICK, disproved, weakest_at
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 LOOSE = replace(QUICK, gap=0.01)
 CUTS = 48  # of the exchange's program: a third of a solve's, in a third of the time
 SEEN = 24  # of a branch's directions, those found last, tell how good others can be at most
-GAIN = 2e-3  # relative: a slide ends, without a trial, where the model promises less
+GAIN = 2e-3  # relative: a slide ends where rounds gain less
 LAP = 6  # rounds of a slide from afar at a time
-NEAR_RADIUS, NEAR_ROUNDS = 0.05, 8  # of a branch that was at its best: the task changes a little, and so do contacts
+NEAR_ROUNDS = 8  # of a branch that was at its best: the task changes a little, and so do contacts
 NEVER = -1
 
 
@@ -71,21 +69,12 @@ def at_most(bench: Workbench, states: Sequence[Branch]) -> FloatArray:
     return result
 
 
-def slide(bench: Workbench, state: Branch, rng: np.random.Generator, step: int) -> bool:
+def slide(bench: Workbench, state: Branch, step: int) -> bool:
     """Slide a branch that was looked at towards its best; return whether it got there, in ``step`` of the path."""
-    rules = exchange_rules(bench)
-    rounds, radius = (LAP, rules.radius) if state.settled == NEVER else (NEAR_ROUNDS, min(rules.radius, NEAR_RADIUS))
-    rules = replace(rules, rounds=min(rules.rounds, rounds), radius=radius, untried=GAIN, descents=LOOSE)
-    if _slid(bench, state, rng, rules):
+    found = refine(bench, state.placed, Stop(), LAP if state.settled == NEVER else NEAR_ROUNDS, GAIN)
+    if found.point.value > state.value:
+        state.accept(found.point.placed, found.point.value, found.multipliers)
+    state.cuts, state.effort = with_new(bench, state.cuts, found.point.cuts), state.effort + found.effort
+    if found.settled:
         state.settled = step
-        return True
-    return False
-
-
-def _slid(bench: Workbench, state: Branch, rng: np.random.Generator, rules: Rules) -> bool:
-    """Slide by these rules; return whether that ended before its rounds were used up."""
-    for _ in ascend(bench, state, model_of(bench).make(bench), rules, rng, Stop()):
-        pass
-    early = state.rounds < rules.rounds
-    state.rounds = 0
-    return early
+    return found.settled

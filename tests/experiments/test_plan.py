@@ -31,10 +31,3 @@ def test_a_plan_of_an_earlier_version_goes_on():
 def test_another_problem_is_refused():
     with pytest.raises(ng.InputError, match=r"variation 'a' is another \(problem, constraints\)"):
         check_same(plan(), plan(0.001), "folder")
-
-
-def test_an_unknown_model_of_the_exchange_is_refused_before_anything_runs():
-    square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    base = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1]))
-    with pytest.raises(ng.InputError, match=r"SolveOptions\.exchange: got 'liner', expected True, False or one of"):
-        ng.Experiment(base, {"a": {"options": {"exchange": "liner"}}})

@@ -99,17 +99,23 @@ def test_elliptic_torsion_has_no_closed_form():
 def test_vertex_program_bounds_the_measure_from_below():
     """With inradius r of the directions, a centred task has mu >= r beta at any feasible point."""
     from nlpgrasp.common.directions import inradius
+    from nlpgrasp.nlp import face_parameters
     from nlpgrasp.solve.options import SolveOptions
-    from nlpgrasp.solve.start.first_program import first_parameters, solve_first
+    from nlpgrasp.solve.start.first_program import first_parameters
     from nlpgrasp.solve.workbench.placed import Placed
+    from nlpgrasp.solve.workbench.variables import placed_of, variables_of
     from nlpgrasp.solve.workbench.workbench import Workbench
 
     bench = Workbench(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)
     points = closed_ellipsoid_grasp(np.random.default_rng(1)).points
-    first = solve_first(bench, iter([Placed(("surface",) * 4, points)]), rng)
-    state, beta = first.state, first.beta
-    bounds = ng.mu(bench.grasp(state.placed), BALL, 0.02)
+    program, begin = bench.first.program, Placed(("surface",) * 4, points)
+    z = variables_of(bench, program, begin)
+    z[program.block("beta").range] = 0.1
+    theta = np.concatenate([first_parameters(bench, rng), face_parameters(bench.problem, begin.faces)])
+    result = bench.first.solve(z, theta)
+    beta = result.objective / bench.scaling.beta
+    bounds = ng.mu(bench.grasp(placed_of(bench, program, begin.faces, result.z)), BALL, 0.02)
     assert beta * inradius(6, 1) <= bounds.upper
     assert bounds.lower <= beta * (1 + 1e-4)
     assert first_parameters(bench, rng).shape == (72 * 6,)

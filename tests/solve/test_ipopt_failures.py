@@ -75,8 +75,10 @@ def test_a_solve_says_that_ipopt_did_not_run(broken, tmp_path):
 
 
 def test_a_start_states_it_to_the_process_that_collects_starts(broken):
-    """What a worker returns is pickled, and its effort with it: of all candidates whose first program was solved."""
-    result = pickle.loads(pickle.dumps(run_start(Workbench(problem(), OPTIONS), 3, 0, Stop())))  # noqa: S301
+    """What a worker returns is pickled, and its effort with it: of all steps that the program with forces took."""
+    contacts = [ng.SoftContact(0.5, 0.3, "elliptic")] * 3
+    asked = ng.GraspProblem(ng.Sphere(1.0), contacts, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]))
+    result = pickle.loads(pickle.dumps(run_start(Workbench(asked, OPTIONS), 3, 0, Stop())))  # noqa: S301
     assert result.effort.calls > 0
     assert result.effort.failures == {broken: result.effort.calls}
 

@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_info
 
 import nlpgrasp as ng
 from nlpgrasp.solution.records import UNKNOWN, StartRecord, Status
-from nlpgrasp.solve.ascent.steps.registry import LINEAR
 from nlpgrasp.solve.progress import told
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -94,7 +93,7 @@ def test_both_transcriptions_lead_to_a_grasp(transcription):
         shadow_prices=False, workers=1, transcription=transcription, rtol=0.05, final_rtol=0.05, global_bound=False
     )
     found = ng.solve(ellipsoid(), starts=1, options=options).mu.upper
-    assert found == pytest.approx(0.73193, rel=LINEAR.least_gain)  # where the exchange's model promises no more
+    assert found == pytest.approx(0.73193, rel=1e-4)
 
 
 @pytest.mark.slow
@@ -254,7 +253,7 @@ def test_a_flat_task_without_torque(capfd):
     options = ng.SolveOptions(shadow_prices=False, workers=1, global_bound=False)
     solution = ng.solve(problem, starts=2, options=options)
     assert solution.mu.upper == pytest.approx(1 / np.sqrt(3.0), rel=1e-4)  # the best there is
-    assert all(start.message.startswith("Solve_Succeeded") and start.iterations > 0 for start in solution.starts)
+    assert all(start.mu.upper == pytest.approx(1 / np.sqrt(3.0), rel=1e-4) for start in solution.starts)
     assert "overconstrained" not in capfd.readouterr().err
 
 

@@ -199,7 +199,7 @@ def test_each_step_says_how_far_it_is_from_the_best(monkeypatch):
     """One search a step and no random start; the bound against grasps on a grid, the grasp against the bound."""
     searches = []
     monkeypatch.setattr(branches, "unseen", lambda *of: searches.append(of) or unseen(*of))
-    monkeypatch.setattr(branches, "solve_first", None)
+    monkeypatch.setattr(branches, "first_of", None)
     tasks = np.linspace(-0.5, 0.5, 3)
     found = ng.follow_task(swinging, tasks, starts=2, options=ONE)
     assert len(searches) == len(tasks)

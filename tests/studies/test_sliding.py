@@ -23,7 +23,7 @@ def certified(bench, state):
 
 def begun(bench, count):
     rng = np.random.default_rng(0)
-    search = CoordinateExchange(bench, rng)
+    search = CoordinateExchange(bench, bench.sample_tables, rng)
     placed = [search.placed(one) for one in search.best(bench.sample_tables.random(64, rng), 64)[8 : 8 + count]]
     return [Branch(p, multipliers=np.zeros(len(bench.rows.named))) for p in placed], rng
 
@@ -49,14 +49,14 @@ def test_a_slide_gains_what_the_certificate_says():
     look(bench, state, rng)
     before = certified(bench, state)
     for _ in range(5):
-        if slide(bench, state, rng, 3):
+        if slide(bench, state, 3):
             break
     after = certified(bench, state)
     assert after.lower > 1.05 * before.upper
     assert after.lower <= state.value <= 1.011 * after.upper
     assert state.settled == 3
     placed = state.placed.points.copy()
-    assert slide(bench, state, rng, 4)
+    assert slide(bench, state, 4)
     assert np.max(np.abs(state.placed.points - placed)) < 0.05  # nothing much left to gain
     assert certified(bench, state).lower <= (1.0 + 5 * GAIN) * after.upper
 

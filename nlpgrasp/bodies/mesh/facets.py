@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 
 import casadi as ca
@@ -34,7 +33,7 @@ class Facets(Body):
     Attributes
     ----------
     names : tuple of k str
-        Of the contacts' faces, which ``triangles_of`` reads.
+        Of the contacts' faces, which ``triangle_of`` reads.
     """
 
     def __init__(self, mesh: Mesh, triangles: NDArray[np.intp], points: FloatArray, margin: float) -> None:
@@ -43,9 +42,9 @@ class Facets(Body):
         self.names = tuple(f"contact {i}, triangle {number}" for i, number in enumerate(triangles.tolist()))
 
     @staticmethod
-    def triangles_of(names: Sequence[str]) -> NDArray[np.intp]:
-        """Return the numbers of the triangles that faces of such names are, (k,)."""
-        return np.array([int(name.rpartition(" ")[2]) for name in names], dtype=np.intp)
+    def triangle_of(name: str) -> int:
+        """Return the number of the triangle that a face of such a name is."""
+        return int(name.rpartition(" ")[2])
 
     @property
     def bounds(self) -> FloatArray:

@@ -13,7 +13,6 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Fingertips
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve import SolveOptions
-from nlpgrasp.solve.ascent.steps.registry import check_name
 from nlpgrasp.solve.many.collection import ONE, Keeping
 
 Changes: TypeAlias = Mapping[str, Any]
@@ -144,11 +143,8 @@ def _options(where: str, base: SolveOptions, given: object) -> SolveOptions:
     if given is None:
         return base
     if isinstance(given, SolveOptions):
-        check_name(given.exchange)
         return replace(given, workers=1)
     names = set(base.to_dict()) - {"workers"}
     if not isinstance(given, Mapping) or not set(given) <= names:
         raise InputError(f"{where}.options", given, "an ng.SolveOptions, or a mapping of some of its fields")
-    options = replace(base, **given)
-    check_name(options.exchange)
-    return options
+    return replace(base, **given)

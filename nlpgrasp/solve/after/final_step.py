@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from nlpgrasp.bodies import Mesh
-from nlpgrasp.bodies.mesh.facets import Facets
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.joint_room import JointRoom
@@ -19,14 +15,11 @@ from nlpgrasp.solve.ascent.local_optimum import LocalOptimum, local_optimum, res
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.posture.margins import Margins
 from nlpgrasp.solve.start.result import StartGrasp
-from nlpgrasp.solve.surface.match import match_on_mesh
-from nlpgrasp.solve.surface.on_body import OnBody
-from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.surface.triangles import PASSES, on_triangles, put_on_body
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
-LOSS = 2e-3  # relative: what mu may be less at the optimum, whose constraints are kept exactly
-PASSES = 4  # over a mesh, while contacts come too near to sharp edges that were far from where they began
+LOSS = 5e-3  # relative: what mu may be less at the optimum, whose constraints are kept exactly
 STEP = "then IPOPT on the program"  # message of a start
 
 
@@ -51,33 +44,12 @@ def at_local_optimum(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGra
             return best
 
 
-def on_triangles(bench: Workbench, placed: Placed, places: Sequence[FloatArray] = ()) -> tuple[Workbench, Placed]:
-    """Return the workbench whose faces are the triangles of a mesh that contacts are on, and the contacts there.
-
-    Of another body both are as they are.
-
-    Parameters
-    ----------
-    bench : Workbench
-    placed : Placed
-        Contacts may say by their faces which triangles theirs are.
-    places : sequence of (k, 3) arrays
-        Where contacts stay away from sharp edges, metres; about themselves if not given.
-    """
-    problem, body = bench.problem, bench.problem.body
-    if not isinstance(body, Mesh):
-        return bench, placed
-    known = placed.faces[0] not in body.face_names
-    triangles = Facets.triangles_of(placed.faces) if known else body.triangles_at(placed.points)
-    facets = Facets(body, triangles, np.stack([placed.points] if not len(places) else places), problem.margin)
-    models = tuple(replace(model, faces=(name,)) for model, name in zip(problem.models, facets.names, strict=True))
-    own = problem.unchecked(body=facets, contacts=models)
-    return Workbench(own, bench.options), replace(placed, faces=facets.names)
-
-
 def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
     roomy = _with_room(bench, best)
-    own, begin = on_triangles(roomy, best.found.placed)
+    placed = best.found.placed
+    if np.array_equal(best.ascended.points, placed.points):
+        placed = replace(placed, faces=best.ascended.faces)  # which of two triangles a contact on their edge belongs to
+    own, begin = on_triangles(roomy, placed)
     reason, places = _why_not(bench), [begin.points]
     for _ in range(0 if reason else PASSES):
         found = local_optimum(own, begin, stop)
@@ -135,12 +107,8 @@ def _with_room(bench: Workbench, best: StartGrasp) -> Workbench:
 def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum, stop: Stop) -> StartGrasp:
     """Return the optimum as the end of the start that is the answer: put on the body, certified, measured."""
     problem, before = bench.problem, best.record
-    placed = Placed(best.found.placed.faces, found.placed.points, found.placed.hand)
-    grasp, match = bench.grasp_at(placed.points, own.inward_normals(found.placed)), None
-    if isinstance(problem.body, Mesh):
-        smooth = bench.inward_normals(placed)
-        match = match_on_mesh(problem.body, best.ascended.points, grasp, smooth, bench.follows_contacts)
-    on_body = OnBody.of(bench, placed, grasp, match)
+    on_body = put_on_body(bench, own, found.placed, best.ascended.points)
+    placed, grasp = on_body.placed, on_body.grasp
     rtol = bench.options.final_rtol if on_body.allowed else bench.options.rtol
     deadline = stop.certificate_deadline()
     bounds = mu(grasp, problem.task, rtol, force_budget=bench.budget(placed), deadline=deadline)

@@ -21,10 +21,10 @@ from nlpgrasp.problem.rows import collected, given_rows, placement_of
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solve.after.edge_price import edge_price
-from nlpgrasp.solve.after.final_step import on_triangles
 from nlpgrasp.solve.after.limits import Limit, limits_of
 from nlpgrasp.solve.ascent.local_optimum import LocalOptimum, local_optimum
 from nlpgrasp.solve.start.result import StartGrasp
+from nlpgrasp.solve.surface.triangles import on_triangles
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import TypeVar
 
-import numpy as np
-
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.constraints import Approach
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.problem.fields import Distance, distance_to_all, fields_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import of_the_way
 from nlpgrasp.solve.after.final_step import at_local_optimum
@@ -21,6 +16,7 @@ from nlpgrasp.solve.phases.keyframes import keyframes
 from nlpgrasp.solve.posture.roomy import with_room
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.clock import Clock
+from nlpgrasp.solve.workbench.hand_points import hand_at_contacts
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
@@ -89,8 +85,7 @@ def hand_posture(problem: GraspProblem, start: StartGrasp) -> dict[str, object] 
     if hand is None:
         return None
     data = dict(hand.describe(found.placed.hand)) if found.placed.hand else {}
-    cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
-    data |= hand.at_contacts(found.grasp.points, problem.body.size, _distance(problem), cones)
+    data |= hand_at_contacts(problem, found.grasp.points)
     if not data:
         return None
     if start.depth is not None:
@@ -100,12 +95,6 @@ def hand_posture(problem: GraspProblem, start: StartGrasp) -> dict[str, object] 
     if start.room is not None:
         data["room"] = start.room.to_dict()
     return data
-
-
-def _distance(problem: GraspProblem) -> Distance:
-    """Return the distance to the body and what constraints keep a hand away from, compiled where it is first asked."""
-    made = cache(lambda: distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models))))
-    return lambda points: made()(points)
 
 
 def attempted(work: Callable[[], T]) -> T | None:

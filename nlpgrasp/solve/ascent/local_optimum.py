@@ -15,19 +15,15 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 from nlpgrasp.solve.ascent.cuts import most_relevant, piece_parameters, with_new
-from nlpgrasp.solve.ascent.reduced_hessian import ACTIVE, reduced_hessian
+from nlpgrasp.solve.ascent.refine import Point, refine
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.ascent.steps.linear import Linearisation
 from nlpgrasp.solve.ascent.weakest import minimisers_near, weakest_at
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
-from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.solve.workbench.workbench import Workbench
 
-NEWTON_ROUNDS, PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 14, 8, 3
-RADIUS, MOST_RADIUS = 0.03, 0.1  # of the trust region, over the body's size
-LONGER, SHORTER = 1.5, 0.4
-SETTLED = 1e-7  # solver units: the Lagrangian's slope at which the Newton steps end
-NO_LOSS = 1e-9  # relative
+PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 8, 3
 NEAR, LEAST_NEAR = 10.0, 1e-5  # trust region of the program over the last step; at least, solver units
 WIDE = 0.01  # solver units: the same where minimisers merge and Newton steps do not settle: room for cuts to close in
 BINDING = 1e-9  # weight of a direction that is stated
@@ -66,86 +62,22 @@ class LocalOptimum:
     effort: Effort
 
 
-@dataclass(frozen=True)
-class _Point:
-    """Contacts and hand with the directions that are weakest there.
-
-    Parameters
-    ----------
-    placed : Placed
-    value : float
-        The least support ratio.
-    minimisers : (m, d) array
-        Local minimisers of the ratio.
-    others : (m', d) array
-        Directions in which places nearby are weaker.
-    """
-
-    placed: Placed
-    value: float
-    minimisers: FloatArray
-    others: FloatArray
-
-    @property
-    def cuts(self) -> FloatArray:
-        """All directions, (m + m', d)."""
-        return np.concatenate([self.minimisers, self.others])
-
-
 def local_optimum(bench: Workbench, placed: Placed, stop: Stop) -> LocalOptimum | None:
     """Return the local optimum that a placed state is next to; its residuals are not small where it did not settle.
 
     None where the state exerts nothing, and under the torque limits of a hand, which the program does not hold.
     """
-    rng = np.random.default_rng(0)
     if bench.problem.budget.follows_hand:
         return None
-    point = _point_at(bench, placed, rng, weakest_at(bench, placed, rng).directions)
-    if point.value <= 0.0:
+    refined = refine(bench, placed, stop, None if bench.exchange.linearises else 0, 0.0)
+    if refined.point.value <= 0.0:
         return None
-    last = LEAST_NEAR
-    if bench.exchange.linearises:
-        point, last = _by_newton(bench, point, rng, stop)
-    return _by_program(bench, point, max(LEAST_NEAR, NEAR * last), rng, stop)
+    rng, last = np.random.default_rng(0), LEAST_NEAR if not bench.exchange.linearises else refined.length
+    found = _by_program(bench, refined.point, max(LEAST_NEAR, NEAR * last), rng, stop)
+    return replace(found, effort=refined.effort + found.effort)
 
 
-def _point_at(bench: Workbench, placed: Placed, rng: np.random.Generator, known: FloatArray) -> _Point:
-    found = minimisers_near(bench, placed, rng, known)
-    return _Point(placed, found.value, found.directions, found.directions[:0])
-
-
-def _by_newton(bench: Workbench, here: _Point, rng: np.random.Generator, stop: Stop) -> tuple[_Point, float]:
-    """Return where Newton steps lead, and how long the last one was, solver units."""
-    radius, length, curvature = RADIUS, RADIUS, None
-    for _ in range(NEWTON_ROUNDS):
-        if stop.requested():
-            break
-        cuts = most_relevant(bench, here.placed, here.cuts)
-        linear = Linearisation(bench, here.placed, cuts)
-        first = linear.quadratic_step(radius, curvature)
-        if first is None or (curvature is not None and float(np.max(np.abs(curvature @ first.d))) < SETTLED):
-            break
-        known = np.arange(len(cuts)) < len(here.minimisers)
-        curvature = reduced_hessian(linear, cuts, known, first.multipliers)
-        step = linear.step(radius, curvature)
-        if step is None or bench.violation(step.placed) > FEASIBLE:
-            radius *= SHORTER
-            continue
-        moved = variables_of(bench, linear.compiled.program, step.placed) - linear.z
-        moved[linear.beta] = 0.0
-        length = float(np.max(np.abs(moved)))
-        there = _point_at(bench, step.placed, rng, here.minimisers)
-        if there.value >= here.value * (1.0 - NO_LOSS):
-            binding = cuts[np.flatnonzero(step.support > ACTIVE)] if len(here.others) else here.others
-            here, radius = replace(there, others=binding), min(LONGER * radius, MOST_RADIUS)
-        else:
-            again = _point_at(bench, here.placed, rng, np.concatenate([here.minimisers, there.minimisers]))
-            here = replace(again, others=np.concatenate([there.minimisers, here.others]))
-            radius = SHORTER * min(radius, length)
-    return here, length
-
-
-def _by_program(bench: Workbench, here: _Point, radius: float, rng: np.random.Generator, stop: Stop) -> LocalOptimum:
+def _by_program(bench: Workbench, here: Point, radius: float, rng: np.random.Generator, stop: Stop) -> LocalOptimum:
     """Return what IPOPT makes of a point; where it does not settle, directions that are weak at its answer join in."""
     cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
     for _ in range(PROGRAM_ROUNDS if bench.exchange.linearises else ROUNDS_WITH_FORCES):
@@ -165,7 +97,7 @@ def _by_program(bench: Workbench, here: _Point, radius: float, rng: np.random.Ge
 def _solved(
     bench: Workbench,
     compiled: CompiledProgram,
-    here: _Point,
+    here: Point,
     cuts: FloatArray,
     radius: float,
     rng: np.random.Generator,
@@ -226,7 +158,7 @@ def residuals_at(bench: Workbench, placed: Placed) -> KKT:
 
 
 def _multipliers(
-    bench: Workbench, here: _Point, cuts: FloatArray, radius: float
+    bench: Workbench, here: Point, cuts: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the multipliers of rows and bounds that the linearised program has at a point, None without any."""
     if not bench.exchange.linearises:

@@ -10,7 +10,6 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import NlpResult
-from nlpgrasp.quality.certificate.begun import Begun
 from nlpgrasp.solve.workbench.placed import Placed
 
 
@@ -70,9 +69,7 @@ class AscentState:
     effort : Effort
     rounds : int
     history : list of float
-        ``value`` at first and after each round.
-    begun : Begun or None
-        The certificate that was begun last.
+        ``value`` at first and after each step.
     """
 
     placed: Placed
@@ -82,18 +79,7 @@ class AscentState:
     effort: Effort = field(default_factory=Effort)
     rounds: int = 0
     history: list[float] = field(default_factory=list)
-    begun: Begun | None = None
-
-    def begin_round(self) -> None:
-        """Count a round and keep the value it begins with."""
-        self.rounds += 1
-        self.remember()
 
     def accept(self, placed: Placed, value: float, multipliers: FloatArray) -> None:
         """Go to a better state; its multipliers are those of the solve that led there."""
         self.placed, self.value, self.multipliers = placed, value, multipliers
-
-    def remember(self) -> None:
-        """Keep the value for the history."""
-        if np.isfinite(self.value):
-            self.history.append(float(self.value))

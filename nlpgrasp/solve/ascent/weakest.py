@@ -150,8 +150,12 @@ def followed(wrenches: WrenchSet, task: Task, minimisers: FloatArray) -> FloatAr
 def disproved(bench: Workbench, placed: Placed, value: float) -> Weakest | None:
     """Return directions in which a placed state is weaker than descents found it to be; None where there are none.
 
-    Descents miss a narrow dip that no start is near; a certificate's polytope does not.
+    Descents miss a narrow dip that no start is near, and stop at the kinks of other budgets than the paper's; a
+    certificate's polytope does not.
     """
+    if value > 0.0 and not isinstance(bench.budget(placed), L2Budget):
+        found = weakest_at(bench, placed, np.random.default_rng(0))
+        return found if found.value < value * (1.0 - MISSED) else None
     begun = looked_at(bench, placed, value)
     return None if begun is None else missed(begun, value)
 

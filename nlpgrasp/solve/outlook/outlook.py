@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from nlpgrasp.best.exchange import Places
 from nlpgrasp.best.incumbent import ROUGH, Met
 from nlpgrasp.best.pool.tree import PoolTree
 from nlpgrasp.best.scope.scope import scope_of
@@ -29,16 +27,15 @@ from nlpgrasp.solve.workbench.programs import follows_contacts
 
 NODES, OF_FLAT = 400, 1000  # of the tree: one to four seconds; where faces are flat a node takes less
 ONE, ONE_OF_FLAT, EACH = 0.3, 0.65, 0.35  # share of these nodes for one start, and for each other one
-OF_MESH = 160  # of a mesh: exchanges of eight grasps and more take most of the time
+OF_MESH = 160  # of a mesh, where starts begin elsewhere
 BESIDE_A_HAND = 100  # where starts begin elsewhere
 GAP = 0.01  # that the tree aims at where none is asked for
 LOOSE = 0.2  # width of a survey's certificates: they find grasps that hold in fewer directions than it seemed
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 APART = 0.05  # of the body's size: grasps nearer than that, contact by contact, are the same
-AS_GOOD = 0.01  # relative: by how much the values of a grasp and its image may differ
 AS_CLOSE = 0.1  # relative: how far the bound of a whole mesh may be above that of its parts
+AS_GOOD = 0.01  # relative: by how much the values of a grasp and its image may differ
 TIME = 0.2  # of what is left until a deadline: a look takes no more of it
-MESH_SECONDS = 5.0  # that a whole look at a mesh takes, hardly to be interrupted
 KEPT = 8  # problems whose outlook is remembered
 
 
@@ -52,8 +49,6 @@ class Outlook:
         Relative, at which to stop.
     surveys : bool
         Whether a look is a short one, for starts to begin from: in large steps, with loose certificates.
-    places : sequence of Places, optional
-        Where on a mesh starts may begin; anywhere if not given.
 
     Raises
     ------
@@ -61,30 +56,28 @@ class Outlook:
         On a problem that the bound does not cover.
     """
 
-    def __init__(
-        self, problem: GraspProblem, gap: float, surveys: bool = False, places: Sequence[Places] | None = None
-    ) -> None:
-        self._search = Search(scope_of(problem), gap, LOOSE if surveys else ROUGH, places)
+    def __init__(self, problem: GraspProblem, gap: float, surveys: bool = False) -> None:
+        self._search = Search(scope_of(problem), gap, LOOSE if surveys else ROUGH)
         self._surveys = surveys
         self._size = problem.body.size
         self._placements: dict[int, Placed] = {}
         self._certified: tuple[int, float, Json] | None = None
-        self._at_first: tuple[float, Json] | None = None  # what a survey of a mesh begins with
+        self._at_first: tuple[float, Json] | None = None  # what a look at a mesh begins with
 
     def look(self, nodes: int, stop: Stop) -> None:
         """Search until the tree has some nodes more, its gap is closed, or a stop."""
         tree = self._search.tree
         last = tree.nodes + nodes
         if self._surveys:
-            if isinstance(tree, PoolTree):
-                self._search.begin()
-                self._at_first = self._search.certificate()
             self._search.survey(last, stop.requested)
         else:
             self._search.run(lambda: tree.nodes >= last or stop.requested())
 
     def glance(self, nodes: int = 0) -> None:
         """Bound all placements once, and closer until the tree has some nodes, and look for no grasps."""
+        if isinstance(self._search.tree, PoolTree):
+            self._search.begin()
+            self._at_first = self._search.certificate()
         self._search.tighten(nodes)
 
     def expect(self, mu: float) -> None:
@@ -158,19 +151,12 @@ def _distances(points: FloatArray) -> FloatArray:
 _remembered: OrderedDict[str, Outlook] = OrderedDict()
 
 
-def outlook(
-    problem: GraspProblem,
-    options: SolveOptions,
-    stop: Stop,
-    starts: int,
-    places: Callable[[], Sequence[Places] | None] = lambda: None,
-) -> Outlook | None:
+def outlook(problem: GraspProblem, options: SolveOptions, stop: Stop, starts: int) -> Outlook | None:
     """Return a short look over all placements of a problem, None where the bound does not cover it or is not wanted.
 
-    Of a mesh where there are no ``places`` to start from or no time, and beside a hand with a pose, whose starts begin
-    elsewhere, that is the bound alone, unless a gap is asked for. It depends on the problem alone. The latest few are
-    remembered, as an experiment solves a problem with many seeds; where a gap is asked for the look is a new one, for
-    the search goes on from it.
+    Of a mesh and beside a hand with a pose, whose starts begin elsewhere, that is the bound alone, unless a gap is
+    asked for. It depends on the problem alone. The latest few are remembered, as an experiment solves a problem with
+    many seeds; where a gap is asked for the look is a new one, for the search goes on from it.
     """
     if not _wanted(problem, options):
         return None
@@ -180,15 +166,12 @@ def outlook(
     if options.gap is None and key in _remembered:
         _remembered.move_to_end(key)
         return _remembered[key]
-    mesh, short = isinstance(problem.body, Mesh), _left(stop) * TIME < share * MESH_SECONDS
-    begins = places() if mesh and not (short and options.gap is None) else None
-    found = unseen(problem, options, options.gap is None, begins)
+    mesh = isinstance(problem.body, Mesh)
+    found = unseen(problem, options, options.gap is None)
     if found is None:
         return None
-    if options.gap is None and mesh and begins is None:
-        found.glance()
-    elif options.gap is None and mesh:
-        found.look(int(share * OF_MESH), _share_of(stop))
+    if options.gap is None and mesh:
+        found.glance(int(share * OF_MESH) if follows_contacts(problem) else 0)
     elif options.gap is None and not follows_contacts(problem):
         found.glance(int(share * BESIDE_A_HAND) if flat or isinstance(problem.budget, L2Budget) else 0)
     else:
@@ -210,9 +193,7 @@ def _share_of(stop: Stop) -> Stop:
     return stop if stop.deadline is None else replace(stop, deadline=time.monotonic() + TIME * _left(stop))
 
 
-def unseen(
-    problem: GraspProblem, options: SolveOptions, surveys: bool = False, places: Sequence[Places] | None = None
-) -> Outlook | None:
+def unseen(problem: GraspProblem, options: SolveOptions, surveys: bool = False) -> Outlook | None:
     """Return an outlook that has not looked yet, None where the bound does not cover the problem or is not wanted.
 
     It looks closely unless it ``surveys``.
@@ -221,7 +202,7 @@ def unseen(
         return None
     try:
         gap = GAP if options.gap is None else SHARE * options.gap
-        return Outlook(problem, gap, surveys, places)
+        return Outlook(problem, gap, surveys)
     except InputError:
         return None
 

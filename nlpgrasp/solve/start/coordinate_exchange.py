@@ -11,21 +11,28 @@ which candidates turn out to be weakest.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.quality.certificate.begun import Begun
 from nlpgrasp.quality.screening import weak_directions
 from nlpgrasp.solve.ascent.weakest import missed
 from nlpgrasp.solve.start.scores import scores
 from nlpgrasp.solve.start.touch import TOUCHING, touching
+from nlpgrasp.solve.surface.triangles import on_triangles
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray
+from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray, SampleTables
+from nlpgrasp.solve.workbench.surface_samples import Cloud
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 KEPT = 8  # candidates that exchanges go on from
-SHAKES, FIRST_SHAKES = 3, 3  # rounds that move contacts of the best at random: of a start, and of the first search
+SHAKES, FIRST_SHAKES = 6, 3  # rounds that move contacts of the best at random: of a start, and of the first search
 SHAKEN = 8  # candidates made a round
 SWEEPS = 4  # most exchanges of each contact
 WEAK = 24  # directions that all samples are compared along: the weakest of the contacts that stay
@@ -36,6 +43,9 @@ DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, 
 CERTIFIED, LOOSE = 2, 0.2  # certificates a round at most, and their relative width
 SHOWN = 8  # directions learned of a certificate
 PROPOSED = 4  # candidates of a start
+MOST_MET, BEST_MET = 200, 12  # pairs for jaws whose way in is looked at: the best so many, and others among all met
+REPAIRABLE = 1e-3  # violation of constraints that couple contacts, relative to their scales, that is mended afterwards
+AROUND, MOST_AROUND = 0.08, 300  # of the body's size, and of samples, where contacts on a mesh are exchanged nearby
 APART = 0.05  # of the body's size: candidates whose distances between contacts differ by less are of one kind
 
 
@@ -46,12 +56,22 @@ def propose(bench: Workbench, rng: np.random.Generator) -> list[Placed]:
     """
     tables = bench.sample_tables
     if not tables.informed:
-        first = CoordinateExchange(bench, np.random.default_rng(0))
+        first = CoordinateExchange(bench, tables, np.random.default_rng(0))
         first.search(FIRST_SHAKES)
         tables.directions, tables.powers, tables.informed = first.directions, first.powers, True
-    search = CoordinateExchange(bench, rng)
+    search = CoordinateExchange(bench, tables, rng)
     tuples = search.search(SHAKES)
-    return _onto_narrow(bench, search, tuples) if bench.rows.narrow else search.distinct(tuples)
+    jaws = isinstance(bench.problem.hand, ParallelJaw)
+    if jaws:
+        met = search.best(np.concatenate([tuples, *search.met]), MOST_MET)
+        tuples = np.concatenate([met[:BEST_MET], met[BEST_MET :: max(1, len(met) // BEST_MET)]])
+    found = [search.placed(one) for one in tuples]
+    if tables.coupled:
+        repaired = [placed for placed in (_repaired(bench, one) for one in found) if placed is not None]
+        found = _ranked(bench, repaired) if repaired else found
+    if jaws:
+        found.sort(key=lambda placed: not bench.hand_points.has_free_way(placed.points))
+    return distinct(bench, found)
 
 
 class CoordinateExchange:
@@ -60,6 +80,8 @@ class CoordinateExchange:
     Parameters
     ----------
     bench : Workbench
+    tables : SampleTables
+        Of the samples that contacts are at.
     rng : numpy.random.Generator
 
     Attributes
@@ -68,11 +90,14 @@ class CoordinateExchange:
         Known so far, each with ``phi_A = 1``.
     powers : list of (j, m) array
         ``s^p`` of each sample table along these.
+    met : list of (b, k) arrays
+        Tuples after exchanges.
     """
 
-    def __init__(self, bench: Workbench, rng: np.random.Generator) -> None:
-        self._bench, self._rng, self._tables = bench, rng, bench.sample_tables
+    def __init__(self, bench: Workbench, tables: SampleTables, rng: np.random.Generator) -> None:
+        self._bench, self._rng, self._tables = bench, rng, tables
         self.directions, self.powers = self._tables.directions, list(self._tables.powers)
+        self.met: list[IntArray] = []
 
     def search(self, shakes: int) -> IntArray:
         """Return the best tuples found, (b, k), best first."""
@@ -93,6 +118,7 @@ class CoordinateExchange:
     def settled(self, tuples: IntArray) -> IntArray:
         """Return tuples (b, k) after exchanges; the directions in which they are weakest then are learned."""
         tuples = self.exchanged(tuples)
+        self.met.append(tuples)
         self.learn_from(self.best(tuples, KEPT))
         return tuples
 
@@ -100,7 +126,7 @@ class CoordinateExchange:
         """Return the least ``phi_G / phi_A`` of tuples (b, k) along the known directions, (b,); -1 less violations."""
         least = np.min(self._tables.combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
         violation = self.violations(tuples)
-        return np.where(violation <= FEASIBLE, least ** (1.0 / self._tables.power), -1.0 - violation)
+        return np.where(violation <= REPAIRABLE, least ** (1.0 / self._tables.power), -1.0 - violation)
 
     def violations(self, tuples: IntArray) -> FloatArray:
         """Return the largest violation of tuples (b, k), relative to the rows' scales, (b,)."""
@@ -124,7 +150,7 @@ class CoordinateExchange:
             i, going = turn % k, np.flatnonzero(since < k)
             if not len(going):
                 break
-            outside = violation > FEASIBLE
+            outside = violation > REPAIRABLE
             shortlists = [self._shortlist(own[:, b], i, int(tuples[b, i]), bool(outside[b]), tie) for b in going]
             trials = np.repeat(tuples[going], [len(samples) for samples, _ in shortlists], axis=0)
             trials[:, i] = np.concatenate([samples for samples, _ in shortlists])
@@ -133,7 +159,7 @@ class CoordinateExchange:
             for b, (samples, score) in zip(going, shortlists, strict=True):
                 start, end = end, end + len(samples)
                 excess = broken[start:end]
-                merit = np.where(excess <= FEASIBLE, score, -1.0 - excess)
+                merit = np.where(excess <= REPAIRABLE, score, -1.0 - excess)
                 chosen = int(np.argmax(merit))
                 since[b] += 1
                 if merit[chosen] > merit[-1] + GAIN * abs(merit[-1]):
@@ -184,21 +210,6 @@ class CoordinateExchange:
         faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(one))
         return Placed(faces, points[0], {name: value[0] for name, value in hand.items()})
 
-    def distinct(self, tuples: IntArray) -> list[Placed]:
-        """Return the first few tuples (b, k) of different kinds: no motion or reflection joins two.
-
-        They are compared by the distances between contacts, and from the torque origin.
-        """
-        points = self._tables.places(tuples)[0] - self._bench.problem.origin
-        across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(tuples), -1)
-        shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
-        chosen: list[int] = []
-        for b, shape in enumerate(shapes):
-            near = np.max(np.abs(shapes[chosen] - shape), axis=1, initial=0.0)
-            if not np.any(near < APART * self._bench.scaling.length):
-                chosen.append(b)
-        return [self.placed(tuples[b]) for b in chosen[:PROPOSED]]
-
     def _key(self, one: IntArray) -> tuple[tuple[int, int], ...]:
         """Return what tuples have in common that differ in the order of contacts alike."""
         return tuple(sorted(zip(self._tables.of_contact, one.tolist(), strict=True)))
@@ -225,11 +236,74 @@ class CoordinateExchange:
         return likely, np.min(every, axis=0) + tie * np.mean(every[weak], axis=0)
 
 
-def _onto_narrow(bench: Workbench, search: CoordinateExchange, tuples: IntArray) -> list[Placed]:
-    """Return tuples (b, k) moved onto narrow rows, best first; where none gets there, the best as they are."""
-    moved = [touching(bench, search.placed(one)) for one in tuples]
-    kept = [bench.snapped(placed) for placed, left in moved if left <= TOUCHING]
-    if not kept:
-        return search.distinct(tuples)
-    points, normals = np.stack([p.points for p in kept]), np.stack([bench.inward_normals(p) for p in kept])
-    return [kept[b] for b in np.argsort(-scores(bench, points, normals), kind="stable")[:PROPOSED]]
+def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: FloatArray) -> Placed:
+    """Return contacts on a mesh exchanged for samples of it around them, which are denser than those of candidates.
+
+    Parameters
+    ----------
+    bench : Workbench
+        Of a problem with a mesh, whose hand, if any, follows its contacts.
+    placed : Placed
+    grasp : Grasp
+        Of the same contacts.
+    cuts : (m, d) array
+        Directions that the grasp is weak in, each with ``phi_A = 1``.
+    """
+    rng, whole = np.random.default_rng(0), bench.surface.mesh_cloud
+    clouds = []
+    for face, point, normal in zip(placed.faces, grasp.points, grasp.normals, strict=True):
+        near = np.array(sorted(whole.tree.query_ball_point(point, AROUND * bench.scaling.length)), dtype=np.intp)
+        if len(near) > MOST_AROUND:
+            near = np.sort(rng.choice(near, MOST_AROUND, replace=False))
+        points, normals = (
+            np.concatenate([own[None], all_[near]]) for own, all_ in ((point, whole.points), (normal, whole.normals))
+        )
+        faces = np.full(len(points), whole.faces[0], dtype=object)
+        faces[0] = face
+        clouds.append(Cloud(faces, points, normals, cKDTree(points)))
+    directions = np.concatenate([cuts, bench.sample_tables.directions])
+    tables = SampleTables(bench.problem, clouds, bench.rows, bench.hand_points, directions)
+    search = CoordinateExchange(bench, tables, rng)
+    here = np.zeros((1, len(clouds)), dtype=np.intp)
+    if search.values(here)[0] <= 0.0:
+        return placed
+    best = search.certified(search.settled(here))[0]
+    return placed if not best.any() else search.placed(best)
+
+
+def distinct(bench: Workbench, found: Sequence[Placed]) -> list[Placed]:
+    """Return the first few placements of different kinds: no motion or reflection joins two.
+
+    They are compared by the distances between contacts, and from the torque origin.
+    """
+    points = np.stack([placed.points for placed in found]) - bench.problem.origin
+    across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(points), -1)
+    shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
+    chosen: list[int] = []
+    for b, shape in enumerate(shapes):
+        near = np.max(np.abs(shapes[chosen] - shape), axis=1, initial=0.0)
+        if not np.any(near < APART * bench.scaling.length):
+            chosen.append(b)
+    return [found[b] for b in chosen[:PROPOSED]]
+
+
+def _repaired(bench: Workbench, placed: Placed) -> Placed | None:
+    """Return a placement moved onto constraints that it breaks by little; None where it does not get there."""
+    own, there = on_triangles(bench, placed)
+    if own.violation(there) <= FEASIBLE:
+        return placed
+    moved, left = touching(own, there)
+    moved = own.snapped(moved)
+    if left > TOUCHING or own.violation(moved) > FEASIBLE:
+        return None
+    return Placed(placed.faces, moved.points, moved.hand)
+
+
+def _ranked(bench: Workbench, found: Sequence[Placed]) -> list[Placed]:
+    """Return placements, those first that seem to exert the task best."""
+    normals = []
+    for placed in found:
+        own, there = on_triangles(bench, placed)
+        normals.append(own.inward_normals(there))
+    score = scores(bench, np.stack([placed.points for placed in found]), np.stack(normals))
+    return [found[b] for b in np.argsort(-score, kind="stable")]

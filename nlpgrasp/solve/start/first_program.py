@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import face_parameters
-from nlpgrasp.solution.records import Origin
-from nlpgrasp.solve.ascent.state import AscentState, Effort
+from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.ascent.weakest import weakest_at
+from nlpgrasp.solve.surface.triangles import on_triangles
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
@@ -20,74 +21,61 @@ FIRST_BETA = 0.1  # solver units
 
 
 @dataclass(frozen=True)
-class FirstResult:
-    """What the first program found.
+class FirstGrasp:
+    """A candidate, or what the first program made of it.
 
     Parameters
     ----------
-    state : AscentState
-        The better of the candidate and of what the program made of it.
-    beta : float
-        The program's objective, in units of mu; NaN where none was solved.
+    placed : Placed
     score : float
         The least support ratio; negative, the violation, where constraints are broken.
     message : str
-        The solver's own word; of a start without such a solve its origin.
-    origin : Origin
-        Proposal that the start began from.
+        IPOPT's own word; empty where the candidate did without.
+    effort : Effort
     """
 
-    state: AscentState
-    beta: float
+    placed: Placed
     score: float
-    message: str
-    origin: Origin = Origin.RANDOM
+    message: str = ""
+    effort: Effort = field(default_factory=Effort)
 
 
-def solve_first(bench: Workbench, candidates: Iterator[Placed], rng: np.random.Generator) -> FirstResult | None:
-    """Solve the first program from each candidate in turn until one ends with a grasp; return the best.
+def first_grasp(bench: Workbench, candidate: Placed, rng: np.random.Generator) -> FirstGrasp:
+    """Return a candidate that exerts the task as it is; else the better one of it and what the first program finds."""
+    found = [FirstGrasp(candidate, _score(bench, candidate, rng))]
+    if found[0].score > 0.0:
+        return found[0]
+    program = bench.first.program
+    start = variables_of(bench, program, candidate)
+    start[program.block("beta").range] = FIRST_BETA
+    for factor in bench.task_samples.factors:
+        parameters = [first_parameters(bench, rng, factor), face_parameters(bench.problem, candidate.faces)]
+        result = bench.first.solve(start, np.concatenate(parameters))
+        placed = _on_mesh(bench, placed_of(bench, program, candidate.faces, result.z))
+        found.append(FirstGrasp(placed, _score(bench, placed, rng), result.status, Effort.of(result)))
+        if found[-1].score > 0.0:
+            break
+    effort = sum((one.effort for one in found), Effort())
+    return replace(max(reversed(found), key=lambda one: one.score), effort=effort)  # of equals what the program made
 
-    None where there is no candidate left.
-    """
-    best: FirstResult | None = None
-    effort = Effort()
+
+def first_of(bench: Workbench, candidates: Iterable[Placed], rng: np.random.Generator) -> FirstGrasp | None:
+    """Return the first of some candidates that exerts the task, by itself or by the first program; else the best."""
+    best: FirstGrasp | None = None
     for candidate in candidates:
-        found = _solve(bench, candidate, rng)
-        effort += found.state.effort
-        if best is None or found.score > best.score:
-            best = found
+        found = first_grasp(bench, candidate, rng)
+        best = found if best is None or found.score > best.score else best
         if best.score > 0.0:
             break
-    if best is not None:
-        best.state.effort = effort
     return best
 
 
-def _solve(bench: Workbench, begin: Placed, rng: np.random.Generator) -> FirstResult:
-    """Solve from one candidate; fall back on it where it is the better grasp.
-
-    A hand that holds the body already begins as it is.
-    """
-    scores = [_score(bench, begin, rng)]
-    if scores[0] > 0.0 and not bench.follows_contacts:
-        state = AscentState(begin, multipliers=np.zeros(len(bench.rows.named)))
-        return FirstResult(state, np.nan, scores[0], Origin.HELD.value, Origin.HELD)
-    program = bench.first.program
-    start = variables_of(bench, program, begin)
-    start[program.block("beta").range] = FIRST_BETA
-    choices, results = [begin], []
-    for factor in bench.task_samples.factors:
-        parameters = np.concatenate([first_parameters(bench, rng, factor), face_parameters(bench.problem, begin.faces)])
-        results.append(bench.first.solve(start, parameters))
-        choices.append(placed_of(bench, program, begin.faces, results[-1].z))
-        scores.append(_score(bench, choices[-1], rng))
-        if scores[-1] > 0.0:
-            break
-    best = int(np.argmax(scores))
-    result = results[max(best - 1, 0)]
-    state = AscentState(choices[best], multipliers=result.multipliers[program.placement])
-    state.effort = sum(map(Effort.of, results), Effort())
-    return FirstResult(state, result.objective / bench.scaling.beta, max(scores), result.status)
+def _on_mesh(bench: Workbench, placed: Placed) -> Placed:
+    """Return contacts on the smooth surface of a mesh at the nearest points of the mesh, where no hand has to touch."""
+    body = bench.problem.body
+    if not isinstance(body, Mesh) or not bench.follows_contacts:
+        return placed
+    return replace(placed, points=body.closest(placed.points)[0])
 
 
 def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
@@ -107,5 +95,6 @@ def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float =
 
 def _score(bench: Workbench, placed: Placed, rng: np.random.Generator) -> float:
     """Return how well a placement exerts the task; minus its violation where it breaks a constraint."""
-    violation = bench.violation(placed)
-    return -violation if violation > FEASIBLE else weakest_at(bench, placed, rng).value
+    own, there = on_triangles(bench, placed) if bench.follows_contacts else (bench, placed)
+    violation = own.violation(there)
+    return -violation if violation > FEASIBLE else weakest_at(own, there, rng).value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,12 +13,11 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.records import Origin
-from nlpgrasp.solve.ascent.exchange import exchange
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.surface.match import match_on_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
-from nlpgrasp.solve.surface.put import put_on_body
+from nlpgrasp.solve.surface.put import refined_on_body
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -46,7 +45,7 @@ class Given:
 
 
 def run_given(bench: Workbench, given: Given, index: int, stop: Stop, improve: bool = True) -> list[StartResult]:
-    """Return the starts ``index`` and ``index + 1`` from a known grasp: as it is, and improved by the exchange.
+    """Return the starts ``index`` and ``index + 1`` from a known grasp: as it is, and refined.
 
     The first has a mu of at least ``given.floor``, and is left out where it breaks a constraint or exerts nothing;
     the second where its numerics fail. None where a contact is not on a face
@@ -57,7 +56,7 @@ def run_given(bench: Workbench, given: Given, index: int, stop: Stop, improve: b
 
 
 def _starts(bench: Workbench, given: Given, index: int, stop: Stop, improve: bool) -> Iterator[StartResult]:
-    begun, rng = time.perf_counter(), np.random.default_rng([index])
+    begun = time.perf_counter()
     if not _on_faces(bench, given.placed):
         return
     state = AscentState(given.placed, multipliers=np.zeros(len(bench.rows.named)))
@@ -70,12 +69,11 @@ def _starts(bench: Workbench, given: Given, index: int, stop: Stop, improve: boo
         return
     begun = time.perf_counter()
     try:
-        state = exchange(bench, replace(state, placed=bench.snapped(given.placed)), rng, stop)
-        found = put_on_body(bench, state, rng, stop)
+        found, refined = refined_on_body(bench, given.placed, stop)
     except (RuntimeError, np.linalg.LinAlgError):
         return
     message = f"{given.origin}, improved" if given.origin else Origin.WARM_START.value
-    yield _certified(bench, found, state, _Start(index, message, begun), 0.0)
+    yield _certified(bench, found, refined.state(), _Start(index, message, begun), 0.0)
 
 
 def _on_faces(bench: Workbench, placed: Placed) -> bool:

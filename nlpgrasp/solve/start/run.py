@@ -1,35 +1,33 @@
-"""One start: candidates, first program, exchange, surface, certificate."""
+"""One start: candidates are proposed, the best few refined, put onto the body and certified."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 
-from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.direction import AlongNormalError
 from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solution.records import Origin, StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
-from nlpgrasp.solve.ascent.exchange import exchange, exchange_in_turn, exchange_rules, exchange_under_l2
-from nlpgrasp.solve.ascent.state import AscentState
-from nlpgrasp.solve.start.first_program import FirstResult, solve_first
+from nlpgrasp.solve.ascent.refine import Refined
+from nlpgrasp.solve.ascent.state import Effort
+from nlpgrasp.solve.start.first_program import FirstGrasp, first_grasp
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.screen import candidates
-from nlpgrasp.solve.surface.facing import has_jaws_on_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
-from nlpgrasp.solve.surface.put import put_on_body
+from nlpgrasp.solve.surface.put import refined_on_body
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
-SLOWEST = 0.01  # relative gain over some rounds, below which the exchange from a grasp that was climbed to ends
-SLOWEST_BEFORE = 0.03  # the same where contacts climb over the mesh itself afterwards
-MOST_TOUCHING = 2  # attempts of a start whose hand touches, before it ends
+REFINED, OF_HAND = 2, 1  # candidates of a start that are refined; where a hand has a pose, which takes seconds
+MOST_TOUCHING = 2  # candidates whose links touch something at the end, before a start ends without another
 
 
 def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Placed | None = None) -> StartResult:
@@ -41,134 +39,11 @@ def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Placed
     clock = Clock()
     with one_thread():
         try:
-            found = _best_attempt(_Attempts(bench, index, np.random.default_rng([seed, index]), stop, clock, known))
+            found = _best(bench, index, np.random.default_rng([seed, index]), stop, clock, known)
         except (RuntimeError, np.linalg.LinAlgError, AlongNormalError) as error:
             text = f"{type(error).__name__}: {error}"
             return StartResult(StartRecord(index, Status.FAILED, seconds=clock.seconds, message=text))
     return replace(found, record=replace(found.record, seconds=clock.seconds))
-
-
-class _Attempts:
-    """What a start makes of its candidates, one after another."""
-
-    def __init__(
-        self,
-        bench: Workbench,
-        index: int,
-        rng: np.random.Generator,
-        stop: Stop,
-        clock: Clock,
-        known: Placed | None,
-    ) -> None:
-        self.bench, self.index, self.rng, self.stop, self.clock = bench, index, rng, stop, clock
-        self._known = None if known is None else with_hand(bench, known)
-
-    def __iter__(self) -> Iterator[StartGrasp]:
-        """Yield the grasp from the known placement, then one for each first program that ends with one."""
-        bench, known = self.bench, self._known
-        facing = known is not None and has_jaws_on_mesh(bench.problem)
-        if known is not None and (facing or bench.violation(known) <= FEASIBLE):
-            state = AscentState(known, multipliers=np.zeros(len(bench.rows.named)))
-            origin = Origin.FACING if facing else Origin.BOUND
-            yield self._finished(FirstResult(state, np.nan, np.nan, origin.value, origin), self.rng)
-            known = None
-        begins = bench if self._plain is None else self._plain
-        drawn = chain([] if known is None else [known], candidates(begins, self.rng, self.stop))
-        self.clock.mark("screen")
-        while True:
-            rng = self.rng if bench.follows_contacts else self.rng.spawn(1)[0]  # whatever other attempts use up
-            first = solve_first(begins, drawn, rng)
-            self.clock.mark("vertex")
-            if first is None:
-                return
-            yield self._finished(first, rng)
-
-    @property
-    def wanted(self) -> int:
-        """How many grasps there have to be: one, but two of a hand whose ascents begin under the paper's budget."""
-        return 1 if self._plain is None else 2
-
-    @property
-    def _plain(self) -> Workbench | None:
-        """The workbench under the paper's budget, where a hand's candidates are compared on it; else None.
-
-        So a start begins as it would under that budget, and its answer is no worse under its own than what the other
-        budget leads to.
-        """
-        return None if self.bench.follows_contacts else self.bench.under_l2
-
-    @property
-    def _under_l2_first(self) -> bool:
-        """Whether this start, of a hand that follows its contacts or none, goes up under the paper's budget first.
-
-        Every other does of those that draw for themselves.
-        """
-        return self.index % 2 == 1 and self._known is None
-
-    def _finished(self, first: FirstResult, rng: np.random.Generator) -> StartGrasp:
-        """Refine what the first program found, put it onto the body and certify it: the best of what that leads to."""
-        each = [self._told(first, *end, rng) for end in self._ascended(first, rng)]
-        return max(each, key=lambda grasp: (grasp.solved, grasp.rank.lower))
-
-    def _ascended(self, first: FirstResult, rng: np.random.Generator) -> list[tuple[Workbench, AscentState]]:
-        """Return where ascents end, each with the workbench of the budget it was under."""
-        bench, state, stop = self.bench, first.state, self.stop
-        if not bench.options.exchange or _is_on_mesh(bench, first):
-            return [(bench, state)]
-        if first.origin is Origin.FACING:
-            return [
-                (bench, state),
-                (bench, exchange(bench, replace(state, placed=bench.snapped(state.placed)), rng, stop)),
-            ]
-        slowest = _slowest(bench, first)
-        if slowest > 0.0:
-            rules = replace(exchange_rules(bench), slowest=slowest)
-            return [(bench, exchange(bench, state, rng, stop, rules))]
-        if self._plain is not None:
-            before = exchange_under_l2(self._plain, state, rng, stop)
-            after = exchange(bench, replace(before, history=[]), rng, stop)
-            # on a mesh the better one before may be the worse one after it was put there
-            return [(bench, after)] + ([(self._plain, before)] if isinstance(bench.problem.body, Mesh) else [])
-        improve = exchange_in_turn if self._under_l2_first else exchange
-        return [(bench, improve(bench, state, rng, stop))]
-
-    def _told(self, first: FirstResult, under: Workbench, state: AscentState, rng: np.random.Generator) -> StartGrasp:
-        """Put the end of an ascent onto the body, and certify it."""
-        bench = self.bench
-        self.clock.mark("exchange")
-        found = put_on_body(under, state, rng, self.stop, _is_on_mesh(bench, first))
-        self.clock.mark("mesh")
-        robust = None
-        if bench.options.maximise_robust:
-            found, robust = steady(bench, found)
-            self.clock.mark("robust")
-        bounds = _certified(bench, found, state, self.stop.certificate_deadline())
-        self.clock.mark("certificate")
-        end = StartGrasp.of(bench, self.index, found, bounds, state, first.message, origin=first.origin, robust=robust)
-        self.clock.mark("link depth")
-        return end
-
-
-def _slowest(bench: Workbench, first: FirstResult) -> float:
-    """Return the relative gain over some rounds below which the exchange from a state ends; 0 where there is none."""
-    if not bench.follows_contacts:
-        return 0.0
-    if _climbs_freely(bench):
-        return SLOWEST_BEFORE
-    return SLOWEST if first.origin is Origin.BOUND else 0.0
-
-
-def _is_on_mesh(bench: Workbench, first: FirstResult) -> bool:
-    """Return whether a start begins from a grasp that was found on the mesh itself.
-
-    The ascent on the smooth surface would only lead away from it; a model of it that is asked for by name is used.
-    """
-    return first.origin is Origin.BOUND and _climbs_freely(bench) and not isinstance(bench.options.exchange, str)
-
-
-def _climbs_freely(bench: Workbench) -> bool:
-    """Return whether contacts climb over the mesh itself, one by one."""
-    return bench.mesh_climb is not None and not bench.mesh_climb.coupled
 
 
 def with_hand(bench: Workbench, placed: Placed) -> Placed:
@@ -177,33 +52,88 @@ def with_hand(bench: Workbench, placed: Placed) -> Placed:
     return Placed(placed.faces, placed.points, {name: value[0] for name, value in hand.items()})
 
 
-def _certified(bench: Workbench, found: OnBody, state: AscentState, deadline: float | None) -> Bounds:
-    """Return the certificate of a grasp; it goes on from the one that the ascent began, where that is of this grasp."""
-    rtol, budget, begun = bench.options.rtol, bench.budget(found.placed), state.begun
-    if begun is not None and begun.is_of(found.grasp, budget):
-        return begun.bounds(rtol, deadline)
-    return mu(found.grasp, bench.problem.task, rtol, force_budget=budget, deadline=deadline)
+def _best(
+    bench: Workbench, index: int, rng: np.random.Generator, stop: Stop, clock: Clock, known: Placed | None
+) -> StartGrasp:
+    """Return the best end of a start's candidates, with the effort of all of them."""
+    origin, begin = Origin.RANDOM, list[Placed]()
+    if known is not None and bench.violation(known := with_hand(bench, known)) <= FEASIBLE:
+        origin, begin = Origin.BOUND, [known]
+    plain = None if bench.follows_contacts else bench.under_l2  # poses are compared under the paper's budget
+    proposed = begin or candidates(plain or bench, rng, stop)
+    if isinstance(proposed, list) and not begin:  # starts propose much the same: each refines others first
+        proposed = proposed[index % len(proposed) :] + proposed[: index % len(proposed)]
+    clock.mark("propose")
+    ends, left, programs = list[StartGrasp](), list[FirstGrasp](), Effort()
+    rng = rng if bench.follows_contacts else rng.spawn(1)[0]
+    for candidate in proposed:
+        first = first_grasp(plain or bench, candidate, rng)
+        programs += first.effort
+        clock.mark("first program")
+        if first.score <= 0.0:
+            left.append(first)
+            continue
+        ends.append(_end(bench, index, first, origin, stop, clock))
+        if stop.requested() or _enough(ends, REFINED if bench.follows_contacts else OF_HAND):
+            break
+    for first in sorted(left, key=lambda one: -one.score) if not ends else ():
+        ends.append(_end(bench, index, first, origin, stop, clock))
+        if stop.requested() or ends[-1].record.has_grasp:
+            break
+    best = _better(ends)
+    return replace(best, spent=best.spent + programs)
 
 
-def _best_attempt(attempts: _Attempts) -> StartGrasp:
-    """Return the best of the first attempts that exert the task and keep the constraints.
+def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterator[tuple[OnBody, Refined]]:
+    """Yield where refinement leads: under another budget than the paper's, in some starts by way of that one.
 
-    Without any, the best whose links are inside something, of which there are few; without these, the first. Its effort
-    is that of all attempts.
+    The paper's support, a root of a sum of squares over the contacts, is smooth where those of other budgets have
+    edges. Every other start goes that way, and with a hand that has a pose all, from its end as well as to there.
     """
-    each = iter(attempts)
-    first = following = next(each)
-    effort = first.effort
-    solved, touching = list[StartGrasp](), list[StartGrasp]()
-    while True:
-        solved += [following] if following.solved else []
-        touching += [following] if following.record.status is Status.TOUCHES else []
-        if len(solved) >= attempts.wanted or len(touching) >= MOST_TOUCHING or attempts.stop.requested():
-            break
-        found = next(each, None)
-        if found is None:
-            break
-        following = found
-        effort += found.effort
-    best = max(solved or touching or [first], key=lambda grasp: grasp.rank.lower)
-    return replace(best, spent=effort)
+    smooth = bench.under_l2 if index % 2 or not bench.follows_contacts else None
+    if smooth is not None:
+        first = refined_on_body(smooth, placed, stop)
+        placed = first[0].placed if bench.follows_contacts else first[1].point.placed
+        if not bench.follows_contacts:
+            yield first
+    yield refined_on_body(bench, placed, stop)
+
+
+def _enough(ends: Sequence[StartGrasp], wanted: int) -> bool:
+    """Return whether so many candidates led to a grasp that the hand can take, or some to links inside something."""
+    touching = sum(end.record.status is Status.TOUCHES for end in ends)
+    return sum(end.solved for end in ends) >= wanted or touching >= MOST_TOUCHING
+
+
+def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: Stop, clock: Clock) -> StartGrasp:
+    """Return a candidate refined, on the body, certified and measured: the best of what that leads to."""
+    ends, message = list[StartGrasp](), first.message or origin.value
+    for found, refined in _refined(bench, index, first.placed, stop):
+        clock.mark("refine")
+        robust = None
+        if bench.options.maximise_robust:
+            found, robust = steady(bench, found)
+            clock.mark("robust")
+        bounds = _certified(bench, found, refined.point.minimisers, stop)
+        clock.mark("certificate")
+        state = refined.state()
+        ends.append(StartGrasp.of(bench, index, found, bounds, state, message, origin=origin, robust=robust))
+        clock.mark("link depth")
+    return _better(ends)
+
+
+def _certified(bench: Workbench, found: OnBody, weak: FloatArray, stop: Stop) -> Bounds:
+    """Return the certificate of a grasp, whose upper bound is the least ratio along directions (m, d) known as weak."""
+    budget, deadline = bench.budget(found.placed), stop.certificate_deadline()
+    bounds = mu(found.grasp, bench.problem.task, bench.options.rtol, force_budget=budget, deadline=deadline)
+    ratios = WrenchSet.of(found.grasp, budget).support(weak)[0] if len(weak) else np.array([np.inf])
+    least = int(np.argmin(ratios))
+    if not bounds.lower <= ratios[least] < bounds.upper:
+        return bounds
+    return replace(bounds, upper=float(ratios[least]), worst_direction=weak[least])
+
+
+def _better(ends: Sequence[StartGrasp]) -> StartGrasp:
+    """Return the best end, one that the hand can take first; with the effort of all."""
+    best = max(ends, key=lambda end: (end.solved, end.record.has_grasp, end.rank.lower))
+    return replace(best, spent=sum((end.effort for end in ends), Effort()))

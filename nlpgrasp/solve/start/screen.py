@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -18,9 +18,9 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
     return propose(bench, rng) if bench.follows_contacts else draw_posed_start(bench, rng)
 
 
-def candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterator[Placed]:
-    """Return an iterator over what a start begins from, the most promising first.
+def candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterable[Placed]:
+    """Return what a start begins from, the most promising first.
 
     A hand with a pose of its own is first moved to where all its fingertips touch.
     """
-    return iter(draw_start(bench, rng)) if bench.follows_contacts else posed_candidates(bench, rng, stop)
+    return propose(bench, rng) if bench.follows_contacts else posed_candidates(bench, rng, stop)

@@ -23,7 +23,7 @@ from nlpgrasp.solve.ascent.slack import RowSlack
 from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.solve.surface.beside import near_edges
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
-from nlpgrasp.solve.surface.walk import OFF_EDGES, Held, walk
+from nlpgrasp.solve.surface.walk import ALLOWED, OFF_EDGES, Held, walk
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import hand_of, points_of, put_contacts, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -76,7 +76,9 @@ def hand_onto_mesh(bench: Workbench, smooth: Placed, wanted: float, stop: Stop) 
         budget = bench.budget(touching.placed)
         found = weakest_directions(touching.grasp, bench.problem.task, budget, rng, descents=QUICK).value
         near = float(np.sum(near_edges(bench.problem, touching.placed)))
-        return found - OFF_EDGES * near if touching.gap <= TOUCHED else -OFF_EDGES - touching.gap
+        rows = bench.row_values(touching.placed, touching.grasp.normals)
+        broken = max(0.0, float(bench.rows.excess(rows[None])[0]) - ALLOWED)
+        return found - OFF_EDGES * (near + broken) if touching.gap <= TOUCHED else -OFF_EDGES - touching.gap
 
     best = touch_mesh(bench, smooth)
     reached = value(best)
@@ -85,7 +87,7 @@ def hand_onto_mesh(bench: Workbench, smooth: Placed, wanted: float, stop: Stop) 
             break
         if reach == 0.0 and not np.any(near_edges(bench.problem, best.placed)):
             continue
-        slid = slide_onto_mesh(bench, smooth, rng, stop, reach, constrained=False)
+        slid = slide_onto_mesh(bench, smooth, rng, stop, reach)
         trial = touch_mesh(bench, Placed(smooth.faces, slid.points, smooth.hand), slid.normals)
         there = value(trial)
         if there > reached:

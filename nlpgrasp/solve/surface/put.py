@@ -1,40 +1,67 @@
-"""The last step of a start: contacts on the body itself."""
+"""Refined grasps of the body itself, and hands with a pose moved onto a mesh from around its smooth surface."""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solve.ascent.state import AscentState
-from nlpgrasp.solve.surface.climbed import climbed
+from nlpgrasp.solve.ascent.refine import Refined, refine
+from nlpgrasp.solve.start.coordinate_exchange import exchanged_nearby
 from nlpgrasp.solve.surface.match import match_on_mesh
 from nlpgrasp.solve.surface.move_hand import hand_onto_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
-from nlpgrasp.solve.surface.slide import FIRST_REACH, slide_onto_mesh
-from nlpgrasp.solve.workbench.mesh_climb import AGAIN
+from nlpgrasp.solve.surface.triangles import refined_on_triangles
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-ONCE = 1  # that exchanges begin again from a grasp that the search of all placements met
+EXCHANGES, GAIN = 4, 2e-3  # on a mesh; relative: what one has to gain for another
 
 
-def put_on_body(
-    bench: Workbench, state: AscentState, rng: np.random.Generator, stop: Stop, on_mesh: bool = False
-) -> OnBody:
-    """Return the grasp on the body itself; for meshes with how far that is from the solver's surface.
+def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
+    """Return the local optimum that a placed state leads to, with its grasp of the body itself.
 
-    Contacts that are ``on_mesh`` already climb from where they are.
+    A hand with a pose is refined around the smooth surface of a mesh, and moved onto the mesh from there.
     """
-    body, before = bench.problem.body, state.placed
+    body = bench.problem.body
     if not isinstance(body, Mesh):
-        return OnBody.of(bench, before, bench.grasp(before))
+        return refined_on_triangles(bench, bench.snapped(placed), stop)
     if bench.follows_contacts:
-        reach, again = (0.0, ONCE) if on_mesh else (FIRST_REACH, AGAIN)
-        grasp = climbed(bench, before, slide_onto_mesh(bench, before, rng, stop, reach), rng, stop, again)
-        placed = Placed(before.faces, grasp.points, before.hand)
-    else:
-        touching = hand_onto_mesh(bench, before, state.value, stop)
-        placed, grasp = touching.placed, touching.grasp
-    match = match_on_mesh(body, before.points, grasp, bench.inward_normals(placed), bench.follows_contacts)
-    return OnBody.of(bench, placed, grasp, match)
+        return _refined_on_mesh(bench, replace(placed, points=body.closest(placed.points)[0]), stop)
+    refined = refine(bench, bench.snapped(placed), stop)
+    return hand_on_mesh(bench, refined.point.placed, refined.point.value, stop), refined
+
+
+def _refined_on_mesh(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
+    """Return where refinement on triangles and exchanges for places on other triangles nearby lead, in turn."""
+    found, refined = refined_on_triangles(bench, placed, stop)
+    for _ in range(EXCHANGES):
+        value = refined.point.value
+        if stop.requested() or value <= 0.0 or not bench.options.exchange:
+            break
+        here = refined.point.placed
+        moved = exchanged_nearby(bench, here, found.grasp, refined.point.cuts)
+        if moved is here:
+            break
+        trial, there = refined_on_triangles(bench, moved, stop)
+        if (trial.allowed, there.point.value) <= (found.allowed, (1.0 + GAIN) * value):
+            break
+        found, refined = trial, replace(there, history=refined.history + there.history)
+    return found, refined
+
+
+def on_body(bench: Workbench, placed: Placed, value: float, stop: Stop) -> OnBody:
+    """Return the grasp of the body itself at a placed state of some value; on a mesh refined on its triangles."""
+    if not isinstance(bench.problem.body, Mesh):
+        return OnBody.of(bench, placed, bench.grasp(placed))
+    if bench.follows_contacts:
+        return refined_on_body(bench, placed, stop)[0]
+    return hand_on_mesh(bench, placed, value, stop)
+
+
+def hand_on_mesh(bench: Workbench, smooth: Placed, value: float, stop: Stop) -> OnBody:
+    """Return the grasp of a hand that touches the mesh, near contacts on the smooth surface of some value."""
+    touching = hand_onto_mesh(bench, smooth, value, stop)
+    normals = bench.inward_normals(touching.placed)
+    match = match_on_mesh(bench.surface.mesh, smooth.points, touching.grasp, normals, free=False)
+    return OnBody.of(bench, touching.placed, touching.grasp, match)

@@ -1,4 +1,4 @@
-"""From contacts on the solver's smooth surface to contacts on the mesh itself.
+"""From a hand's contacts on the solver's smooth surface to better contacts on the mesh itself.
 
 Smoothing rounds edges and noise; where the smooth surface and the mesh differ, the nearest point of the mesh
 may have quite another normal. So the nearest points are only the beginning: the contacts then slide over the
@@ -13,15 +13,13 @@ import numpy as np
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.solve.surface.facing import has_jaws_on_mesh
-from nlpgrasp.solve.surface.regained import opposite, regained
 from nlpgrasp.solve.surface.scored import Scored
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.surface_samples import plain
-from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.solve.workbench.workbench import Workbench
 
 FIRST_REACH, LAST_REACH = 0.12, 0.01  # of the body's size: how far a contact may slide in one move
-TRIALS, OF_JAWS = 48, 128  # points that a contact is tried at in one move; of jaws, where few of them face each other
+TRIALS = 48  # points that a contact is tried at in one move
 SWEEPS = 12
 GAIN = 1e-3  # relative: a sweep that gains less is undone
 
@@ -32,12 +30,10 @@ def slide_onto_mesh(
     rng: np.random.Generator,
     stop: Stop,
     reach: float = FIRST_REACH,
-    constrained: bool = True,
 ) -> Grasp:
     """Return a grasp whose contacts are on the mesh, with the mesh's own normals.
 
-    Where the mesh's own normals break a constraint, contacts first go to where it is kept. Every move is to a point of
-    the mesh, keeps the constraints, and raises the least ratio over the weakest directions found so far; these are
+    Every move is to a point of the mesh, and raises the least ratio over the weakest directions found so far; these are
     searched anew after each sweep.
 
     Parameters
@@ -50,10 +46,8 @@ def slide_onto_mesh(
     stop : Stop
     reach : float
         How far a contact may slide in the first moves, over the body's size.
-    constrained : bool
-        Whether moves have to keep the constraints.
     """
-    sliding = _Sliding(bench, start, rng, constrained)
+    sliding = _Sliding(bench, start, rng)
     best, best_value = sliding.contacts(), sliding.value()
     for _ in range(SWEEPS):
         if stop.requested() or reach < LAST_REACH:
@@ -74,13 +68,10 @@ def slide_onto_mesh(
 class _Sliding:
     """Contacts on their way over a mesh, and the directions in which they have been weak."""
 
-    def __init__(self, bench: Workbench, start: Placed, rng: np.random.Generator, constrained: bool) -> None:
-        self.bench, self.start, self.rng, self.constrained = bench, start, rng, constrained
-        self.jaws = constrained and has_jaws_on_mesh(bench.problem)
+    def __init__(self, bench: Workbench, start: Placed, rng: np.random.Generator) -> None:
+        self.bench, self.rng = bench, rng
         self.points, self.normals = _nearest_plain(bench, start.points)
         self._scored = Scored(bench, rng)
-        if constrained:
-            self.points, self.normals = regained(bench, start, self.points, self.normals, self._scored)
         self.look()
 
     def contacts(self) -> tuple[FloatArray, FloatArray]:
@@ -100,31 +91,19 @@ class _Sliding:
         moved = False
         for i in range(len(self.points)):
             moved |= self._move(i, reach)
-            if self.jaws:
-                moved |= self._move(i, reach, both=True)
         return moved
 
-    def _move(self, i: int, reach: float, both: bool = False) -> bool:
-        """Move contact i to the best of the nearby mesh points, if one is better; return whether it was.
-
-        Of jaws ``both`` move: the other one to where the surface is opposite.
-        """
+    def _move(self, i: int, reach: float) -> bool:
+        """Move contact i to the best of the nearby mesh points, if one is better; return whether it was."""
         cloud = self.bench.surface.mesh_cloud
         near = np.array(cloud.tree.query_ball_point(self.points[i], reach), dtype=int)
         if not near.size:
             return False
-        trials = OF_JAWS if self.jaws else TRIALS
-        if near.size > trials:
-            near = self.rng.choice(near, trials, replace=False)
+        if near.size > TRIALS:
+            near = self.rng.choice(near, TRIALS, replace=False)
         points, normals = (np.repeat(v[None], near.size + 1, axis=0) for v in (self.points, self.normals))
         points[1:, i], normals[1:, i] = cloud.points[near], cloud.normals[near]
-        if both:
-            facing = opposite(self.bench, points[1:], normals[1:], i)
-            points, normals = (np.concatenate([v[:1], w]) for v, w in zip((points, normals), facing, strict=True))
         score = self._scored.of(points, normals)
-        if self.constrained:
-            broken = self.bench.rows.violations(points, normals, self.start.repeated_hand(len(points)))
-            score = np.where(broken <= max(FEASIBLE, broken[0]), score, -np.inf)
         best = int(np.argmax(score))
         self.points, self.normals = points[best].copy(), normals[best].copy()
         return best != 0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.workbench.surface_samples import Cloud
 
 POINTS, BLOCK = 1200, 200  # sample points that are paired, and of them at a time
@@ -12,8 +12,8 @@ ASIDE = 1.5  # spacings of these points: how far beside the line along a normal 
 PARTNERS = 3  # of a point at most, the nearest to its line
 
 
-def pairs_across(cloud: Cloud) -> tuple[FloatArray, FloatArray]:
-    """Return pairs of points (b, 2, space) of which the second is where the first one's normal leads, and normals.
+def pairs_across(cloud: Cloud) -> NDArray[np.intp]:
+    """Return pairs of points by number, (b, 2), of which the second is where the first one's normal leads.
 
     A normal may lead out of the body and into it again: each point has up to three partners.
 
@@ -26,7 +26,7 @@ def pairs_across(cloud: Cloud) -> tuple[FloatArray, FloatArray]:
     p, n = cloud.points[some], cloud.normals[some]
     nearest = np.asarray(cloud.tree.query(p, k=2)[0])[:, 1]
     spacing = float(np.median(nearest)) * np.sqrt(len(cloud.points) / len(p))
-    pairs, normals = [], []
+    pairs = []
     for begin in range(0, len(p), BLOCK):
         here = slice(begin, begin + BLOCK)
         between = p[None] - p[here, None]
@@ -36,6 +36,5 @@ def pairs_across(cloud: Cloud) -> tuple[FloatArray, FloatArray]:
         order = np.argsort(np.where(good, beside, np.inf), axis=1)[:, :PARTNERS]
         rows, columns = np.nonzero(np.take_along_axis(good, order, axis=1))
         ends = order[rows, columns]
-        pairs.append(np.stack([p[here][rows], p[ends]], axis=1))
-        normals.append(np.stack([n[here][rows], n[ends]], axis=1))
-    return np.concatenate(pairs), np.concatenate(normals)
+        pairs.append(np.stack([some[here][rows], some[ends]], axis=1))
+    return np.concatenate(pairs)

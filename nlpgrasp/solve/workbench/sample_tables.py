@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,13 @@ from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.screening import spread_directions
+from nlpgrasp.solve.workbench.across import pairs_across
 from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.row_values import RowValues
-from nlpgrasp.solve.workbench.surface_samples import Cloud, SurfaceSamples
+from nlpgrasp.solve.workbench.surface_samples import Cloud
 
 IntArray = NDArray[np.intp]
 
@@ -59,9 +62,12 @@ class SampleTables:
     Parameters
     ----------
     problem : GraspProblem
-    surface : SurfaceSamples
+    clouds : sequence of k Cloud
+        Samples of each contact.
     rows : RowValues
     hand : HandPoints
+    directions : (j, d) array, optional
+        Each with ``phi_A = 1``; well spread for the task if not given.
 
     Attributes
     ----------
@@ -85,15 +91,22 @@ class SampleTables:
         Whether directions were added that a first search learned.
     """
 
-    def __init__(self, problem: GraspProblem, surface: SurfaceSamples, rows: RowValues, hand: HandPoints) -> None:
+    def __init__(
+        self,
+        problem: GraspProblem,
+        clouds: Sequence[Cloud],
+        rows: RowValues,
+        hand: HandPoints,
+        directions: FloatArray | None = None,
+    ) -> None:
         self.budget: ForceBudget = problem.budget if type(problem.budget) in MEASURES else L2Budget()
         measure = Measure.of(self.budget)
         self.power = measure.power if measure.exact else 1.0
         self.combine: np.ufunc = np.add if measure.exact else np.maximum
         models, origin = problem.models, problem.origin
-        clouds = [surface.cloud(i) for i in range(len(models))]
+        self._jaws = isinstance(problem.hand, ParallelJaw)
         allowed = [_allowed(rows, hand, clouds, i) for i in range(len(models))]
-        keys = [(model, surface.usable(i), allowed[i].tobytes()) for i, model in enumerate(models)]
+        keys = [(model, id(clouds[i]), allowed[i].tobytes()) for i, model in enumerate(models)]
         first = [keys.index(key) for key in keys]
         order = sorted(set(first))
         self.of_contact = [order.index(i) for i in first]
@@ -104,9 +117,11 @@ class SampleTables:
             self.distinct.append(SampleTable(models[i], measure, samples, np.asarray(maps)))
         on_one_contact = ~rows.dependence[:, -1] & (np.sum(rows.dependence, axis=1) <= 1)
         self.coupled = not (np.all(on_one_contact) and all(mask.any() for mask in allowed))
-        grasps = self.places(self.random(SHAPED_BY, np.random.default_rng(0)))
-        y = spread_directions(GraspStack(*grasps, models, origin), problem.task)
-        self.directions = y / problem.task.support(y)[0][:, None]
+        if directions is None:
+            grasps = self.places(self.random(SHAPED_BY, np.random.default_rng(0)))
+            y = spread_directions(GraspStack(*grasps, models, origin), problem.task)
+            directions = y / problem.task.support(y)[0][:, None]
+        self.directions = directions
         self.powers = [table.powers(self.directions) for table in self.distinct]
         self.informed = False
 
@@ -114,8 +129,18 @@ class SampleTables:
         """Return the samples of a contact."""
         return self.distinct[self.of_contact[contact]].samples
 
+    @cached_property
+    def pairs(self) -> IntArray:
+        """Pairs of samples across the body, by number, (b, 2), where jaws have to face each other; else none."""
+        if not (self._jaws and self.of_contact[0] == self.of_contact[1]):
+            return np.zeros((0, 2), dtype=np.intp)
+        pairs = pairs_across(self.samples(0))
+        return np.concatenate([pairs, pairs[:, ::-1]])
+
     def random(self, count: int, rng: np.random.Generator) -> IntArray:
         """Return random tuples of samples, one a contact, by number, (count, k)."""
+        if len(self.pairs):
+            return self.pairs[rng.integers(len(self.pairs), size=count)]
         sizes = [len(self.samples(i).points) for i in range(len(self.of_contact))]
         return np.stack([rng.integers(size, size=count) for size in sizes], axis=1)
 

@@ -17,7 +17,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import FITS
 
-CLOUD = 600  # sample points a face that contacts are drawn from
+CLOUD, LEAST = 2400, 600  # sample points that contacts are drawn from, in all; on a face at least
 MESH_SAMPLES = 20000  # points of a mesh that contacts may slide to
 MESH_ANGLE = np.radians(30.0)  # most between the mesh's normal there and the smooth one: keeps off sharp edges
 
@@ -102,7 +102,8 @@ class SurfaceSamples:
         problem, k = self._problem, len(self._problem.models)
         names = sorted({n for i in range(k) for n in problem.allowed_faces(i)})
         rng = np.random.default_rng(0)
-        found = {name: problem.body.sample(name, CLOUD, rng, problem.margin) for name in names}
+        count = max(LEAST, CLOUD // len(names))
+        found = {name: problem.body.sample(name, count, rng, problem.margin) for name in names}
         found = {name: points for name, points in found.items() if len(points)}
         if directions := _directions(problem):
             told = {n: _told(directions, problem.body.evaluate(n, points)[2]) for n, points in found.items()}
@@ -119,7 +120,9 @@ class SurfaceSamples:
         return tuple(n for n in self._problem.allowed_faces(contact) if n in self.faces)
 
     def cloud(self, contact: int) -> Cloud:
-        """Return the points that a contact may use."""
+        """Return the points that a contact may use: of a mesh itself, unless a hand with a pose has to touch there."""
+        if isinstance(self._problem.body, Mesh) and (self._problem.hand is None or self._problem.hand.follows_contacts):
+            return self.mesh_cloud
         names = self.usable(contact)
         if names not in self._clouds:
             points = np.concatenate([self.faces[n] for n in names])

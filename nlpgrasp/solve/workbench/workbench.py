@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from nlpgrasp.best.bound.measure import MEASURES
-from nlpgrasp.best.scope.scope import KINDS
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
@@ -22,7 +19,6 @@ from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.space.link_depth import LinkDepths
 from nlpgrasp.solve.workbench.hand_points import HandPoints
-from nlpgrasp.solve.workbench.mesh_climb import MeshClimb
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import (
     SLOTS,
@@ -88,13 +84,12 @@ class Workbench:
     def under_l2(self) -> Workbench | None:
         """The workbench under the paper's budget, for a first ascent; None where the budget is that, or a hand's own.
 
-        Only the exchange's program is another one, with the model of steps that suits it.
+        Only the exchange's program is another one.
         """
         problem, budget = self.problem, self.problem.budget
         if isinstance(budget, L2Budget) or budget.follows_hand:
             return None
-        options = replace(self.options, exchange=bool(self.options.exchange))
-        return self._sharing(Workbench(problem.unchecked(force_budget=L2Budget()), options))
+        return self._sharing(Workbench(problem.unchecked(force_budget=L2Budget()), self.options))
 
     def with_joints(self, limits: FloatArray) -> Workbench:
         """Return the workbench of the same problem whose hand, one with links, has other limits of its joints, (2, m).
@@ -139,15 +134,8 @@ class Workbench:
     @cached_property
     def sample_tables(self) -> SampleTables:
         """Supports of the contacts at surface samples, for coordinate exchange."""
-        return SampleTables(self.problem, self.surface, self.rows, self.hand_points)
-
-    @cached_property
-    def mesh_climb(self) -> MeshClimb | None:
-        """Climbs over the mesh itself; None where the body is none, or what contacts do does not add up."""
-        body, known = self.problem.body, all(model.kind in KINDS for model in self.problem.models)
-        if not (isinstance(body, Mesh) and known and type(self.problem.budget) in MEASURES):
-            return None
-        return MeshClimb(self.problem, body, self.surface.mesh_cloud)
+        clouds = [self.surface.cloud(i) for i in range(len(self.problem.models))]
+        return SampleTables(self.problem, clouds, self.rows, self.hand_points)
 
     @property
     def follows_contacts(self) -> bool:

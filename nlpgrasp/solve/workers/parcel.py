@@ -12,7 +12,6 @@ from typing import Generic, Protocol, TypeVar, cast
 import cloudpickle
 
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.ascent.steps.registry import from_outside, know_only
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.workbench import Workbench
 
@@ -45,7 +44,7 @@ class Parcel(Generic[Item]):
     path : tuple of str
         The caller's ``sys.path``.
     content : bytes
-        The item, and the models of the exchange that were registered from outside the package.
+        The item.
     """
 
     token: str
@@ -55,16 +54,14 @@ class Parcel(Generic[Item]):
     @classmethod
     def of(cls, item: Item, token: str = "") -> Parcel[Item]:
         """Pack an item; whatever its parts raise when they are pickled is raised."""
-        return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps((from_outside(), item))))
+        return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps(item)))
 
     def unpacked(self) -> Item:
         """Return the item in this process."""
         if self.token not in _unpacked:
             _unpacked.clear()  # before the next one is built: each may hold a gigabyte
             sys.path.extend(entry for entry in self.path if entry not in sys.path)  # before its modules are imported
-            models, item = cloudpickle.loads(self.content)
-            know_only(models)
-            _unpacked[self.token] = item
+            _unpacked[self.token] = cloudpickle.loads(self.content)
         return cast("Item", _unpacked[self.token])
 
 

@@ -12,8 +12,6 @@ from typing import TypeVar
 
 from loky.process_executor import BrokenProcessPool
 
-from nlpgrasp.best.exchange import Places
-from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
@@ -23,13 +21,11 @@ from nlpgrasp.solve.after.choice import chosen
 from nlpgrasp.solve.after.final_step import at_local_optimum
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.after.way_in import with_free_way
-from nlpgrasp.solve.ascent.steps.registry import model_of
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.outlook import Outlook, outlook
 from nlpgrasp.solve.posture.roomy import with_room
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
-from nlpgrasp.solve.surface.facing import facing_pairs, has_jaws_on_mesh
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import follows_contacts
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -73,27 +69,11 @@ class Runner:
         self._outlook: Outlook | None = None
         self._parcel: Parcel[LazyBench[_Asked]] | None = None
 
-    def check_model(self) -> None:
-        """Refuse, before any start, a model of the exchange that does not suit the problem.
-
-        Raises
-        ------
-        InputError
-            When the model named is unknown or does not suit the problem.
-        """
-        if isinstance(self.options.exchange, str):
-            model_of(self.bench)
-
     def outlook(self, stop: Stop) -> Outlook | None:
         """Return a look over all placements, taken where it is first asked for; None where none is possible."""
         if self._outlook is None:
-            self._outlook = outlook(self.problem, self.options, stop, self.count, self._places)
+            self._outlook = outlook(self.problem, self.options, stop, self.count)
         return self._outlook
-
-    def _places(self) -> Sequence[Places] | None:
-        """Return where starts on a mesh begin, None where they draw for themselves."""
-        climb = self.bench.mesh_climb
-        return None if climb is None or climb.coupled else climb.exchange.places
 
     def bound(self, stop: Stop) -> GlobalBound | None:
         """Return what the look shows of all placements, None where none is possible."""
@@ -104,8 +84,7 @@ class Runner:
         """Yield each start's result as it is done, in any order.
 
         The first three quarters of them begin from the best grasps that the outlook met, as many as there are; the
-        first half where it left something out, which those grasps may break, and on a mesh, where a look is short and
-        what it met climbs from there alone. Those of jaws on a mesh begin from pairs of places that face each other.
+        first half where it left something out, which those grasps may break.
         """
         begin = self._known(stop)
         if self.workers == 1:
@@ -116,11 +95,8 @@ class Runner:
     def _known(self, stop: Stop) -> list[Placed | None]:
         """Return what each start begins from, None where it draws for itself."""
         known: list[Placed | None] = []
-        if has_jaws_on_mesh(self.problem):
-            known += facing_pairs(self.bench, (3 * self.count + 3) // 4)
-        elif follows_contacts(self.problem) and (seen := self.outlook(stop)) is not None:
-            most = seen.complete and not isinstance(self.problem.body, Mesh)
-            known += seen.placements((3 * self.count + 3) // 4 if most else (self.count + 1) // 2)
+        if follows_contacts(self.problem) and (seen := self.outlook(stop)) is not None:
+            known += seen.placements((3 * self.count + 3) // 4 if seen.complete else (self.count + 1) // 2)
         return known + [None] * (self.count - len(known))
 
     def look_back(self, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:

@@ -41,7 +41,8 @@ def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
 
     found = 0.0
     for seed in range(2):
-        search = CoordinateExchange(Workbench(problem, QUICK), np.random.default_rng(seed))
+        bench = Workbench(problem, QUICK)
+        search = CoordinateExchange(bench, bench.sample_tables, np.random.default_rng(seed))
         found = max(found, quality(search.search(shakes=3)[0]))
     every = np.array(list(combinations_with_replacement(range(21), 3)))
     stack = GraspStack(*tables.places(every), problem.models, problem.origin)

@@ -13,7 +13,6 @@ from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.surface.move_hand import TOUCHED, hand_onto_mesh, touch_mesh
-from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.slide import slide_onto_mesh
 from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.placed import Placed
@@ -58,15 +57,6 @@ def test_contacts_slide_to_better_points_of_the_mesh(sliding, seed):
     np.testing.assert_allclose(grasp.normals, own_normals(grasp.points), atol=1e-6)
     nearest = ng.Grasp(begun, own_normals(begun), grasp.contacts, grasp.torque_origin)
     assert ng.mu(grasp, TASK).upper >= ng.mu(nearest, TASK).lower
-
-
-def test_sliding_keeps_the_constraints_where_it_is_told_to(sliding):
-    """A table at z = -0.02 under contacts that would like to be evenly around the ball."""
-    points = 0.03 * np.array([[0.9, 0.0, 0.4], [-0.9, 0.0, 0.4], [0.0, 0.9, 0.4], [0.0, -0.9, 0.4]])
-    start = sliding.snapped(Placed(the_mesh().face_names * 4, points))
-    kept = slide_onto_mesh(sliding, start, np.random.default_rng(0), Stop())
-    assert np.min(kept.points[:, 2]) >= -0.02 - 1e-6
-    assert OnBody.of(sliding, Placed(start.faces, kept.points), kept).allowed
 
 
 @pytest.fixture(scope="module")

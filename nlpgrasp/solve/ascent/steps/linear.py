@@ -1,4 +1,4 @@
-"""Steps of the ascent by the program's linearisation, a small quadratic program.
+"""Steps of the search by the program's linearisation, a small quadratic program.
 
 A full solve a round costs tenths of a second, with forces or a hand in the program seconds, for a step that the trust
 region cuts short. Here a round linearises all rows at the current contacts, maximises beta inside the trust region by
@@ -8,16 +8,17 @@ Madsen (1975, doi:10.1093/imamat/16.3.321).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.nlp import SUPPORT
-from nlpgrasp.solve.ascent.ascend import Step
 from nlpgrasp.solve.ascent.cuts import piece_parameters
 from nlpgrasp.solve.ascent.newton import NewtonRules, restore
 from nlpgrasp.solve.ascent.quadratic import Linearised, QuadraticStep, shortest_step, step_bounds
-from nlpgrasp.solve.ascent.state import AscentState, Effort
+from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.ascent.steps.torque_cuts import torque_cuts
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import hand_of, placed_of, points_of, variables_of
@@ -30,20 +31,27 @@ CORRECTIONS = NewtonRules(steps=3, enough=1e-7)
 BETA_STEP = 10.0  # solver units: as good as unbounded
 
 
-class LinearModel:
-    """The exchange's program, linearised anew at every state.
+@dataclass(frozen=True)
+class Step:
+    """A step of the search, back on the constraints.
 
     Parameters
     ----------
-    bench : Workbench
+    placed : Placed
+    promised : float
+        The rise of mu that the linearised or nonlinear program promises.
+    multipliers : (rows,) array
+        Of the rows of constraints and hand, solver units.
+    effort : Effort
+    support : (m,) array
+        Multipliers of the cuts, at least zero up to rounding.
     """
 
-    def __init__(self, bench: Workbench) -> None:
-        self.bench = bench
-
-    def step(self, state: AscentState, cuts: FloatArray, radius: float) -> Step | None:
-        """Return the step that the linearisation promises most of, or None where its rows contradict each other."""
-        return Linearisation(self.bench, state.placed, cuts).step(radius)
+    placed: Placed
+    promised: float
+    multipliers: FloatArray
+    effort: Effort
+    support: FloatArray
 
 
 class Linearisation:

@@ -1,13 +1,13 @@
-"""Starts of jaws on a mesh: from pairs of places that face each other, against all pairs of a grid."""
+"""Candidates of jaws: pairs of samples across the body, against all pairs of a grid."""
 
 import numpy as np
 import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.solve.surface.facing import facing_pairs
-from nlpgrasp.solve.surface.regained import ALLOWED
-from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.start.coordinate_exchange import propose
+from nlpgrasp.solve.surface.triangles import on_triangles
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from tests.quick import first
 
 LONG, WIDE, WALL, HIGH = 0.08, 0.04, 0.008, 0.06  # an angle, metres: a base plate, and a wall along its left end
@@ -54,19 +54,15 @@ def best_of_a_grid(asked, step=0.002):
     return ng.mu_tilde(grasp, asked.task).lower
 
 
-def test_pairs_are_on_the_mesh_keep_the_constraints_and_are_apart(angle):
+def test_candidates_are_on_the_mesh_and_keep_the_constraints(angle):
     bench = Workbench(problem(angle), ng.SolveOptions(workers=1))
-    found = facing_pairs(bench, 4)
-    assert len(found) == 4
+    found = propose(bench, np.random.default_rng(0))
+    assert len(found) > 1
     for placed in found:
-        _, outward, off = angle.closest(placed.points)
-        assert np.max(off) <= 1e-9
-        assert bench.rows.violations(placed.points[None], -outward[None], {})[0] <= ALLOWED
+        own, there = on_triangles(bench, placed)
+        assert np.max(angle.closest(placed.points)[2]) <= 1e-9
+        assert own.violation(there) <= FEASIBLE
         assert np.min(placed.points[:, 2]) >= CLEAR - 1e-6
-    for i, a in enumerate(found):
-        for b in found[:i]:
-            apart = [np.max(np.linalg.norm(a.points - q, axis=1)) for q in (b.points, b.points[::-1])]
-            assert min(apart) > 0.1 * angle.size / 2.0
 
 
 @pytest.mark.parametrize("seed", first(1, range(6)))
@@ -77,7 +73,21 @@ def test_two_starts_come_to_the_best_of_a_grid(angle, seed):
     assert found.mu.upper >= 0.95 * best_of_a_grid(asked)
 
 
-def test_without_a_pair_that_fits_starts_draw_for_themselves(angle):
+def test_without_a_pair_that_fits_there_is_no_grasp(angle):
     jaws = ng.ParallelJaw(opening=0.005)  # the wall is 8 mm
     asked = ng.GraspProblem(angle, [ng.SoftContact(0.6, 0.009)] * 2, problem(angle).task, hand=jaws)
-    assert facing_pairs(Workbench(asked, ng.SolveOptions(workers=1)), 2) == []
+    found = ng.solve(asked, 1, options=ng.SolveOptions(workers=1, extras=False, global_bound=False))
+    assert not found.success
+
+
+def test_pairs_to_which_the_way_is_blocked_come_last():
+    """A box that is best held by its y sides, where walls leave no room for fingers."""
+    task = ng.lift([0, 0, 0], mass=0.2) + ng.disturbance(0.5, 0.01)
+    walls = [ng.Obstacle(ng.Box([0.2, 0.02, 0.3]), position=[0.0, side * 0.045, 0.0]) for side in (1, -1)]
+    jaw = ng.ParallelJaw(0.08, finger_length=0.08, finger_thickness=0.01)
+    contacts = [ng.SoftContact(0.6, 0.005)] * 2
+    asked = ng.GraspProblem(ng.Box([0.04, 0.06, 0.1]), contacts, task, hand=jaw, constraints=walls)
+    bench = Workbench(asked, ng.SolveOptions(workers=1))
+    free = [bench.hand_points.has_free_way(p.points) for p in propose(bench, np.random.default_rng(0))]
+    assert True in free
+    assert free == sorted(free, reverse=True)

@@ -1,0 +1,186 @@
+"""Refinement of a candidate: Newton steps in a trust region, with its weakest directions as cutting planes.
+
+The support inequalities (Li and Sastry 1986, equation 3.4-3) hold in the directions where the current grasp is weakest.
+A step maximises beta in the linearised program plus the curvature of its Lagrangian; contacts and hand return to the
+constraints, are weakest in other directions there, and so on until no step helps. Where forces are variables of the
+program, IPOPT solves it inside the trust region instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solve.ascent.cuts import most_relevant
+from nlpgrasp.solve.ascent.reduced_hessian import ACTIVE, reduced_hessian
+from nlpgrasp.solve.ascent.state import AscentState, Effort
+from nlpgrasp.solve.ascent.steps.linear import Linearisation
+from nlpgrasp.solve.ascent.steps.nonlinear import program_step
+from nlpgrasp.solve.ascent.weakest import MISSED, disproved, minimisers_near, weakest_at
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.variables import variables_of
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+
+LOOKS = 4  # of a certificate's polytope, for directions that descents missed
+RADIUS, MOST_RADIUS = 0.03, 0.1  # of the trust region, over the body's size
+LONGER, SHORTER = 1.5, 0.4
+SETTLED = 1e-7  # solver units: the Lagrangian's slope at which the steps end
+NO_LOSS = 1e-9  # relative
+NEAR = 0.02  # relative: a step without curvature that promises less is followed by steps with it
+LEAST_GAIN, IDLE = 1e-4, 2  # relative: rounds that gain less; so many in a row end the refinement of a candidate
+FAIR = 0.5  # share of what was promised: so is one that gains less
+
+
+@dataclass(frozen=True)
+class Point:
+    """Contacts and hand with the directions that are weakest there.
+
+    Parameters
+    ----------
+    placed : Placed
+    value : float
+        The least support ratio.
+    minimisers : (m, d) array
+        Local minimisers of the ratio, each with ``phi_A = 1``.
+    others : (m', d) array
+        Directions in which places nearby are weaker.
+    """
+
+    placed: Placed
+    value: float
+    minimisers: FloatArray
+    others: FloatArray
+
+    @property
+    def cuts(self) -> FloatArray:
+        """All directions, (m + m', d)."""
+        return np.concatenate([self.minimisers, self.others])
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Where refinement led.
+
+    Parameters
+    ----------
+    point : Point
+    length : float
+        Of the last step, solver units.
+    multipliers : (rows,) array
+        Of the rows of constraints and hand in the last step, solver units.
+    history : tuple of float
+        The least ratio at first and after each step.
+    effort : Effort
+        Of IPOPT.
+    settled : bool
+        Whether the rounds ended by themselves.
+    """
+
+    point: Point
+    length: float
+    multipliers: FloatArray
+    history: tuple[float, ...] = ()
+    effort: Effort = field(default_factory=Effort)
+    settled: bool = True
+
+    def state(self) -> AscentState:
+        """Return the same as the state of an ascent."""
+        history, point = list(self.history), self.point
+        return AscentState(point.placed, point.value, point.cuts, self.multipliers, self.effort, len(history), history)
+
+
+def point_at(bench: Workbench, placed: Placed, known: FloatArray, rng: np.random.Generator) -> Point:
+    """Return a placed state with the directions it is weakest in, looked for from known ones (m, d) as well."""
+    found = minimisers_near(bench, placed, rng, known)
+    return Point(placed, found.value, found.directions, found.directions[:0])
+
+
+def refine(
+    bench: Workbench, placed: Placed, stop: Stop, rounds: int | None = None, least: float = LEAST_GAIN
+) -> Refined:
+    """Return the local optimum that a placed state leads to in some rounds; as it is where it exerts nothing.
+
+    Rounds end where two in a row gain less than a share ``least``, or where the Lagrangian is flat. Descents may
+    flatter: a polytope looks for directions that they missed, and the search goes on with these, from where it began if
+    it was led astray.
+    """
+    rng, options = np.random.default_rng(0), bench.options
+    if rounds is None:
+        rounds = options.exchange_rounds if options.exchange else 0
+    here = point_at(bench, placed, weakest_at(bench, placed, rng).directions, rng)
+    sure = refined = Refined(here, RADIUS, np.zeros(len(bench.rows.named)), (here.value,))
+    for _ in range(LOOKS):
+        refined = _settled(bench, replace(refined, settled=True), rng, stop, rounds, least)
+        here = refined.point
+        missed = disproved(bench, here.placed, here.value)
+        if missed is None:
+            return refined
+        again = point_at(bench, here.placed, np.concatenate([missed.directions, here.minimisers]), rng)
+        value = min(again.value, missed.value)
+        if value > sure.point.value:
+            sure = refined = replace(refined, point=replace(again, value=value, others=here.others))
+        else:
+            others = np.concatenate([missed.directions, sure.point.others])
+            sure = refined = replace(sure, point=replace(sure.point, others=others), effort=refined.effort)
+        if stop.requested():
+            break
+    return sure
+
+
+def _settled(
+    bench: Workbench, refined: Refined, rng: np.random.Generator, stop: Stop, rounds: int, least: float
+) -> Refined:
+    """Return where steps lead until no step helps."""
+    begun = here = refined.point
+    radius, curvature, near, stale, idle = RADIUS, None, least == 0.0, True, 0
+    for _ in range(rounds):
+        if stop.requested() or here.value <= 0.0 or idle == IDLE:
+            return refined
+        cuts = most_relevant(bench, here.placed, here.cuts)
+        if bench.exchange.linearises:
+            linear = Linearisation(bench, here.placed, cuts)
+            first = linear.quadratic_step(radius, curvature)
+            if first is None or (curvature is not None and float(np.max(np.abs(curvature @ first.d))) < SETTLED):
+                return refined
+            near = near or float(first.d[linear.beta]) < NEAR * here.value * bench.scaling.beta
+            stale = stale or least == 0.0
+            if near and stale:
+                known = np.arange(len(cuts)) < len(here.minimisers)
+                curvature = reduced_hessian(linear, cuts, known, first.multipliers)
+            stale = not stale if near else True
+            step = linear.step(radius, curvature)
+        else:
+            step = program_step(bench, here.placed, here.value, cuts, radius)
+        if step is None or bench.violation(step.placed) > FEASIBLE:
+            radius, stale = SHORTER * radius, True
+            continue
+        moved = float(np.max(np.abs(_differences(bench, step.placed, here.placed))))
+        refined = replace(refined, effort=refined.effort + step.effort)
+        there = point_at(bench, step.placed, here.minimisers, rng)
+        near = near or there.value - here.value < FAIR * step.promised
+        idle = idle + 1 if there.value < (1.0 + least) * here.value else 0
+        if there.value >= here.value * (1.0 - NO_LOSS):
+            binding = cuts[np.flatnonzero(step.support > ACTIVE)] if len(here.others) else here.others
+            here, radius = replace(there, others=binding), min(LONGER * radius, MOST_RADIUS)
+            history = (*refined.history, here.value)
+            refined = replace(refined, point=here, length=moved, multipliers=step.multipliers, history=history)
+        else:
+            again = point_at(bench, here.placed, np.concatenate([here.minimisers, there.minimisers]), rng)
+            others = np.concatenate([there.minimisers, here.others])
+            if again.value < (1.0 - MISSED) * begun.value:  # descents had flattered it
+                again, others = begun, np.concatenate([again.minimisers, others])
+            here = replace(again, others=others)
+            radius, stale = SHORTER * min(radius, moved), True
+            refined = replace(refined, point=here)
+    return replace(refined, settled=False)
+
+
+def _differences(bench: Workbench, there: Placed, here: Placed) -> FloatArray:
+    """Return how far all variables of the program are apart but beta and forces, solver units."""
+    program = bench.exchange.compiled.program
+    moved = variables_of(bench, program, there) - variables_of(bench, program, here)
+    moved[program.block("beta").range] = 0.0
+    return moved

@@ -1,0 +1,81 @@
+"""Grasps on the body itself: a mesh is its triangles, each contact on one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies.mesh.facets import Facets
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solve.ascent.refine import Refined, refine
+from nlpgrasp.solve.surface.match import match_on_mesh
+from nlpgrasp.solve.surface.on_body import OnBody
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.workbench import Workbench
+
+PASSES = 4  # over a mesh, while contacts come too near to sharp edges that were far from where they began
+
+
+def on_triangles(bench: Workbench, placed: Placed, places: Sequence[FloatArray] = ()) -> tuple[Workbench, Placed]:
+    """Return the workbench whose faces are the triangles of a mesh that contacts are on, and the contacts there.
+
+    Of another body both are as they are.
+
+    Parameters
+    ----------
+    bench : Workbench
+    placed : Placed
+        Contacts may say by their faces which triangles theirs are.
+    places : sequence of (k, 3) arrays
+        Where contacts stay away from sharp edges, metres; about themselves if not given.
+    """
+    problem, body = bench.problem, bench.problem.body
+    if not isinstance(body, Mesh):
+        return bench, placed
+    triangles = body.triangles_at(placed.points)
+    for i, face in enumerate(placed.faces):
+        if face not in body.face_names:  # on an edge two are as near
+            triangles[i] = Facets.triangle_of(face)
+    facets = Facets(body, triangles, np.stack([placed.points] if not len(places) else places), problem.margin)
+    models = tuple(replace(model, faces=(name,)) for model, name in zip(problem.models, facets.names, strict=True))
+    own = problem.unchecked(body=facets, contacts=models)
+    return Workbench(own, bench.options), replace(placed, faces=facets.names)
+
+
+def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatArray | None = None) -> OnBody:
+    """Return the grasp of the body itself.
+
+    Parameters
+    ----------
+    bench : Workbench
+    own : Workbench
+        ``bench``, or on a mesh the one whose faces are the triangles that contacts are on.
+    placed : Placed
+        On the faces of ``own``.
+    begun : (k, 3) array, optional
+        Where contacts were on the smooth surface of a mesh, metres; where they are if not given.
+    """
+    body = bench.problem.body
+    if not isinstance(body, Mesh):
+        return OnBody.of(bench, placed, bench.grasp(placed))
+    there = Placed(body.face_names * len(placed.points), placed.points, placed.hand)
+    grasp = bench.grasp_at(placed.points, own.inward_normals(placed))
+    start = placed.points if begun is None else begun
+    match = match_on_mesh(body, start, grasp, bench.inward_normals(there), bench.follows_contacts)
+    return OnBody.of(bench, there, grasp, match)
+
+
+def refined_on_triangles(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
+    """Return the local optimum that contacts on the body itself lead to: those of a mesh stay on their triangles."""
+    places, (own, begin) = [placed.points], on_triangles(bench, placed)
+    while True:
+        refined = refine(own, begin, stop)
+        found = put_on_body(bench, own, refined.point.placed)
+        if own is bench or found.allowed or len(places) == PASSES or stop.requested():
+            return found, refined
+        places.append(refined.point.placed.points)
+        own, _ = on_triangles(bench, begin, places)
