@@ -158,7 +158,7 @@ def _solution(bench: Workbench, held: Held) -> GraspSolution:
         mu=held.bounds,
         kind=problem.task.measure,
         constraints=start.constraints,
-        hand=hand_posture(problem, start),
+        hand=hand_posture(bench, start),
         surface=found.surface,
     )
 

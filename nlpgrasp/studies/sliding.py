@@ -30,7 +30,7 @@ class Branch(AscentState):
 
     Parameters
     ----------
-    placed, value, cuts, multipliers, effort, rounds, history
+    placed, value, cuts, multipliers, effort, history
         As for ``AscentState``.
     settled : int
         The step at which it was slid to its best last.

@@ -1,7 +1,7 @@
 """The baseline: 60 problems, three seeds of eight starts, each a cold call; beside what is stored in baseline.json.
 
-``baseline`` compares with the stored file, ``baseline:store`` writes it, ``baseline:jaw`` compares one group. A run
-takes half an hour on two cores. Seconds are of CPU, over those of a fixed piece of work that is timed in the same run.
+``baseline`` compares with the stored file, ``baseline:store`` writes it, ``baseline:jaw`` compares one group.
+Seconds are of CPU, over those of a fixed piece of work that is timed in the same run.
 """
 
 import json

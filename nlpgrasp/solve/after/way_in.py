@@ -8,7 +8,6 @@ from typing import TypeVar
 
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import of_the_way
 from nlpgrasp.solve.after.final_step import at_local_optimum
 from nlpgrasp.solve.after.pregrasp import pregrasp
@@ -16,7 +15,6 @@ from nlpgrasp.solve.phases.keyframes import keyframes
 from nlpgrasp.solve.posture.roomy import with_room
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.clock import Clock
-from nlpgrasp.solve.workbench.hand_points import hand_at_contacts
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
@@ -61,7 +59,7 @@ def approached(bench: Workbench, start: StartGrasp, clock: Clock | None = None) 
     """Return a start with its hand as files state it: posture, pregrasp, phases, penetration of its links."""
     clock = clock or Clock()
     problem, placed = bench.problem, start.found.placed
-    hand = hand_posture(problem, start)
+    hand = hand_posture(bench, start)
     if hand is None:
         return start
     if not bench.follows_contacts:
@@ -79,13 +77,13 @@ def approached(bench: Workbench, start: StartGrasp, clock: Clock | None = None) 
     return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(of_the_way(hand))))
 
 
-def hand_posture(problem: GraspProblem, start: StartGrasp) -> dict[str, object] | None:
+def hand_posture(bench: Workbench, start: StartGrasp) -> dict[str, object] | None:
     """Return the hand in the grasp as JSON data, None where nothing is to be said of it."""
-    hand, found = problem.hand, start.found
+    hand, found = bench.problem.hand, start.found
     if hand is None:
         return None
     data = dict(hand.describe(found.placed.hand)) if found.placed.hand else {}
-    data |= hand_at_contacts(problem, found.grasp.points)
+    data |= bench.hand_points.at_contacts(found.grasp.points)
     if not data:
         return None
     if start.depth is not None:

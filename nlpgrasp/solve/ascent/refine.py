@@ -88,8 +88,8 @@ class Refined:
 
     def state(self) -> AscentState:
         """Return the same as the state of an ascent."""
-        history, point = list(self.history), self.point
-        return AscentState(point.placed, point.value, point.cuts, self.multipliers, self.effort, len(history), history)
+        point = self.point
+        return AscentState(point.placed, point.value, point.cuts, self.multipliers, self.effort, list(self.history))
 
 
 def point_at(bench: Workbench, placed: Placed, known: FloatArray, rng: np.random.Generator) -> Point:

@@ -67,7 +67,6 @@ class AscentState:
     multipliers : (rows,) array
         Of the rows of constraints and hand in the solve that led here, solver units.
     effort : Effort
-    rounds : int
     history : list of float
         ``value`` at first and after each step.
     """
@@ -77,7 +76,6 @@ class AscentState:
     cuts: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))
     effort: Effort = field(default_factory=Effort)
-    rounds: int = 0
     history: list[float] = field(default_factory=list)
 
     def accept(self, placed: Placed, value: float, multipliers: FloatArray) -> None:

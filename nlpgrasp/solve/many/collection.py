@@ -146,7 +146,7 @@ def _finished(bench: Workbench, start: StartGrasp, stop: Stop) -> FoundGrasp:
     placed, grasp = start.found.placed, start.found.grasp
     with one_thread():
         if stop.requested():
-            return _told(bench, replace(start, hand=hand_posture(bench.problem, start)), start.robust)
+            return _told(bench, replace(start, hand=hand_posture(bench, start)), start.robust)
         robust = start.robust
         if robust is None and bench.options.extras:
             robust = attempted(lambda: robustness(bench, placed, grasp, quickly=True))

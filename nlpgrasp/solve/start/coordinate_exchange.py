@@ -43,7 +43,7 @@ DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, 
 CERTIFIED, LOOSE = 2, 0.2  # certificates a round at most, and their relative width
 SHOWN = 8  # directions learned of a certificate
 PROPOSED = 4  # candidates of a start
-MOST_MET, BEST_MET = 200, 12  # pairs for jaws whose way in is looked at: the best so many, and others among all met
+MOST_MET, BEST_MET = 200, 12  # pairs met for jaws; those whose way in is looked at: the best, and as many others of all
 REPAIRABLE = 1e-3  # violation of constraints that couple contacts, relative to their scales, that is mended afterwards
 AROUND, MOST_AROUND = 0.08, 300  # of the body's size, and of samples, where contacts on a mesh are exchanged nearby
 APART = 0.05  # of the body's size: candidates whose distances between contacts differ by less are of one kind
@@ -67,7 +67,7 @@ def propose(bench: Workbench, rng: np.random.Generator) -> list[Placed]:
         tuples = np.concatenate([met[:BEST_MET], met[BEST_MET :: max(1, len(met) // BEST_MET)]])
     found = [search.placed(one) for one in tuples]
     if tables.coupled:
-        repaired = [placed for placed in (_repaired(bench, one) for one in found) if placed is not None]
+        repaired = [one for one in (_repaired(bench, placed) for placed in found) if one is not None]
         found = _ranked(bench, repaired) if repaired else found
     if jaws:
         found.sort(key=lambda placed: not bench.hand_points.has_free_way(placed.points))
@@ -287,23 +287,21 @@ def distinct(bench: Workbench, found: Sequence[Placed]) -> list[Placed]:
     return [found[b] for b in chosen[:PROPOSED]]
 
 
-def _repaired(bench: Workbench, placed: Placed) -> Placed | None:
-    """Return a placement moved onto constraints that it breaks by little; None where it does not get there."""
+def _repaired(bench: Workbench, placed: Placed) -> tuple[Placed, FloatArray] | None:
+    """Return a placement moved onto constraints that it breaks by little, and its inward normals (k, space).
+
+    None where it does not get there.
+    """
     own, there = on_triangles(bench, placed)
-    if own.violation(there) <= FEASIBLE:
-        return placed
-    moved, left = touching(own, there)
-    moved = own.snapped(moved)
-    if left > TOUCHING or own.violation(moved) > FEASIBLE:
-        return None
-    return Placed(placed.faces, moved.points, moved.hand)
+    if own.violation(there) > FEASIBLE:
+        moved, left = touching(own, there)
+        there = own.snapped(moved)
+        if left > TOUCHING or own.violation(there) > FEASIBLE:
+            return None
+    return Placed(placed.faces, there.points, there.hand), own.inward_normals(there)
 
 
-def _ranked(bench: Workbench, found: Sequence[Placed]) -> list[Placed]:
-    """Return placements, those first that seem to exert the task best."""
-    normals = []
-    for placed in found:
-        own, there = on_triangles(bench, placed)
-        normals.append(own.inward_normals(there))
-    score = scores(bench, np.stack([placed.points for placed in found]), np.stack(normals))
-    return [found[b] for b in np.argsort(-score, kind="stable")]
+def _ranked(bench: Workbench, found: Sequence[tuple[Placed, FloatArray]]) -> list[Placed]:
+    """Return placements, each given with its inward normals, those first that seem to exert the task best."""
+    points, normals = np.stack([placed.points for placed, _ in found]), np.stack([normals for _, normals in found])
+    return [found[b][0] for b in np.argsort(-scores(bench, points, normals), kind="stable")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from functools import cache, cached_property
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -15,18 +15,9 @@ from nlpgrasp.constraints import Approach
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, PosedHand, URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.problem.fields import distance_to_all, fields_of
+from nlpgrasp.problem.fields import Distance, distance_to_all, fields_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import jaws_depth
-
-
-def hand_at_contacts(problem: GraspProblem, points: FloatArray) -> Json:
-    """Return what a hand that follows contacts (k, 3) says of its pose there and its way in, as files state it."""
-    if problem.hand is None:
-        return {}
-    cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
-    made = cache(lambda: distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models))))
-    return problem.hand.at_contacts(points, problem.body.size, lambda places: made()(places), cones)
 
 
 class HandPoints:
@@ -76,9 +67,21 @@ class HandPoints:
         starts = [hand.start(t) for t in tips]
         return {name: np.stack([s[name] for s in starts]) for name in starts[0]}
 
+    def at_contacts(self, points: FloatArray) -> Json:
+        """Return what a hand that follows contacts (k, 3) says of its pose there and its way in, as files state it."""
+        problem = self._problem
+        cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
+        return self.hand.at_contacts(points, problem.body.size, lambda places: self._distance(places), cones)
+
     def has_free_way(self, points: FloatArray) -> bool:
         """Return whether the straight way of parallel jaws to contacts (2, 3) leads into nothing."""
-        return jaws_depth(hand_at_contacts(self._problem, points)) == 0.0
+        return jaws_depth(self.at_contacts(points)) == 0.0
+
+    @cached_property
+    def _distance(self) -> Distance:
+        """Distance to the body and what constraints keep a hand away from."""
+        problem = self._problem
+        return distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models)))
 
     def tip_centres(self, values: Values, otherwise: FloatArray) -> FloatArray:
         """Return the centres of round fingertips (k, 3), and the given points for the others."""

@@ -96,11 +96,6 @@ class RowValues:
             np.sum(np.maximum(np.maximum(lower - values[:, rows], values[:, rows] - upper), 0.0) / scale, axis=1)
         )
 
-    @property
-    def narrow(self) -> bool:
-        """Whether some row leaves next to no room between its limits: no random placement keeps it."""
-        return any(row.upper - row.lower <= NARROW * row.scale for row in self.named)
-
     @cached_property
     def clearances(self) -> NDArray[np.intp]:
         """Which of the rows keep a link away from the held body."""
