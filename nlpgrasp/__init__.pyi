@@ -91,7 +91,7 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.joints import JointSqueeze
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
-from nlpgrasp.solve import SolveOptions, solve, with_extras
+from nlpgrasp.solve import SolveOptions, analyse, solve
 from nlpgrasp.solve.squeeze import squeeze
 from nlpgrasp.studies import (
     BlockedDirection,
@@ -229,6 +229,7 @@ __all__ = [
     "WrenchRecording",
     "__version__",
     "allowed_twists",
+    "analyse",
     "angular_velocity",
     "best_possible",
     "choose_contact_types",
@@ -281,6 +282,5 @@ __all__ = [
     "trajectory",
     "turn",
     "verify",
-    "with_extras",
     "write",
 ]

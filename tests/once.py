@@ -7,8 +7,9 @@ from pathlib import Path
 
 import nlpgrasp as ng
 
-ALONE = ng.SolveOptions(workers=1)
-GRASP = ng.SolveOptions(workers=1, shadow_prices=False, global_bound=False)  # where no bound or price is looked at
+ALONE = ng.SolveOptions(workers=1, extras=True)
+# where no bound or price is looked at
+GRASP = ng.SolveOptions(workers=1, global_bound=False, analyses=("delta", "nu", "drawing"))
 
 
 def solve_once(problem, starts, options=ALONE, **more):

@@ -239,7 +239,7 @@ def test_unknown_kinds_in_a_file_are_named(change, message, tmp_path, solved):
 @pytest.fixture(scope="module")
 def solved(tmp_path_factory):
     problem = ng.GraspProblem(BOX, [ng.FrictionContact(0.5)] * 3, BALL)
-    options = ng.SolveOptions(workers=1, extras=False, global_bound=False)
+    options = ng.SolveOptions(workers=1, global_bound=False)
     return ng.solve(problem, starts=1, options=options).save(tmp_path_factory.mktemp("solved") / "friction.json")
 
 

@@ -59,9 +59,7 @@ SCRIPTS = [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW_SCRIPTS else []
 def test_script_solves_and_verifies(problems_folder, name):
     problem = load_problem(problems_folder / f"{name}.py")
     starts, value = VALUES[name]
-    solution = ng.solve(
-        problem, starts, options=ng.SolveOptions(rank="mu", shadow_prices=False, rtol=0.05, final_rtol=0.02)
-    )
+    solution = ng.solve(problem, starts, options=ng.SolveOptions(rank="mu", rtol=0.05, final_rtol=0.02))
     assert solution.mu.gap <= 0.0201
     assert solution.mu.upper >= (1.0 - SAME) * value
     verification = ng.verify(solution, rtol=0.05)
@@ -113,7 +111,7 @@ def test_rectangle_finds_pair_one(problems_folder):
     solution = ng.solve(
         load_problem(problems_folder / "rectangle.py"),
         starts=2,
-        options=ng.SolveOptions(shadow_prices=False, workers=1),
+        options=ng.SolveOptions(workers=1),
     )
     assert sorted(solution.faces) == ["edge0", "edge2"]
 
@@ -144,9 +142,7 @@ def test_shared_meshes_are_grasped_on_the_mesh_itself(shared_meshes, name):
     body = ng.Mesh.load(shared_meshes / name, unit=unit)
     task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, name=name)
-    solution = ng.solve(
-        problem, starts=8, options=ng.SolveOptions(rank="mu", shadow_prices=False, rtol=0.05, final_rtol=0.02)
-    )
+    solution = ng.solve(problem, starts=8, options=ng.SolveOptions(rank="mu", rtol=0.05, final_rtol=0.02))
     assert all(start.mu.lower > 0.0 for start in solution.starts)
     assert solution.mu.upper >= (1.0 - SAME) * value
     assert ng.verify(solution, rtol=0.05)

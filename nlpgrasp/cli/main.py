@@ -17,6 +17,7 @@ from typing import Annotated, NoReturn
 import typer
 
 import nlpgrasp as ng
+from nlpgrasp.cli.analyses import add_analyses, asked_analyses
 from nlpgrasp.cli.bound import bound_command
 from nlpgrasp.cli.demo.command import demo_command
 from nlpgrasp.cli.experiment import experiment_command
@@ -65,36 +66,43 @@ def solve_command(
     distinct: Annotated[
         float, typer.Option("--distinct", help="How far apart they are, as a share of the body's size.")
     ] = 0.1,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Leave out prices, robustness, delta, nu and drawing.")
-    ] = False,
+    analyses: Annotated[
+        str | None,
+        typer.Option("--with", metavar="A,B", help="Analyses added after the grasp, e.g. prices,nu; all by default."),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="The grasp alone, without analyses.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Solve a problem script and write the grasp found to a file. Ctrl-C keeps the best so far."""
+    """Solve a problem script and write the grasp found to a file, then add analyses to it.
+
+    Ctrl-C keeps the best so far.
+    """
     integer("--starts", starts, at_least=1)
     integer("--seed", seed, at_least=0)
     integer("--keep", keep, at_least=1, at_most=10_000)
     share("--distinct", distinct)
-    options = ng.SolveOptions(
-        workers=workers, gap=gap, time_limit=time_limit, edge_margin=edge_margin, rank=rank, extras=not quick
-    )
+    options = ng.SolveOptions(workers=workers, gap=gap, time_limit=time_limit, edge_margin=edge_margin, rank=rank)
     target = Path(f"{script.stem}.json") if out is None else out
     place = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
+    names = asked_analyses(analyses, quick, problem.hand)
     with Reporter(problem.name, starts, as_json) as reporter:
         solution = ng.solve(problem, starts, seed, options, keep=keep, distinct=distinct, progress=reporter.start_done)
     written = None
     if solution.is_certified or not place.exists():
         solution.save(place)
         written = str(target)
-    if as_json:
-        emit(done(solution, written))
-    else:
+    if not as_json:
         typer.echo(str(solution))
         count = len(solution.starts)
         typer.echo(f"  {solution.solver['seconds']['total']:.1f} s, {count} start{'' if count == 1 else 's'}")
         typer.echo(f"  {'written to ' + written if written else f'{target} left as it was'}")
+    cut_short = solution.status in (ng.Status.TIME_LIMIT, ng.Status.INTERRUPTED)
+    if solution.is_certified and not (cut_short and analyses is None):
+        solution = add_analyses(solution, names, place, as_json)
+    if as_json:
+        emit(done(solution, written))
     if not solution.success:
         raise typer.Exit(1)
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from nlpgrasp import GraspProblem, GraspSolution
     from nlpgrasp.interop import ReadGrasp
 
-PARTS = {"delta": "delta", "nu": "nu", "robust": "robustness", "prices": "shadow prices", "drawing": "the drawing"}
 GraspFile = Annotated[
     Path, typer.Argument(metavar="F", help="Solution file, CSV table of contacts, or isaac_grasp file (.yaml).")
 ]
@@ -48,7 +47,7 @@ def quality_command(
 ) -> None:
     """Compute the certified quality measures of a grasp: of a solution, or of any tool's grasp.
 
-    To a solution of ``solve --quick`` what was left out is added, in the same file.
+    Analyses that a solution lacks are added, in the same file.
     """
     from nlpgrasp.interop import ReadOptions
     from nlpgrasp.interop.registry import reader_of
@@ -95,7 +94,7 @@ def _measure(given: ReadGrasp, rtol: float, torque_scale: float | None, as_json:
 
 
 def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> GraspSolution:
-    """Return a file's solution with what a quick solve left out, which is written to the file as well.
+    """Return a file's solution with the analyses that it lacks, which are written to the file as well.
 
     A file that cannot be written stays as it is. What is done is told on standard error.
 
@@ -105,14 +104,14 @@ def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> G
     problem : callable, optional
         Returns the problem that was solved.
     """
+    from nlpgrasp.solve.analyse import is_stated
+    from nlpgrasp.solve.options import ANALYSES
+
     solution = ng.GraspSolution.load(file)
-    whole = solution.grasp is None or all(
-        getattr(solution, part) is not None for part in ("robust", "drawing", "delta")
-    )
-    if whole and problem is None:
+    if solution.grasp is None:
         return solution
-    found = ng.with_extras(solution, None if problem is None else problem())
-    added = [words for part, words in PARTS.items() if not getattr(solution, part) and getattr(found, part)]
+    found = ng.analyse(solution, problem=None if problem is None else problem())
+    added = [words for name, words in ANALYSES.items() if not is_stated(solution, name) and is_stated(found, name)]
     if added:
         try:
             found.save(file)

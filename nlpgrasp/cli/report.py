@@ -30,7 +30,7 @@ def report_command(
 ) -> None:
     """Show solutions on one page that opens from disk, or as pictures.
 
-    To solutions of ``solve --quick`` what was left out is added first, in the same files.
+    Analyses that solutions lack are added first, in the same files.
     """
     from nlpgrasp.report import write_pictures, write_report
 

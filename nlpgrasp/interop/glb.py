@@ -27,11 +27,12 @@ def glb(solution: GraspSolution) -> bytes:
     """
     grasp = solution.require_grasp()
     scene = trimesh.Scene()
-    if solution.drawing is not None:
-        shapes = [("body", solution.drawing.body, "body"), *((name, s, "link") for name, s in solution.drawing.links)]
+    drawing = solution.drawn()
+    if drawing is not None:
+        shapes = [("body", drawing.body, "body"), *((name, s, "link") for name, s in drawing.links)]
         for name, shape, what in shapes:
             scene.add_geometry(_coloured(trimesh.Trimesh(shape.vertices, shape.faces), COLOURS[what]), name, name)
-    size = drawn_size(solution.drawing, grasp.points)
+    size = drawn_size(drawing, grasp.points)
     points, normals = in_space(grasp.points), in_space(grasp.normals)
     for i, (p, n, model) in enumerate(zip(points, normals, grasp.contacts, strict=True)):
         tip = trimesh.creation.icosphere(2, POINT_RADIUS * size).apply_translation(p)

@@ -120,7 +120,7 @@ def require_pressing(held: Grasp) -> None:
 
 def _empty(solution: GraspSolution, held: Grasp, unit: Scales) -> tuple[Element, Element, Element]:
     """Return a scene with a light and time steps that follow from the units, its assets, and its world."""
-    step, size = STEP * unit.time, drawn_size(solution.drawing, held.points)
+    step, size = STEP * unit.time, drawn_size(solution.drawn(), held.points)
     root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true")
     SubElement(root, "option", SOLVER, timestep=f"{step:.6g}", gravity="0 0 0")

@@ -38,7 +38,7 @@ def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Pat
     """
     plt = pyplot("a strip of pictures")
     held, growing = simulation.trials[0], simulation.growing
-    factor = max(MAGNIFIED * drawn_size(solution.drawing, None) / max(growing.slip, 1e-12), 1.0)
+    factor = max(MAGNIFIED * drawn_size(solution.drawn(), None) / max(growing.slip, 1e-12), 1.0)
     figure = plt.figure(figsize=(3.0 * FRAMES, 6.4), layout="constrained")
     share = "never" if simulation.lost_at is None else f"at {simulation.lost_at:.3f}"
     figure.suptitle(

@@ -11,8 +11,12 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.hands.posed_hand import PosedHand
+from nlpgrasp.problem.from_dict import problem_from_dict
+from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
+from nlpgrasp.solution.drawn import drawing_of
 from nlpgrasp.solution.file import read, write
 from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.kkt import KKT
@@ -52,9 +56,9 @@ class GraspSolution(Seen):
     kind : {"mu", "mu_tilde"}
         Which measure ``mu`` holds: (3.3-4a) for a centred task, (3.3-4b) otherwise.
     delta : Bounds or None
-        Certified, with its torque scale; None where a stop came first.
+        Certified, with its torque scale, where it was asked for (``ng.analyse``).
     nu : Volume or None
-        With the same torque scale.
+        With the same torque scale, where it was asked for.
     forces : sequence of (wrench, forces)
         Task wrenches ``mu.lower * (c + semi-axis)`` (d,) and finger forces (k, space), newtons.
     moments : sequence of (k, d - space) array
@@ -62,7 +66,7 @@ class GraspSolution(Seen):
     constraints : tuple of ConstraintReport
         Values and limits of the rows, by name.
     prices : tuple of ShadowPrice
-        What limits cost, those that bind first.
+        What limits cost, where that was asked for, those that bind first.
     robust : Robustness or None
         What is left of mu when contacts are off and friction is less.
     bound : GlobalBound or None
@@ -79,7 +83,7 @@ class GraspSolution(Seen):
     surface : SurfaceMatch or None
         For meshes.
     drawing : Drawing or None
-        Triangles of body and hand, for pictures.
+        Triangles of body and hand, for pictures, where it was asked for; ``require_drawing`` makes one otherwise.
     starts : tuple of StartRecord
         All starts, in order.
     best_start : int or None
@@ -90,6 +94,8 @@ class GraspSolution(Seen):
         What a file says that the first of the grasps kept is; None where it keeps one.
     solver : mapping
         Seed, seconds, options, versions.
+    source : GraspProblem or None
+        The problem itself, of a solve; None of a file.
     """
 
     status: Status
@@ -118,6 +124,7 @@ class GraspSolution(Seen):
     others: tuple[FoundGrasp, ...] = ()
     stated_first: FoundGrasp | None = field(default=None, repr=False, compare=False)
     solver: SolverData = field(default_factory=SolverData)
+    source: GraspProblem | None = field(default=None, repr=False, compare=False)
 
     def select(self, accepts: Accepts) -> GraspSolution:
         """Return the best grasp kept that a function accepts, as a solution of its own.
@@ -153,6 +160,39 @@ class GraspSolution(Seen):
             others=(),
             stated_first=None,
         )
+
+    @property
+    def known_problem(self) -> GraspProblem | None:
+        """The problem that was solved; of a file as far as it holds it: None with a mesh, a hand or an expression."""
+        if self.source is not None or self.grasp is None or self.problem.get("hand") is not None:
+            return self.source
+        try:
+            return problem_from_dict(self.problem, self.grasp.torque_origin)
+        except InputError:
+            return None
+
+    def drawn(self) -> Drawing | None:
+        """Return the drawing of the grasp, made anew where it is not stated and the problem is known."""
+        problem = None if self.drawing is not None else self.known_problem
+        if problem is None or self.grasp is None:
+            return self.drawing
+        hand = problem.hand if isinstance(problem.hand, PosedHand) and self.hand is not None else None
+        return drawing_of(problem.body, hand, {} if hand is None else hand.values_of(self.hand or {}))
+
+    def require_drawing(self) -> Drawing:
+        """Return the drawing of the grasp, made anew where it is not stated.
+
+        Raises
+        ------
+        InputError
+            Where no grasp was found; where it is not stated and the file does not hold what it takes.
+        """
+        self.require_grasp()
+        found = self.drawn()
+        if found is None:
+            allowed = 'one with its drawing: ng.analyse(solution, "drawing", problem=problem) adds it'
+            raise InputError("solution", "a grasp without a drawing, from a file without its body", allowed)
+        return found
 
     def to_dict(self) -> SolutionData:
         """Return the solution as JSON data, schema 1 (docs/json.md)."""

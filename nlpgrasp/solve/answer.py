@@ -12,12 +12,9 @@ import casadi as ca
 import numpy as np
 import scipy
 
-from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.shown.said import warn
-from nlpgrasp.errors import NlpgraspError
-from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import Volume, delta, mu, nu
+from nlpgrasp.quality import mu
 from nlpgrasp.solution.findings import WhyNot
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
@@ -35,7 +32,6 @@ from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.version import __version__
 
 CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
-OTHER_RTOL = 0.02  # relative gap of delta, error bar of nu
 FINAL_GRACE = 2.0  # seconds the answer's certificate may take past the time limit
 
 
@@ -140,11 +136,6 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
     search.clock.mark("certificate")
     exerted = least_forces(problem, grasp, budget, certified)
     search.clock.mark("forces")
-    scale, timely = grasp.mean_arm, limit is None and search.options.extras
-    small = delta(grasp, scale, OTHER_RTOL, force_budget=budget) if timely else None
-    search.clock.mark("delta")
-    volume = volume_of(grasp, budget) if timely else None
-    search.clock.mark("nu")
     bound = search.bound_above(lower)
     solution = GraspSolution(
         status=search.cut_short or _status(search.options, bound, lower, best),
@@ -154,21 +145,18 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         faces=found.placed.faces,
         mu=certified,
         kind=problem.task.measure,
-        delta=small,
-        nu=volume,
         forces=exerted.forces,
         moments=exerted.moments,
         needed=exerted.needed,
         constraints=best.constraints,
-        prices=after.prices,
-        robust=None if after.robust is None else after.robust.beside(certified),
+        robust=None if best.robust is None else best.robust.beside(certified),
         bound=bound,
         kkt=best.kkt,
         hand=best.hand or after.hand,
         surface=found.surface,
-        drawing=after.drawing,
         starts=search.records,
         best_start=best.record.index,
+        source=problem,
     )
     squeezed = with_squeeze(solution, problem.hand)
     search.clock.mark("squeeze")
@@ -181,16 +169,6 @@ def _status(options: SolveOptions, bound: GlobalBound | None, lower: float, best
         return Status.TOUCHES
     closed = options.gap is not None and bound is not None and bound.gap(lower) <= options.gap
     return Status.OPTIMAL if closed else Status.SOLVED
-
-
-def volume_of(grasp: Grasp, budget: ForceBudget) -> Volume | None:
-    """Return nu; None rather than lose a solution, or minutes, over it."""
-    if budget.at(grasp.frames, grasp.contacts).costly:
-        return None
-    try:
-        return nu(grasp, grasp.mean_arm, OTHER_RTOL, force_budget=budget)
-    except NlpgraspError:
-        return None
 
 
 def solver_record(

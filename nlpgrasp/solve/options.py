@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
@@ -14,6 +14,14 @@ from nlpgrasp.solution.link_depth import MOST_TOLERANCE
 
 RANKS = ("robust", "mu")
 TRANSCRIPTIONS = ("vertex", "support")
+ANALYSES = {
+    "prices": "shadow prices",
+    "robustness": "robustness",
+    "delta": "delta",
+    "nu": "nu",
+    "phases": "phases of the hand",
+    "drawing": "the drawing",
+}  # by name, and in words
 NARROW = 0.2  # of a gap asked for: what certificates may take of it
 
 
@@ -44,11 +52,11 @@ class SolveOptions:
         shapes: a grasp whose links are deeper is not called solved. At most 0.01.
     pregrasp_clearance : float
         How far the fingers of a hand with a pose open for the pregrasp, metres.
-    shadow_prices : bool
-        Compute what limits cost, of the best start.
+    analyses : sequence of str
+        What to compute of the answer besides, by the names of ``ng.analyse``: ``"prices"``, ``"robustness"``,
+        ``"delta"``, ``"nu"``, ``"phases"``, ``"drawing"``. Each can be added to a solution later.
     extras : bool
-        Compute what is not needed to use the grasp: what limits cost, robustness, delta and nu, and a drawing for
-        reports. Without them a call takes half a second to two seconds less.
+        All of them.
     robust_offset : float
         How far contacts may be off in the robustness stated of every solution, metres.
     robust_friction : float
@@ -57,8 +65,8 @@ class SolveOptions:
         Which start is the answer. ``"mu"``: the one with the best mu. ``"robust"``: the same, but where less than a
         fifth of that mu is left at the worst placement, the best of the next two grasps that is not so fragile, has at
         least half its mu and leaves more; where less than half is left, one with 0.95 of its mu. Where the joints of a
-        hand cannot squeeze the best, grasps that they can go before it, with half its mu. Takes ``extras``; without
-        them, with a ``gap`` asked for, with ``maximise_robust``, or with the time limit over, mu alone counts.
+        hand cannot squeeze the best, grasps that they can go before it, with half its mu. With a ``gap`` asked
+        for, with ``maximise_robust``, or with the time limit over, mu alone counts.
     joint_margin : float
         How far the joints of a hand with links are to be from their limits, radians, 0 for anywhere in their ranges: a
         tenth of a joint's range at most, and that of joints that slide. The answer is looked for again near the
@@ -97,8 +105,8 @@ class SolveOptions:
     final_rtol: float = 0.01
     link_tolerance: float = 0.001
     pregrasp_clearance: float = 0.01
-    shadow_prices: bool = True
-    extras: bool = True
+    analyses: Sequence[str] = ()
+    extras: bool = False
     robust_offset: float = 0.001
     robust_friction: float = 0.1
     rank: str = "robust"
@@ -144,16 +152,17 @@ class SolveOptions:
         if self.workers is not None:
             workers = integer("SolveOptions.workers", self.workers, at_least=1, at_most=1024)
             object.__setattr__(self, "workers", workers)
+        object.__setattr__(self, "analyses", check_analyses("SolveOptions.analyses", self.analyses))
         if self.ipopt != {}:
             object.__setattr__(self, "ipopt", check_ipopt_options("SolveOptions.ipopt", self.ipopt))
-        for name in ("exchange", "shadow_prices", "extras", "maximise_robust", "global_bound"):
+        for name in ("exchange", "extras", "maximise_robust", "global_bound"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
 
     @property
     def weighs_fragility(self) -> bool:
         """Whether a fragile grasp may lose to one with less mu."""
-        return self.rank == "robust" and self.extras and self.gap is None and not self.maximise_robust
+        return self.rank == "robust" and self.gap is None and not self.maximise_robust
 
     @property
     def seeks_room(self) -> bool:
@@ -168,5 +177,16 @@ class SolveOptions:
 
     def to_dict(self) -> Json:
         """Return the options as JSON data, by the names of their fields; IPOPT's where there are some."""
-        data = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        data = {name: getattr(self, name) for name in self.__dataclass_fields__} | {"analyses": list(self.analyses)}
         return data if self.ipopt else {name: value for name, value in data.items() if name != "ipopt"}
+
+
+def check_analyses(field: str, names: object) -> tuple[str, ...]:
+    """Return names of analyses, each once, or raise ``InputError`` that lists those there are."""
+    allowed = ", ".join(f'"{name}"' for name in ANALYSES)
+    if isinstance(names, str) or not isinstance(names, Sequence):
+        raise InputError(field, names, f"a sequence of names out of {allowed}")
+    for name in names:
+        if name not in ANALYSES:
+            raise InputError(field, name, allowed)
+    return tuple(dict.fromkeys(names))

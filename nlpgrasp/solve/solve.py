@@ -20,6 +20,7 @@ from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
+from nlpgrasp.solve.analyse import check_hand
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
 from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.options import SolveOptions
@@ -112,6 +113,7 @@ def solve(
     if options.edge_margin is not None:
         problem = replace(problem, edge_margin=options.edge_margin)
     check_json(problem.to_dict())
+    check_hand("SolveOptions.analyses", options.analyses, problem.hand)
     warn_of_smoothing(problem.body, problem.hand)
     keeping = Keeping(keep, distinct)
     listener = told(progress, starts)
@@ -173,6 +175,8 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
                 clock.mark("other grasps")
             solution = answer(search, after)
             clock.mark("answer")
+            solution, seconds = runner.analysed(solution, best, stop)
+            clock.mark_with(seconds, "programs")
             if collection is not None:
                 solution = replace(solution, others=collection.grasps())
                 solution = with_squeezes(solution, runner.problem.hand)

@@ -12,7 +12,7 @@ NAME = "nlpgrasp"
 def answers(case: Case, starts: int, budget: float) -> list[Answer]:
     """Return the grasp of ``ng.solve``; ``budget`` is for others."""
     del budget
-    solution = ng.solve(case.problem, starts=starts, options=ng.SolveOptions(workers=1, extras=False))
+    solution = ng.solve(case.problem, starts=starts, options=ng.SolveOptions(workers=1))
     if solution.grasp is None:
         return [nothing(NAME)]
     return [Answer(NAME, solution.grasp.points, tuple(solution.faces), cpu_seconds())]

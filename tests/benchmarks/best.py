@@ -23,7 +23,7 @@ FINE = 0.005  # gap at which searches end that look for the best grasp
 HITS, SEEDS, PEG_SEEDS = 60, 2, 10
 LOOKED = 4.0  # seconds of CPU time that the tree has to find a better grasp
 NEAR, LOW = 0.98, 0.90
-OPTIONS = ng.SolveOptions(workers=1, rank="mu", shadow_prices=False)
+OPTIONS = ng.SolveOptions(workers=1, rank="mu")
 
 
 def run(part=None, first=0, last=HITS):

@@ -13,8 +13,8 @@ import nlpgrasp as ng
 from problems.pencil import problem
 
 SOLVES, MANY = 64, 500
-OPTIONS = ng.SolveOptions(shadow_prices=False)
-QUICK = ng.SolveOptions(candidates=8, exchange_rounds=2, rtol=0.1, final_rtol=0.05, shadow_prices=False)
+OPTIONS = ng.SolveOptions()
+QUICK = ng.SolveOptions(candidates=8, exchange_rounds=2, rtol=0.1, final_rtol=0.05)
 
 
 def square():

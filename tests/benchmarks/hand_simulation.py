@@ -43,7 +43,7 @@ TORSION = 5e-3  # metres: torsional friction of flat pads
 ROUGH, SMOOTH = 0.6, 0.3  # friction
 SQUEEZES, PUSH, MARGIN = (1.0, 2.0), 1.0, 2.0  # newtons, and how many times what mu asks for
 MASS = 0.1  # kilograms
-OPTIONS = ng.SolveOptions(global_bound=False, shadow_prices=False, workers=1)
+OPTIONS = ng.SolveOptions(global_bound=False, workers=1)
 TARGETS = {"friction 0.6": 0.95, "friction 0.3": 0.85, "off by 5 mm, 5 deg": 0.85}
 STILL = "0.5 mm, 0.5 deg"  # that the squeeze may move the object by, in the median
 

@@ -48,7 +48,7 @@ def run(first=0, last=PROBLEMS):
 def solved(problem, bound):
     """Return the solution of eight starts in this process, with or without the bound, and the CPU seconds."""
     begun = time.process_time()
-    options = ng.SolveOptions(workers=1, rank="mu", joint_margin=0.0, extras=False, global_bound=bound)
+    options = ng.SolveOptions(workers=1, rank="mu", joint_margin=0.0, global_bound=bound)
     return ng.solve(problem, starts=STARTS, options=options), time.process_time() - begun
 
 

@@ -15,7 +15,7 @@ def run():
     print(f"{'':22} held        slip mm  turn deg  less friction  2 mm off  lost at  seconds")
     lost, slips, turns = [], [], []
     for script in sorted(PROBLEMS.glob("*.py")):
-        solution = ng.solve(load_problem(script), options=ng.SolveOptions(shadow_prices=False))
+        solution = ng.solve(load_problem(script), options=ng.SolveOptions())
         begun = time.perf_counter()
         found = ng.simulate(solution)
         seconds = time.perf_counter() - begun

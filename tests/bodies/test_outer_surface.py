@@ -112,7 +112,7 @@ def test_contacts_are_on_the_outer_surface(name):
     body = ng.Mesh(soup(made.mesh))
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, name=name)
-    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, extras=False))
+    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
     grasp = solution.require_grasp()
     assert not np.any(off_the_outer_surface(made.solids, grasp.points, -grasp.normals, 2.0 * body.size))
 

@@ -192,7 +192,9 @@ def test_exports_and_tables_of_contacts(solved):
 def test_json_lines(script, tmp_path):
     done = run_here("solve", script, "--starts", 2, "--workers", 1, "--json", cwd=tmp_path)
     lines = [json.loads(line) for line in done.stdout.splitlines()]
-    assert [line["event"] for line in lines] == ["start", "start", "done"]
+    events = [line["event"] for line in lines]
+    assert events == ["start", "start", *["analysis"] * 5, "done"]
+    assert [line["name"] for line in lines[2:-1]] == ["prices", "robustness", "delta", "nu", "drawing"]
     assert lines[-1]["mu"][0] >= 0.376
     assert lines[-1]["file"] == "square.json"
     assert done.stderr == ""
@@ -200,17 +202,17 @@ def test_json_lines(script, tmp_path):
     assert json.loads(done.stdout)["passed"] is True
 
 
-def test_a_quick_solve_leaves_the_extras_out(script, tmp_path):
+def test_a_quick_solve_is_without_analyses(script, tmp_path):
     run_here("solve", script, "--quick", "--starts", 1, "--out", tmp_path / "quick.json", cwd=tmp_path)
     found = ng.GraspSolution.load(tmp_path / "quick.json")
     assert found.success
-    assert found.nu is None
-    assert found.solver["options"]["extras"] is False
+    assert (found.nu, found.drawing) == (None, None)
     copy = tmp_path / "copy.json"
     copy.write_bytes((tmp_path / "quick.json").read_bytes())
     done = run_here("quality", "quick.json", "--json", cwd=tmp_path)
     assert json.loads(done.stdout)["nu_value"] > 0.0
-    assert done.stderr.startswith("added to quick.json: delta, nu, robustness")
+    assert done.stderr.startswith("added to quick.json: ")
+    assert "delta, nu" in done.stderr
     whole = ng.GraspSolution.load(tmp_path / "quick.json")
     assert whole.nu is not None
     assert whole.drawing is not None
@@ -218,6 +220,35 @@ def test_a_quick_solve_leaves_the_extras_out(script, tmp_path):
     done = run_here("report", "copy.json", cwd=tmp_path)
     assert done.stdout == "written to copy.html\n"
     assert ng.GraspSolution.load(copy).drawing.body.faces.tolist() == whole.drawing.body.faces.tolist()
+
+
+def test_analyses_come_after_the_grasp(script, tmp_path):
+    done = run_here("solve", script, "--with", "nu,drawing", "--starts", 1, "--out", tmp_path / "f.json", cwd=tmp_path)
+    lines = done.stdout.splitlines()
+    written = next(i for i, line in enumerate(lines) if line.startswith("  written to"))
+    assert [line.split()[0] for line in lines[written + 1 :]] == ["nu"]
+    found = ng.GraspSolution.load(tmp_path / "f.json")
+    assert found.nu is not None
+    assert found.drawing is not None
+    assert found.delta is None
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["--with", "nu,price"],
+            '--with: got price, expected "prices", "robustness", "delta", "nu", "phases", "drawing"',
+        ),
+        (["--with", "phases"], "--with: got phases, expected no phases without a hand that has links"),
+        (["--with", "nu", "--quick"], "--quick: got --with nu beside it, expected one of the two"),
+    ],
+)
+def test_analyses_that_cannot_be_are_refused_before_the_solve(script, tmp_path, words, said):
+    done = run_here("solve", script, *words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stdout == ""
 
 
 def test_no_grasp_is_exit_code_1_and_spares_the_old_file(tmp_path):

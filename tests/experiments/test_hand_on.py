@@ -159,7 +159,7 @@ def test_with_a_posed_hand_its_joints_travel_too(tmp_path):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     ball = ng.GraspProblem(ng.Sphere(0.03), contacts, task, hand=four_finger_hand(), name="ball")
     variations = {"smooth": {}, "rough": {"friction": 0.8, "options": {**BLIND, "pregrasp_clearance": 0.01}}}
-    asked = ng.Experiment(ball, variations, starts=1, options=ng.SolveOptions(shadow_prices=False))
+    asked = ng.Experiment(ball, variations, starts=1, options=ng.SolveOptions())
     result = ng.run_experiment(asked, tmp_path / "out", workers=1)
     assert result.notes == ()
     smooth, rough = result.solution("smooth"), result.solution("rough")

@@ -16,7 +16,7 @@ from tests.hands.urdf import FOUR, THREE, four_finger_hand, three_finger_hand
 
 SHARED = Path(__file__).parents[3] / "shared" / "hands"
 LEAP, BARRETT = SHARED / "leap_hand/leap_hand_right.urdf", SHARED / "barrett_hand/bhand_model.urdf"
-OPTIONS = ng.SolveOptions(workers=1, extras=False, global_bound=False, joint_margin=0.0)
+OPTIONS = ng.SolveOptions(workers=1, global_bound=False, joint_margin=0.0)
 BODIES = {
     "cylinder": (lambda s: ng.Cylinder(s, 4.0 * s), lambda s: (mujoco.mjtGeom.mjGEOM_CYLINDER, [s, 2.0 * s, 0.0])),
     "box": (

@@ -15,7 +15,7 @@ from tests.once import solve_once
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 THREE = ng.Grasp(np.eye(3), -np.eye(3), [ng.FrictionContact(0.5)] * 3)
-ONE = ng.SolveOptions(workers=1, shadow_prices=False)
+ONE = ng.SolveOptions(workers=1)
 INNER = {"index_tip": 0.011, "index_middle": 0.009, "thumb_tip": 0.011, "ring_tip": 0.011}
 
 

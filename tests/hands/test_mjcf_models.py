@@ -11,7 +11,7 @@ from tests.hands.mjcf import frames, tree_of
 from tests.hands.robots import ADROIT, GRIPPERS, SHADOW, model
 
 RIGHT = np.pi / 2.0
-QUICK = ng.SolveOptions(extras=False, workers=1)
+QUICK = ng.SolveOptions(workers=1)
 QUIET = ("ignore:.*nothing keeps links", "ignore:.*joints move on their own", "ignore:link .* is thicker")
 # file, palm, free joints, joints that follow
 HANDS = {

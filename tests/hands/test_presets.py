@@ -15,7 +15,7 @@ from tests.hands.robots import robot
 
 ALLEGRO = "allegro_hand_description/urdf/allegro_{}_hand.urdf"
 PANDA = "panda_description/urdf/panda.urdf"
-QUICK = ng.SolveOptions(extras=False, workers=1)
+QUICK = ng.SolveOptions(workers=1)
 PRESETS = {
     preset.name: preset
     for room in (fingers, grippers)

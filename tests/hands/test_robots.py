@@ -11,7 +11,7 @@ import nlpgrasp as ng
 from tests.hands.robots import robot
 
 RIGHT = np.pi / 2.0
-QUICK = ng.SolveOptions(extras=False, workers=1)
+QUICK = ng.SolveOptions(workers=1)
 PR2 = "pr2_description/urdf/pr2.urdf"
 KINOVA = "kinova_description/robots/kinova.urdf"
 PSYONIC = "alex_description/urdf/alex_psyonic_hands.urdf"

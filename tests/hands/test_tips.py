@@ -188,7 +188,7 @@ def test_capsules_hold_no_less_than_their_ends(body, tmp_path):
         hand = ng.URDFHand.load(FOUR, dict.fromkeys(links, tip), approach=[1.0, 0.0, 0.0])
         task = ng.TaskEllipsoid([1.0] * 3 + [0.03] * 3)
         problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=hand, edge_margin=0.0)
-        found.append(ng.solve(problem, starts=2, options=ng.SolveOptions(extras=False, workers=1)))
+        found.append(ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1)))
     spheres, capsules = found
     assert capsules.mu.upper > 0.95 * spheres.mu.lower
     capsules.save(tmp_path / "grasp.json")

@@ -42,7 +42,7 @@ def test_flat_pads_and_neighbours_in_a_chain_are_left_out():
 def test_a_small_ball_is_held_by_tips_beside_each_other():
     """Without these rows tips of 22 mm were 17 to 19 mm apart."""
     task = ng.lift([0.0, 0.0, 0.0], 0.2) + ng.disturbance(0.3, 0.004)
-    options = ng.SolveOptions(workers=1, extras=False, shadow_prices=False, global_bound=False)
+    options = ng.SolveOptions(workers=1, global_bound=False)
     problem = ng.GraspProblem(ng.Sphere(0.012), ng.FrictionContact(0.6), task, hand=four_finger_hand())
     solution = ng.solve(problem, starts=2, keep=3, options=options)
     for found in solution.grasps:

@@ -22,7 +22,7 @@ from nlpgrasp.solve.space.link_depth import LinkDepths
 from tests.hands.described import in_millimetres, two_fingers
 
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01])
-QUICK = ng.SolveOptions(workers=1, extras=False, global_bound=False)
+QUICK = ng.SolveOptions(workers=1, global_bound=False)
 BODY = ng.Cylinder(0.02, 0.1)
 THICKER = "ignore:link .* is thicker than its fingertip:UserWarning"
 RIGHT = np.pi / 2.0
@@ -107,7 +107,7 @@ def test_the_report_leads_with_it(deep):
 def test_every_export_of_it_says_so(deep, name):
     export = next(known for known in formats() if known.name == name).export
     with pytest.warns(UserWarning, match="exported though link f. is 4 mm inside the body"), suppress(ng.InputError):
-        export(deep[2])  # of a solve without extras: formats that draw refuse it then
+        export(deep[2])
 
 
 @pytest.mark.filterwarnings("ignore:two. exported though:UserWarning")
@@ -132,8 +132,8 @@ def test_a_way_of_the_palm_says_so_first(deep):
 @pytest.mark.slow
 @pytest.mark.filterwarnings(THICKER)
 def test_simulations_say_so_first(deep):
-    folder, problem, solution = deep
-    file, hand = ng.with_extras(solution, problem).save(folder / "whole.json"), ["--hand", str(folder / "two.urdf")]
+    folder, _, solution = deep
+    file, hand = ng.analyse(solution).save(folder / "whole.json"), ["--hand", str(folder / "two.urdf")]
     for more in (["--wrenches", "1"], hand):
         words = ["simulate", str(file), *more]
         with pytest.warns(UserWarning, match=f"^two: {SAID}$"):
@@ -168,13 +168,13 @@ def test_a_fingertip_flush_with_its_link_is_solved(tmp_path):
     assert solution.status is ng.Status.SOLVED
     assert solution.link_depth.depth < 2e-4
     assert max(solution.hand["tip_gaps"]) < 2e-4
-    assert solution.squeeze is not None  # also of a solve without extras
+    assert solution.squeeze is not None
     assert ng.verify(solution.save(tmp_path / "two.json"))
 
 
 @pytest.mark.filterwarnings(THICKER)
 def test_a_tolerance_is_an_option_and_is_told(tmp_path):
-    options = ng.SolveOptions(workers=1, extras=False, global_bound=False, link_tolerance=0.006)
+    options = ng.SolveOptions(workers=1, global_bound=False, link_tolerance=0.006)
     _, solution = solved(two_fingers(tmp_path, tip_frames=False), DEEP, options)
     assert solution.success
     assert solution.to_dict()["solver"]["options"]["link_tolerance"] == 0.006
@@ -208,11 +208,11 @@ def test_proposals_of_floating_fingertips_say_so(tmp_path):
 
 def test_scenes_leave_out_fingertips_that_are_not_there(tmp_path):
     path = two_fingers(tmp_path)
-    problem, solution = solved(path, FLOATING)
-    scene = mjcf_with_hand(ng.with_extras(solution, problem), path)
+    _, solution = solved(path, FLOATING)
+    scene = mjcf_with_hand(solution, path)
     assert "fingertip_0" not in scene
     near = replace(solution, hand={**solution.hand, "tip_gaps": [0.0, 0.0]})
-    assert "fingertip_0" in mjcf_with_hand(ng.with_extras(near, problem), path)
+    assert "fingertip_0" in mjcf_with_hand(near, path)
 
 
 @pytest.mark.filterwarnings(THICKER)

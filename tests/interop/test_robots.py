@@ -67,7 +67,7 @@ def jaws():
     hand = ng.ParallelJaw(0.06, 0.002, finger_length=0.06)
     task = ng.TaskEllipsoid([4.0, 4.0, 4.0, 0.08, 0.08, 0.08])
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.06]), ng.SoftContact(0.6, 0.005), task, hand=hand)
-    options = ng.SolveOptions(workers=1, exchange=False, extras=False, final_rtol=0.05)
+    options = ng.SolveOptions(workers=1, exchange=False, final_rtol=0.05)
     return solve_once(problem, starts=1, options=options)
 
 
@@ -188,7 +188,7 @@ def test_a_row_for_each_grasp_kept_and_joints_in_another_order(held):
     quick = {k: v for k, v in held.hand.items() if k != "squeeze"}
     other = replace(held.grasps[0], grasp=copy(held.grasp), hand=quick, start=None)
     with pytest.warns(
-        UserWarning, match=r"^grasp_1 states no squeeze, so its .* ng\.with_extras\(solution, problem\) adds"
+        UserWarning, match=r"^grasp_1 states no squeeze, so its .* ng\.analyse\(solution, problem=problem\) adds"
     ):
         file = benchmark_arrays(replace(held, others=(other,)), ExportOptions(joints=tuple(names)))
     with np.load(io.BytesIO(file)) as data:
@@ -216,7 +216,7 @@ def test_a_record_of_dexgraspbench(held):
         for at in ("pregrasp_qpos", "grasp_qpos", "squeeze_qpos"):
             np.testing.assert_array_equal(record[at], data[at][0])
     quick = replace(held, hand={k: v for k, v in held.hand.items() if k != "squeeze"})
-    with pytest.raises(InputError, match=r"got no squeeze \(the solve left it out\), expected .*ng\.with_extras"):
+    with pytest.raises(InputError, match=r"got no squeeze \(the solve left it out\), expected .*ng\.analyse"):
         dexgraspbench(quick)
 
 

@@ -10,7 +10,7 @@ from nlpgrasp.solve.surface.beside import edge_distances
 from nlpgrasp.solve.workbench.placed import Placed
 from tests.quick import first
 
-QUICK = ng.SolveOptions(workers=1, extras=False)
+QUICK = ng.SolveOptions(workers=1)
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
 FLAT_TASK = ng.TaskEllipsoid([1, 1, 0.03])
 BODIES = {
@@ -102,11 +102,11 @@ def test_verify_fails_where_a_contact_is_nearer_than_the_margin_that_is_stated()
 
 @pytest.mark.parametrize("kind", first(1, ["polygon", "box"]))
 def test_the_price_is_what_solving_with_another_margin_changes(kind):
-    asked, options = problem(BODIES[kind], 0.004), replace(QUICK, extras=True, final_rtol=1e-4)
+    asked, options = problem(BODIES[kind], 0.004), replace(QUICK, analyses=["prices"], final_rtol=1e-4)
     solution = ng.solve(asked, starts=2, options=options)
     price = next(p for p in solution.prices if p.name == "GraspProblem.edge_margin")
     near = [
-        ng.solve(replace(asked, edge_margin=margin), starts=2, options=replace(options, extras=False)).mu.lower
+        ng.solve(replace(asked, edge_margin=margin), starts=2, options=replace(options)).mu.lower
         for margin in (0.0038, 0.0042)
     ]
     assert price.gain == pytest.approx((near[1] - near[0]) / 0.4, rel=0.02)

@@ -71,7 +71,7 @@ def test_the_equivalence_constants_are_the_paper_s():
 def doubled():
     task = ng.TaskEllipsoid.from_quadratic(np.eye(3), beta=2.0)
     problem = ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 3, task, name="doubled")
-    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False))
+    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1))
 
 
 def test_solutions_and_files_state_both(doubled, tmp_path):

@@ -11,7 +11,7 @@ from nlpgrasp.report.scene.scene import scene
 from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches, pushed
 from tests.once import solve_once
 
-ONE = ng.SolveOptions(workers=1, extras=False, global_bound=False)
+ONE = ng.SolveOptions(workers=1, global_bound=False)
 TURN = [np.cos(np.pi / 8), 0.0, 0.0, np.sin(np.pi / 8)]  # 45 degrees about z
 
 

@@ -77,7 +77,7 @@ def box():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="box",
     )
-    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, shadow_prices=False, exchange=False))
+    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, exchange=False))
 
 
 @pytest.fixture(scope="module")
@@ -238,7 +238,7 @@ def test_pads_and_lines_are_held_too():
     task = ng.TaskEllipsoid([1, 1, 1, 0.02, 0.02, 0.02])
     box = ng.Box([0.05, 0.04, 0.03])
     problem = ng.GraspProblem(box, [pad] * 2, task, name="pads")
-    options = ng.SolveOptions(workers=1, shadow_prices=False)
+    options = ng.SolveOptions(workers=1)
     found = simulate(ng.solve(problem, starts=1, options=options), wrenches=1)
     assert found.confirmed, str(found)
     assert found.lost_at <= 1.1 * found.gap
@@ -292,6 +292,6 @@ def test_the_problems_of_this_repository_are_confirmed(problems_folder, name):
     """Every task wrench up to 0.8 of certified mu within 2 mm and 3 degrees; lost above the upper bound."""
     starts = VALUES[name][0]
     problem = load_problem(problems_folder / f"{name}.py")
-    found = simulate(ng.solve(problem, starts, options=ng.SolveOptions(shadow_prices=False)), wrenches=6)
+    found = simulate(ng.solve(problem, starts, options=ng.SolveOptions()), wrenches=6)
     assert found.confirmed, str(found)
     assert found.lost_at < 1.3

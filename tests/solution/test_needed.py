@@ -14,7 +14,7 @@ from tests.verify.stated import edited
 NEEDED = ("quality", "forces_needed")
 SQUARE = ng.Polygon([[-0.04, -0.02], [0.04, -0.02], [0.04, 0.02], [-0.04, 0.02]])
 TASK = ng.TaskEllipsoid([4.0, 4.0, 0.05])
-OPTIONS = ng.SolveOptions(workers=1, shadow_prices=False, global_bound=False)
+OPTIONS = ng.SolveOptions(workers=1, global_bound=False)
 
 
 def solve(**fields):

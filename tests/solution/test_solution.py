@@ -46,8 +46,9 @@ def test_a_grasp_is_required(box, none):
         none.require_grasp()
     with pytest.raises(ng.InputError, match=r"got no grasp \(locally infeasible\), expected"):
         replace(none, status=ng.Status.LOCALLY_INFEASIBLE).require_drawing()
-    with pytest.raises(ng.InputError, match="got a grasp without a drawing, expected one of a solve with extras"):
-        replace(box, drawing=None).require_drawing()
+    unknown = {**box.problem, "hand": {"type": "other"}}
+    with pytest.raises(ng.InputError, match="got a grasp without a drawing, from a file without its body"):
+        replace(box, drawing=None, problem=unknown).require_drawing()
 
 
 STARTS = (

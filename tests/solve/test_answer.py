@@ -46,27 +46,10 @@ def test_the_winner_is_recorded():
     assert winner.mu.upper == max(s.mu.upper for s in found.starts if s.status is Status.SOLVED)
 
 
-@pytest.mark.slow
-def test_extras_can_be_left_out(tmp_path):
-    problem = ng.GraspProblem(
-        ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-    )
-    whole, quick = (ng.solve(problem, 1, options=ng.SolveOptions(workers=1, extras=e)) for e in (True, False))
-    assert quick.grasp.points.tolist() == whole.grasp.points.tolist()
-    assert (quick.mu.lower, quick.best_possible) == (whole.mu.lower, whole.best_possible)
-    for name in ("robust", "delta", "nu", "drawing"):
-        assert getattr(whole, name) is not None, name
-        assert getattr(quick, name) is None, name
-    assert not quick.prices
-    file = quick.save(tmp_path / "quick.json")
-    assert ng.verify(file)
-    assert file.stat().st_size < whole.save(tmp_path / "whole.json").stat().st_size
-
-
 @pytest.mark.parametrize("workers", first(1, [2, 1]))
 def test_the_stages_of_a_solve_add_up(workers):
     problem = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0] * 6))
-    seconds = dict(ng.solve(problem, 2, options=ng.SolveOptions(workers=workers)).solver["seconds"])
+    seconds = dict(ng.solve(problem, 2, options=ng.SolveOptions(workers=workers, extras=True)).solver["seconds"])
     total = seconds.pop("total")
     within = {seconds.pop(name) for name in ("ipopt", "functions")}  # of the starts, summed over workers
     assert all(part >= 0.0 for part in within)

@@ -7,7 +7,7 @@ import pytest
 
 import nlpgrasp as ng
 
-ONE = ng.SolveOptions(shadow_prices=False, workers=1)
+ONE = ng.SolveOptions(workers=1, analyses=("delta", "nu"))
 ELLIPSE = ng.PlanarImplicit(lambda p: (p[0] / 2.0) ** 2 + p[1] ** 2 - 1.0, [[-2.1, -1.1], [2.1, 1.1]])
 BUDGETS = {
     "per_finger": "per_finger",
@@ -111,7 +111,7 @@ def test_bilateral_optimum_is_the_singular_value(tmp_path):
     problem = ng.GraspProblem(
         ng.Ellipsoid([2.0, 1.0, 1.0]), [ng.BilateralContact(ng.FrictionContact(0.5))] * 3, ng.TaskEllipsoid([1.0] * 6)
     )
-    solution = ng.solve(problem, starts=1, options=replace(ONE, global_bound=False, extras=False))
+    solution = ng.solve(problem, starts=1, options=replace(ONE, global_bound=False))
     assert solution.mu.upper == pytest.approx(ng.smallest_singular_value(solution.grasp), rel=1e-6)
     assert ng.verify(solution.save(tmp_path / "bilateral.json"))
 

@@ -24,7 +24,7 @@ def test_body_is_grasped(name):
     torques = [body.size] * (3 if body.space == 3 else 1)
     task = ng.TaskEllipsoid([1.0] * body.space + torques)
     contacts = [ng.FrictionContact(0.6)] * (4 if body.space == 3 else 3)
-    options = ng.SolveOptions(shadow_prices=False, workers=1, rtol=0.1, final_rtol=0.1)
+    options = ng.SolveOptions(workers=1, rtol=0.1, final_rtol=0.1)
     solution = ng.solve(ng.GraspProblem(body, contacts, task, name=name, edge_margin=0.0), starts=1, options=options)
     assert solution.mu.lower >= LEAST[name]
     for face, point in zip(solution.faces, solution.grasp.points, strict=True):

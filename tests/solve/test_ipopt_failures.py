@@ -18,7 +18,7 @@ from nlpgrasp.solve.workbench import programs
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-OPTIONS = ng.SolveOptions(workers=1, shadow_prices=False, extras=False, rtol=0.05, final_rtol=0.05)
+OPTIONS = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.05)
 
 
 def problem():
@@ -121,7 +121,7 @@ class Task(ng.TaskEllipsoid):
 
 body = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 problem = ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 3, Task([1.0, 1.0, 0.5]))
-solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=2, extras=False, rtol=0.05, final_rtol=0.05))
+solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=2, rtol=0.05, final_rtol=0.05))
 print(solution.solver["ipopt_calls"], solution.solver["ipopt_failures"])
 """
 

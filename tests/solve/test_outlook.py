@@ -126,7 +126,7 @@ def test_a_mesh_has_an_answer_and_a_bound_where_time_is_short(tmp_path):
     trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
     body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=16)
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03]))
-    solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=1, time_limit=3.0, extras=False))
+    solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=1, time_limit=3.0))
     assert len(solution.starts) >= 1
     assert 0.3 < solution.best_possible < 2.0
 
@@ -134,7 +134,7 @@ def test_a_mesh_has_an_answer_and_a_bound_where_time_is_short(tmp_path):
 def test_a_gap_where_nothing_is_bounded_is_said():
     pads = [ng.PlaneContact(0.005, friction=0.6)] * 2
     problem = ng.GraspProblem(ng.Box([0.04, 0.03, 0.05]), pads, ng.TaskEllipsoid([1.0] * 3 + [0.01] * 3))
-    options = ng.SolveOptions(gap=0.2, workers=1, extras=False)
+    options = ng.SolveOptions(gap=0.2, workers=1)
     with pytest.warns(
         UserWarning, match=r"^gap: there is no bound .* \(contacts\[0\]: plane\); the answer is the best"
     ):

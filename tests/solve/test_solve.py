@@ -25,7 +25,7 @@ def ellipsoid(k=4, contact=None, **fields):
 
 @pytest.fixture(scope="module")
 def four_fingers():
-    return ng.solve(ellipsoid(), starts=4, options=ng.SolveOptions(shadow_prices=False, workers=2))
+    return ng.solve(ellipsoid(), starts=4, options=ng.SolveOptions(workers=2))
 
 
 @pytest.mark.slow
@@ -40,7 +40,7 @@ def test_ellipsoid_with_four_fingers_beats_the_best_known(four_fingers):
 
 @pytest.mark.slow
 def test_ellipsoid_with_three_fingers():
-    solution = ng.solve(ellipsoid(3), starts=4, options=ng.SolveOptions(workers=1, extras=False, global_bound=False))
+    solution = ng.solve(ellipsoid(3), starts=4, options=ng.SolveOptions(workers=1, global_bound=False))
     assert solution.mu.upper > 0.4869
     assert solution.mu.lower >= 0.4825
 
@@ -69,8 +69,7 @@ def test_forces_produce_the_task_scaled_by_the_certified_quality(four_fingers):
 def test_the_answer_does_not_depend_on_the_number_of_workers():
     problem = ellipsoid(3)
     one, two = (
-        ng.solve(problem, starts=2, options=ng.SolveOptions(shadow_prices=False, workers=w, rtol=0.1, final_rtol=0.05))
-        for w in (1, 2)
+        ng.solve(problem, starts=2, options=ng.SolveOptions(workers=w, rtol=0.1, final_rtol=0.05)) for w in (1, 2)
     )
     np.testing.assert_array_equal(one.grasp.G, two.grasp.G)
     assert one.mu == two.mu
@@ -79,9 +78,7 @@ def test_the_answer_does_not_depend_on_the_number_of_workers():
 
 @pytest.mark.slow
 def test_another_seed_is_another_search():
-    options = ng.SolveOptions(
-        shadow_prices=False, workers=1, exchange=False, rtol=0.5, final_rtol=0.5, global_bound=False
-    )
+    options = ng.SolveOptions(workers=1, exchange=False, rtol=0.5, final_rtol=0.5, global_bound=False)
     a, b = (ng.solve(ellipsoid(), starts=1, seed=s, options=options) for s in (0, 1))
     assert not np.array_equal(a.grasp.points, b.grasp.points)
 
@@ -89,16 +86,14 @@ def test_another_seed_is_another_search():
 @pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["vertex", "support"])
 def test_both_transcriptions_lead_to_a_grasp(transcription):
-    options = ng.SolveOptions(
-        shadow_prices=False, workers=1, transcription=transcription, rtol=0.05, final_rtol=0.05, global_bound=False
-    )
+    options = ng.SolveOptions(workers=1, transcription=transcription, rtol=0.05, final_rtol=0.05, global_bound=False)
     found = ng.solve(ellipsoid(), starts=1, options=options).mu.upper
     assert found == pytest.approx(0.73193, rel=1e-4)
 
 
 @pytest.mark.slow
 def test_elliptic_torsion_goes_through_the_exchange_with_forces():
-    options = ng.SolveOptions(shadow_prices=False, workers=1, exchange_rounds=4, rtol=0.1, final_rtol=0.1)
+    options = ng.SolveOptions(workers=1, exchange_rounds=4, rtol=0.1, final_rtol=0.1)
     solution = ng.solve(ellipsoid(3, ng.SoftContact(0.5, 0.3, "elliptic")), starts=1, options=options)
     assert solution.mu.lower > 0.49
     assert ng.verify(solution)
@@ -113,7 +108,7 @@ def test_constraints_hold_and_are_reported():
             ng.Constraint("level", lambda p, n: p[0][2] - p[1][2], 0.0, 0.0),
         ]
     )
-    options = ng.SolveOptions(shadow_prices=False, rtol=0.05, workers=1, extras=False, global_bound=False)
+    options = ng.SolveOptions(rtol=0.05, workers=1, global_bound=False)
     solution = ng.solve(problem, starts=2, options=options)
     p = solution.grasp.points
     assert np.min(p[:, 2]) >= -0.3 - 1e-4
@@ -131,7 +126,7 @@ def test_constraints_hold_and_are_reported():
 
 def test_reach_keeps_the_fingertips_together():
     problem = ellipsoid(3, hand=ng.Fingertips(3, radius=0.1, reach=1.1))
-    options = ng.SolveOptions(workers=1, rtol=0.1, final_rtol=0.1, extras=False, global_bound=False)
+    options = ng.SolveOptions(workers=1, rtol=0.1, final_rtol=0.1, global_bound=False)
     solution = ng.solve(problem, starts=1, options=options)
     tips = solution.grasp.points - 0.1 * solution.grasp.normals
     palm = np.array(solution.hand["palm"])
@@ -140,7 +135,7 @@ def test_reach_keeps_the_fingertips_together():
 
 def test_no_grasp_is_a_result_not_an_exception():
     """Two frictional points never resist every wrench in space."""
-    options = ng.SolveOptions(workers=1, extras=False, global_bound=False)
+    options = ng.SolveOptions(workers=1, global_bound=False)
     solution = ng.solve(ellipsoid(2), starts=1, options=options)
     assert solution.status is ng.Status.NO_GRASP
     assert not solution.success
@@ -153,7 +148,7 @@ def test_no_grasp_is_a_result_not_an_exception():
 def test_planar_face_assignments_are_enumerated():
     square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0] * 3, center=[0, 0.5, 0]))
-    options = ng.SolveOptions(shadow_prices=False, workers=1, global_bound=False)
+    options = ng.SolveOptions(workers=1, global_bound=False)
     solution = ng.solve(problem, starts=2, options=options)
     assert sorted(solution.faces) == ["edge0", "edge2"]
     assert solution.mu.upper == pytest.approx(0.37993, abs=1e-4)
@@ -171,7 +166,7 @@ def test_time_limit_is_honoured_and_keeps_the_best(seconds, workers):
 
 def test_progress_sees_every_start():
     seen = []
-    options = ng.SolveOptions(workers=1, exchange=False, rtol=0.5, final_rtol=0.5, extras=False, global_bound=False)
+    options = ng.SolveOptions(workers=1, exchange=False, rtol=0.5, final_rtol=0.5, global_bound=False)
     note = lambda record, best: seen.append((record.index, best.lower))  # noqa: E731
     ng.solve(ellipsoid(), starts=2, options=options, progress=note)
     assert [index for index, _ in seen] == [0, 1]
@@ -179,7 +174,7 @@ def test_progress_sees_every_start():
 
 
 def test_progress_writes_a_line_a_start_where_it_is_asked_for(capsys):
-    options = ng.SolveOptions(workers=1, exchange=False, rtol=0.5, final_rtol=0.5, extras=False, global_bound=False)
+    options = ng.SolveOptions(workers=1, exchange=False, rtol=0.5, final_rtol=0.5, global_bound=False)
     ng.solve(ellipsoid(), starts=1, options=options)
     assert capsys.readouterr() == ("", "")
     ng.solve(ellipsoid(), starts=2, options=options, progress=True)
@@ -204,7 +199,7 @@ problem = ng.GraspProblem(
     [ng.FrictionContact(0.5)] * 4,
     ng.TaskEllipsoid([1.0] * 6),
 )
-options = ng.SolveOptions(shadow_prices=False, workers=2, exchange=False, rtol=0.5, final_rtol=0.5)
+options = ng.SolveOptions(workers=2, exchange=False, rtol=0.5, final_rtol=0.5)
 print("mu", ng.solve(problem, starts=2, options=options).mu.lower > 0.1)
 """
 
@@ -225,7 +220,7 @@ def test_interrupt_keeps_the_best_grasp_so_far(tmp_path, workers):
         "import nlpgrasp as ng\n"
         "fingers = [ng.FrictionContact(0.5)] * 4\n"
         "problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), fingers, ng.TaskEllipsoid([1.0] * 6))\n"
-        f"options = ng.SolveOptions(shadow_prices=False, workers={workers}, rtol=0.2, final_rtol=0.2)\n"
+        f"options = ng.SolveOptions(workers={workers}, rtol=0.2, final_rtol=0.2)\n"
         "say = lambda record, best: print('start', flush=True)\n"
         "solution = ng.solve(problem, starts=500, options=options, progress=say)\n"
         "print(solution.status.name, solution.mu.lower > 0.3)\n"
@@ -250,7 +245,7 @@ def test_workbench_directions_for_a_flat_task():
 def test_a_flat_task_without_torque(capfd):
     """Smooth fingers on a sphere: no torque is asked for and none can be exerted; more equations than unknowns."""
     problem = ng.GraspProblem(ng.Sphere(0.03), [ng.PointContact()] * 4, ng.TaskEllipsoid([1, 1, 1, 0, 0, 0]))
-    options = ng.SolveOptions(shadow_prices=False, workers=1, global_bound=False)
+    options = ng.SolveOptions(workers=1, global_bound=False)
     solution = ng.solve(problem, starts=2, options=options)
     assert solution.mu.upper == pytest.approx(1 / np.sqrt(3.0), rel=1e-4)  # the best there is
     assert all(start.mu.upper == pytest.approx(1 / np.sqrt(3.0), rel=1e-4) for start in solution.starts)

@@ -6,7 +6,7 @@ import pytest
 import nlpgrasp as ng
 from problems import pencil, tea_cup
 
-FAST = ng.SolveOptions(workers=1, shadow_prices=False, rtol=0.05, final_rtol=0.02)
+FAST = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02)
 WRENCHES = np.array([[0, 0, 5, 0, 0, 0], [0, 2, 1, 0.05, 0, 0], [1, 0, 0, 0, 0, 0.1], [-3, 0, 0, 0, 0, -0.1]])
 BALL = ng.TaskEllipsoid([1, 1, 1, 0.05, 0.05, 0.05])
 KINDS = {
@@ -35,7 +35,7 @@ VERTEX = [pytest.param(name, "vertex", marks=[pytest.mark.slow] if name == "sum"
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "transcription"), [*VERTEX, *OTHERS])
 def test_every_kind_of_task_is_solved_and_verified_from_its_file(name, transcription, tmp_path):
-    options = ng.SolveOptions(workers=1, shadow_prices=False, transcription=transcription, rtol=0.05, final_rtol=0.02)
+    options = ng.SolveOptions(workers=1, transcription=transcription, rtol=0.05, final_rtol=0.02)
     found = ng.solve(problem(KINDS[name]), 3, options=options)
     assert found.mu.lower > 0.0
     assert ng.verify(found.save(tmp_path / "task.json"), rtol=0.05).passed
@@ -72,7 +72,7 @@ def test_pencil_writing_is_best_near_the_lead():
 @pytest.mark.slow
 def test_tea_cup_is_held_at_its_handle():
     """Section 3.3: with fingertips on the handle, above every grasp found around the side."""
-    options = ng.SolveOptions(shadow_prices=False, rtol=0.05, final_rtol=0.02)
+    options = ng.SolveOptions(rtol=0.05, final_rtol=0.02)
     best = ng.solve(tea_cup.problem(), 6, options=options)
     assert np.sum(best.grasp.points[:, 0] > tea_cup.ENVELOPING) >= 2
     around = ng.solve(tea_cup.enveloping(), 6, options=options)

@@ -11,7 +11,7 @@ from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import Sources
 from tests.quick import every
 
-QUICK = ng.SolveOptions(workers=1, extras=False)
+QUICK = ng.SolveOptions(workers=1)
 L_SHAPE = [[0, 0], [0.08, 0], [0.08, 0.03], [0.03, 0.03], [0.03, 0.08], [0, 0.08]]
 
 

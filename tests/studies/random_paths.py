@@ -77,7 +77,7 @@ def random_path(number):
 def compared(number, at=range(STEPS)):
     """Return path ``number`` followed and, at some of its steps, solved cold."""
     path, shares = random_path(number), np.linspace(0.0, 1.0, STEPS)
-    options = ng.SolveOptions(workers=1, shadow_prices=False)
+    options = ng.SolveOptions(workers=1)
     begun = time.process_time()
     try:
         steps = ng.follow_task(path.at, shares, starts=STARTS, options=options).steps

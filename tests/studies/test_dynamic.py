@@ -13,7 +13,7 @@ from nlpgrasp.studies.follower import Follower
 from problems.filling_cup import center_of_mass, filled
 from tests.studies.random_paths import compared, random_path
 
-ONE = ng.SolveOptions(workers=1, shadow_prices=False)
+ONE = ng.SolveOptions(workers=1)
 LEVELS = np.linspace(0.2, 1.0, 5)
 
 

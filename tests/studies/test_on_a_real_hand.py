@@ -10,7 +10,7 @@ from nlpgrasp.constraints.base import PlacementConstraint
 from tests.hands.urdf import FOUR, Mujoco, four_finger_hand
 
 SEED = 0
-OPTIONS = ng.SolveOptions(workers=1, shadow_prices=False, robust_offset=0.0, robust_friction=0.0)
+OPTIONS = ng.SolveOptions(workers=1, robust_offset=0.0, robust_friction=0.0)
 EXTENTS = np.array([0.08, 0.04, 0.04])
 TABLE = -0.035
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 import nlpgrasp as ng
+from nlpgrasp.cli.analyses import add_analyses
 from nlpgrasp.cli.options import writable
 from nlpgrasp.cli.progress import Reporter
 from nlpgrasp.common.shown.face import opened
@@ -35,6 +36,7 @@ def demo_command(
         solution = ng.solve(problem(), STARTS, progress=reporter.start_done)
     solution.save(place)
     typer.echo(str(solution))
+    solution = add_analyses(solution, ("prices", "delta", "nu", "drawing"), place, False)
     verification = ng.verify(place)
     typer.echo(verification.verdict)
     from nlpgrasp.report import write_report

@@ -82,7 +82,7 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
     given = options or ExportOptions()
     _, hand = each_state(solution, given.joints)[0]
     if hand.no_squeeze:
-        allowed = "a solution whose hand states its squeeze: ng.with_extras(solution, problem) adds one left out"
+        allowed = "a solution whose hand states its squeeze: ng.analyse(solution, problem=problem) adds one left out"
         raise InputError("solution", f"no squeeze ({hand.no_squeeze})", allowed)
     warn_of_axes(hand, given)
     record: dict[str, object] = {f"{at}_qpos": hand.row(at) for at in STATES}

@@ -55,7 +55,7 @@ def warn_of_squeezes(hands: Mapping[str, HandStates], empty: str) -> None:
     left = [name for name, hand in hands.items() if hand.no_squeeze == NOT_ADDED]
     if left:
         stated = "states" if len(left) == 1 else "state"
-        warn(f"{_names(left)} {stated} no squeeze, so {empty}: ng.with_extras(solution, problem) adds it")
+        warn(f"{_names(left)} {stated} no squeeze, so {empty}: ng.analyse(solution, problem=problem) adds it")
 
 
 def warn_of_ways(hands: Mapping[str, HandStates]) -> None:

@@ -7,6 +7,7 @@ import io
 import socket
 import sys
 import threading
+from dataclasses import replace
 from types import ModuleType
 
 from nlpgrasp.common.extras.viser import import_viser
@@ -33,7 +34,7 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
     port : int or None
         None for the one that was used before, and for a free one.
     hand : Hand or None
-        The hand that the grasp was found with, for a slider over its way.
+        The hand that the grasp was found with, for a slider over its way; a solve's solution knows it.
 
     Returns
     -------
@@ -48,7 +49,10 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
     """
     if port is not None:
         integer("show.port", port, at_least=1, at_most=LARGEST_PORT)
+    if hand is None and solution.source is not None:
+        hand = solution.source.hand
     own_hand(solution, hand)
+    solution = replace(solution, drawing=solution.drawn())
     if solution.grasp is None or drawn_body(solution) is None:
         return None
     if port is None and not has_display():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from html import escape
 
 from nlpgrasp.common.shown.numbers import at_most, outwards, typeset
@@ -15,6 +16,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 def card(solution: GraspSolution) -> str:
     """Return the page; of a solution without a grasp the body, where it is known, and how the solve ended."""
+    solution = replace(solution, drawing=solution.drawn())
     shown = Shown.of(solution)
     told, tone = verdict(solution)
     scenes = [] if shown.scene is None else [shown.scene]

@@ -12,6 +12,7 @@ from nlpgrasp.common.shown.numbers import typeset
 from nlpgrasp.experiments.found.compare import compare
 from nlpgrasp.report.frame import ICON, page, style, viewer
 from nlpgrasp.report.solution import sections
+from nlpgrasp.report.solution.complete import completed
 from nlpgrasp.report.solution.panel import verdict
 from nlpgrasp.report.solution.starts import starts
 from nlpgrasp.report.solution.strip import every, replacements, scenes, strip
@@ -22,7 +23,8 @@ from nlpgrasp.solution.solution import GraspSolution
 def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Path:
     """Write a page that shows solutions; several of them are compared first.
 
-    The page needs no network: what draws it is inside.
+    The page needs no network: what draws it is inside. Analyses that solutions lack are computed for it as far as their
+    problems are known, and named on it.
 
     Parameters
     ----------
@@ -36,13 +38,17 @@ def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Pa
     InputError
         On no solutions, or a path that cannot be written.
     """
-    compared = compare(solutions)  # refuses what are no solutions
+    compare(solutions)  # refuses what are no solutions
+    every_completed = [completed(solution) for solution in solutions.values()]
+    solutions = dict(zip(solutions, (solution for solution, _ in every_completed), strict=True))
+    compared, notes = compare(solutions), [note for _, note in every_completed]
     title = ", ".join(s.name for s in solutions.values())
     body = []
     if len(solutions) > 1:
         body += [f"<h1>{len(solutions)} grasps compared</h1>", sections.comparison(compared, solutions)]
     heading = "h1" if len(solutions) == 1 else "h2"
-    body += [_solution(name, solution, i, heading) for i, (name, solution) in enumerate(solutions.items())]
+    each = zip(solutions.items(), notes, strict=True)
+    body += [_solution(name, solution, i, heading, note) for i, ((name, solution), note) in enumerate(each)]
     return write_text(path, page(title, style("report.css"), body, ICON, viewer()))
 
 
@@ -62,7 +68,7 @@ def write_own(solution: GraspSolution, path: str | Path) -> Path:
     return write_report({Path(path).name: solution}, path)
 
 
-def _solution(name: str, solution: GraspSolution, number: int, heading: str) -> str:
+def _solution(name: str, solution: GraspSolution, number: int, heading: str, note: str) -> str:
     """Return the section of one solution."""
     shown, coloured = every(solution), worth(solution)
     first = shown[0]
@@ -87,6 +93,7 @@ def _solution(name: str, solution: GraspSolution, number: int, heading: str) -> 
         sections.wrench_space(solution),
         starts(solution),
         sections.inputs(name, solution),
+        f'<p class="note">{escape(note)}</p>' if note else "",
         f'<script type="application/json">{text}</script></section>',
     ]
     return "\n".join(part for part in parts if part)

@@ -52,14 +52,15 @@ def draw_grasp(solution: GraspSolution) -> Figure:
     figure: Figure = pyplot(WHAT).figure(figsize=(7.0, 6.0), layout="constrained")
     ax = figure.add_subplot(projection="3d")
     everything = []
-    if solution.drawing is not None:
-        shapes = [(solution.drawing.body, "body", 0.35), *((s, "link", 0.6) for _, s in solution.drawing.links)]
+    drawing = solution.drawn()
+    if drawing is not None:
+        shapes = [(drawing.body, "body", 0.35), *((s, "link", 0.6) for _, s in drawing.links)]
         for shape, what, opacity in shapes:
             draw_triangles(ax, shape, COLOURS[what], opacity)
             everything.append(shape.vertices)
     grasp = solution.grasp
     if grasp is not None:
-        size = drawn_size(solution.drawing, grasp.points)
+        size = drawn_size(drawing, grasp.points)
         points, normals = in_space(grasp.points), in_space(grasp.normals)
         ax.scatter(*points.T, color="black", s=20)
         ax.quiver(*points.T, *(NORMAL * size * normals).T, color=COLOURS["normal"], linewidth=1.5)

@@ -81,7 +81,7 @@ def stage(
 ) -> str:
     """Return the picture with its switches, its slider and other grasps; a word where there is nothing to draw."""
     if scene is None:
-        why = "no drawing of the body is in the file, as no grasp was found or extras were left out"
+        why = "no grasp was found, or the file holds neither a drawing nor the body"
         return f'<div class="stage"><p class="note">No picture: {why}.</p></div>'
     unseen = scene["unseen"]
     count = 0 if solution.grasp is None else len(solution.grasp)

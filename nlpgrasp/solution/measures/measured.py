@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.shown.numbers import at_most
 from nlpgrasp.common.shown.words import measure_word
 from nlpgrasp.common.types import Json
@@ -34,7 +33,6 @@ class Measured(ByHand):
     status: Status
     kkt: KKT | None
     grasp: Grasp | None
-    drawing: Drawing | None
     mu: Bounds
     kind: str
     delta: Bounds | None
@@ -166,6 +164,10 @@ class Measured(ByHand):
             lines.append(f"  {self.bound.line(0.0, self.label)}")
         if self.robust is not None:
             lines.append(f"  {self.robust}")
+        if self.delta is not None:
+            lines.append(f"  delta certified in {self.delta} (torque scale {self.delta.torque_scale:.4g} m)")
+        if self.nu is not None:
+            lines.append(f"  nu {self.nu}")
         lines += [f"  {line}" for line in self.starts_lines()]
         lines += [f"  {price.words(self.label)}" for price in self.prices[:3]]
         if self.why_not is not None:
@@ -184,19 +186,6 @@ class Measured(ByHand):
             ended = "" if self.status is Status.NO_GRASP else f" ({self.status.name.lower().replace('_', ' ')})"
             raise InputError("solution", f"no grasp{ended}", "a solution with a grasp")
         return self.grasp
-
-    def require_drawing(self) -> Drawing:
-        """Return the drawing of the grasp.
-
-        Raises
-        ------
-        InputError
-            Where no grasp was found, or an earlier version made the file.
-        """
-        self.require_grasp()
-        if self.drawing is None:
-            raise InputError("solution", "a grasp without a drawing", "one of a solve with extras, by this version")
-        return self.drawing
 
     @property
     def _room(self) -> Json | None:

@@ -161,8 +161,12 @@ def _settled(
         refined = replace(refined, effort=refined.effort + step.effort)
         there = point_at(bench, step.placed, here.minimisers, rng)
         near = near or there.value - here.value < FAIR * step.promised
-        idle = idle + 1 if there.value < (1.0 + least) * here.value else 0
-        if there.value >= here.value * (1.0 - NO_LOSS):
+        accepted = there.value >= here.value * (1.0 - NO_LOSS)
+        if there.value >= (1.0 + least) * here.value:
+            idle = 0
+        elif accepted or least > 0.0:  # the last step shortens its steps until one helps
+            idle += 1
+        if accepted:
             binding = cuts[np.flatnonzero(step.support > ACTIVE)] if len(here.others) else here.others
             here, radius = replace(there, others=binding), min(LONGER * radius, MOST_RADIUS)
             history = (*refined.history, here.value)

@@ -148,7 +148,7 @@ def _finished(bench: Workbench, start: StartGrasp, stop: Stop) -> FoundGrasp:
         if stop.requested():
             return _told(bench, replace(start, hand=hand_posture(bench, start)), start.robust)
         robust = start.robust
-        if robust is None and bench.options.extras:
+        if robust is None and bench.options.weighs_fragility:
             robust = attempted(lambda: robustness(bench, placed, grasp, quickly=True))
         return _told(bench, start if start.hand else approached(bench, start), robust)
 

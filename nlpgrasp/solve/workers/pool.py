@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
 from functools import partial
@@ -17,10 +17,12 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.choice import chosen
 from nlpgrasp.solve.after.final_step import at_local_optimum
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.after.way_in import with_free_way
+from nlpgrasp.solve.analyse import all_analyses, analyses_of, is_stated, with_analyses
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.outlook.outlook import Outlook, outlook
 from nlpgrasp.solve.posture.roomy import with_room
@@ -104,6 +106,17 @@ class Runner:
         seen = [] if best is not None and self._parcel is not None else list(results)
         looked = self.begin(partial(_look_back, results=seen, seed=seed, stop=stop), [best])
         return next(iter(looked()), Aftermath())
+
+    def analysed(
+        self, solution: GraspSolution, best: StartGrasp | None, stop: Stop
+    ) -> tuple[GraspSolution, Mapping[str, float]]:
+        """Return the answer with the analyses that the options ask for, and the seconds of each."""
+        names = all_analyses(self.problem.hand) if self.options.extras else self.options.analyses
+        names = [name for name in names if not is_stated(solution, name)]
+        if best is None or not names or stop.requested():
+            return solution, {}
+        found, seconds = next(iter(self.begin(partial(analyses_of, names=names, stop=stop), [best])()), ({}, {}))
+        return with_analyses(solution, found, self.problem.hand), seconds
 
     def choose(
         self, best: StartGrasp | None, results: Sequence[StartResult], stop: Stop

@@ -102,13 +102,9 @@ def test_no_prices_of_an_optimum_far_from_the_grasp():
 
 
 def test_prices_are_in_the_solution_and_its_file(tmp_path):
-    solution = ng.solve(PROBLEMS["reach and table"](), 1, options=replace(OPTIONS, global_bound=False))
+    solution = ng.solve(
+        PROBLEMS["reach and table"](), 1, options=replace(OPTIONS, global_bound=False, analyses=["prices"])
+    )
     assert solution.prices == ng.GraspSolution.load(solution.save(tmp_path / "f.json")).prices
     assert "raising Fingertips.reach by 1 mm changes mu by +" in str(solution)
     assert abs(solution.prices[0].gain) >= abs(solution.prices[-1].gain)
-
-
-@pytest.mark.slow
-def test_prices_can_be_left_out():
-    options = ng.SolveOptions(workers=1, shadow_prices=False)
-    assert ng.solve(PROBLEMS["reach and table"](), 1, options=options).prices == ()

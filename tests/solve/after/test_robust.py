@@ -14,7 +14,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.once import solve_once
 
-ONE = ng.SolveOptions(workers=1, shadow_prices=False, global_bound=False)
+ONE = ng.SolveOptions(workers=1, global_bound=False)
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
 
 
@@ -63,7 +63,7 @@ def test_contacts_stay_on_their_faces():
 @pytest.mark.slow
 def test_less_friction_alone():
     """No offset: the same contacts with friction 0.6 * 0.8."""
-    options = ng.SolveOptions(workers=1, shadow_prices=False, robust_offset=0.0, robust_friction=0.2)
+    options = ng.SolveOptions(workers=1, robust_offset=0.0, robust_friction=0.2)
     found = ng.solve(problem(ng.Sphere(0.04)), 1, options=options)
     grasp = ng.Grasp(found.grasp.points, found.grasp.normals, ng.FrictionContact(0.48), found.grasp.torque_origin)
     expected = ng.mu(grasp, TASK)
@@ -76,7 +76,7 @@ def test_less_friction_alone():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_maximising_it_keeps_more(seed):
     body = ng.Ellipsoid([0.05, 0.03, 0.02])
-    options = ng.SolveOptions(workers=1, shadow_prices=False, maximise_robust=True)
+    options = ng.SolveOptions(workers=1, maximise_robust=True)
     plain, best = (ng.solve(problem(body), 2, seed, o) for o in (ONE, options))
     assert best.robust.mu.lower > plain.robust.mu.lower
     assert best.robust.mu.upper > plain.robust.mu.upper
@@ -87,7 +87,7 @@ def test_maximising_it_keeps_more(seed):
 @pytest.mark.slow
 def test_flat_faces_have_nothing_to_gain():
     """On a box a contact that slips keeps its normal: the best grasp stays where it is, and is not lost."""
-    options = ng.SolveOptions(workers=1, shadow_prices=False, maximise_robust=True)
+    options = ng.SolveOptions(workers=1, maximise_robust=True)
     plain, best = (ng.solve(problem(ng.Box([0.08, 0.05, 0.04])), 1, options=o) for o in (ONE, options))
     assert best.robust.mu.upper >= plain.robust.mu.lower
 

@@ -11,7 +11,7 @@ from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-OPTIONS = SolveOptions(workers=1, extras=False, global_bound=False)
+OPTIONS = SolveOptions(workers=1, global_bound=False)
 SIDES = ("+y", "-y")
 
 

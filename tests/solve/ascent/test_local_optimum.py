@@ -22,7 +22,7 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import four_finger_hand
 from tests.kkt_by_differences import kkt_by_differences
 
-OPTIONS = ng.SolveOptions(workers=1, global_bound=False, joint_margin=0.0, extras=False)
+OPTIONS = ng.SolveOptions(workers=1, global_bound=False, joint_margin=0.0)
 TASK = ng.TaskEllipsoid([1.0, 0.8, 0.9, 0.03, 0.02, 0.03])
 ONE_SIDED = ng.TaskEllipsoid([0.5, 0.6, 0.4, 0.01, 0.01, 0.01], center=[0.2, 0.1, 1.0, 0.0, 0.0, 0.0])
 FOUR = [ng.FrictionContact(0.5)] * 4

@@ -139,7 +139,7 @@ def test_one_is_selected_as_a_solution_of_its_own(solution):
     assert len(chosen.grasps) == 1
     assert chosen.best_start == chosen.grasps[0].start
     assert ng.verify(chosen)
-    whole = ng.with_extras(chosen)
+    whole = ng.analyse(chosen, "delta")
     assert whole.delta.lower > 0.0
 
 

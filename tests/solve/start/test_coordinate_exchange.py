@@ -11,7 +11,7 @@ from nlpgrasp.solve.start.coordinate_exchange import CoordinateExchange, propose
 from nlpgrasp.solve.workbench import sample_tables
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-QUICK = ng.SolveOptions(workers=1, extras=False, global_bound=False, rank="mu")
+QUICK = ng.SolveOptions(workers=1, global_bound=False, rank="mu")
 RECTANGLE = ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]])
 
 

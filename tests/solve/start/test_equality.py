@@ -7,7 +7,7 @@ import nlpgrasp as ng
 from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-QUICK = ng.SolveOptions(shadow_prices=False, workers=1)
+QUICK = ng.SolveOptions(workers=1)
 RECTANGLE = ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]])
 TASK = ng.TaskEllipsoid([1.0, 1.0, 0.5], center=[0.0, 0.5, 0.0])
 

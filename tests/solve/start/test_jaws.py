@@ -69,14 +69,14 @@ def test_candidates_are_on_the_mesh_and_keep_the_constraints(angle):
 def test_two_starts_come_to_the_best_of_a_grid(angle, seed):
     """A start that draws at random ends at the thin wall, with an eighth of it."""
     asked = problem(angle)
-    found = ng.solve(asked, 2, seed, ng.SolveOptions(workers=1, extras=False, global_bound=False))
+    found = ng.solve(asked, 2, seed, ng.SolveOptions(workers=1, global_bound=False))
     assert found.mu.upper >= 0.95 * best_of_a_grid(asked)
 
 
 def test_without_a_pair_that_fits_there_is_no_grasp(angle):
     jaws = ng.ParallelJaw(opening=0.005)  # the wall is 8 mm
     asked = ng.GraspProblem(angle, [ng.SoftContact(0.6, 0.009)] * 2, problem(angle).task, hand=jaws)
-    found = ng.solve(asked, 1, options=ng.SolveOptions(workers=1, extras=False, global_bound=False))
+    found = ng.solve(asked, 1, options=ng.SolveOptions(workers=1, global_bound=False))
     assert not found.success
 
 

@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.shown.numbers import at_most
 from problems.how_many_fingers import EFFORT, brush, pencil
 
-FAST = ng.SolveOptions(workers=1, shadow_prices=False, rtol=0.05, final_rtol=0.02)
+FAST = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02)
 
 
 def square(contacts, size=1.0):
@@ -18,7 +18,7 @@ def square(contacts, size=1.0):
     return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * contacts, ng.TaskEllipsoid([size, size, 0.5 * size]))
 
 
-QUICK = ng.SolveOptions(workers=1, shadow_prices=False, rtol=0.05, final_rtol=0.02, exchange=False)
+QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, exchange=False)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The drawing of a grasp: made where body and hand are at hand, so that a file can be shown without them."""
+"""Triangles of a body and of a hand in its posture, so that a file can be shown without them."""
 
 from __future__ import annotations
 

@@ -1,0 +1,159 @@
+"""Analyses of a solution, on request."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from tests.hands.urdf import four_finger_hand
+
+CONTACTS = [ng.FrictionContact(0.6)] * 3
+ALL = ("prices", "robustness", "delta", "nu", "drawing")
+MU = ng.SolveOptions(workers=1, rank="mu")  # robustness, too, is left out
+
+
+def box(**more):
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+    return ng.GraspProblem(ng.Box([0.08, 0.05, 0.04]), CONTACTS, task, constraints=[ng.Table(-0.015)], **more)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return ng.solve(box(), 1, options=MU)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return ng.solve(box(), 1, options=replace(MU, analyses=ALL))
+
+
+def test_a_solve_computes_the_answer_alone(plain):
+    assert (plain.delta, plain.nu, plain.prices, plain.robust, plain.drawing) == (None, None, (), None, None)
+    assert plain.needed is not None
+    assert plain.kkt is not None
+    assert {"prices", "delta", "nu", "drawing", "robustness"} & set(plain.solver["seconds"]) == set()
+
+
+def test_analyses_asked_for_are_computed(whole):
+    assert None not in (whole.delta, whole.nu, whole.robust, whole.drawing)
+    assert whole.prices
+    assert set(ALL) <= set(whole.solver["seconds"])
+    assert "delta certified in" in str(whole)
+
+
+def test_analyses_do_not_change_the_answer(plain, whole, tmp_path):
+    assert plain.grasp.points.tolist() == whole.grasp.points.tolist()
+    assert (plain.mu.lower, plain.best_possible) == (whole.mu.lower, whole.best_possible)
+    file = plain.save(tmp_path / "plain.json")
+    assert ng.verify(file)
+    assert file.stat().st_size < whole.save(tmp_path / "whole.json").stat().st_size
+
+
+def test_one_analysis_is_added_by_its_name(plain):
+    found = ng.analyse(plain, "nu")
+    assert found.nu is not None
+    assert (found.delta, found.robust, found.drawing) == (None, None, None)
+    assert plain.nu is None
+    assert found.grasp is plain.grasp
+
+
+def test_from_the_file_alone_all_is_added_as_a_whole_solve_finds_it(plain, whole, tmp_path):
+    path = plain.save(tmp_path / "box.json")
+    found = ng.analyse(ng.GraspSolution.load(path))
+    for name in ("delta", "nu", "robust"):
+        assert str(getattr(found, name)) == str(getattr(whole, name)) != "None"
+    np.testing.assert_allclose(found.drawing.body.vertices, whole.drawing.body.vertices)
+    mine, theirs = ({p.name: p.gain for p in s.prices} for s in (found, whole))
+    assert mine.keys() == theirs.keys() != set()
+    assert mine == pytest.approx(theirs, rel=0.05, abs=1e-3)
+    assert ng.verify(found.save(path))
+    again = ng.GraspSolution.load(path)
+    assert ng.analyse(again).to_dict() == again.to_dict()
+
+
+def test_a_drawing_is_made_for_what_needs_one(plain, whole):
+    np.testing.assert_allclose(plain.require_drawing().body.vertices, whole.drawing.body.vertices)
+    assert plain.drawing is None
+
+
+@pytest.mark.slow
+def test_a_mesh_needs_the_problem_once_it_is_in_a_file(tmp_path):
+    trimesh.creation.box(extents=[0.08, 0.05, 0.04]).export(tmp_path / "box.stl")
+    body = ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=16)
+    problem = replace(box(), body=body, constraints=[])
+    solved = ng.solve(problem, 1, options=MU)
+    of_file = ng.GraspSolution.load(solved.save(tmp_path / "found.json"))
+    alone, helped = ng.analyse(of_file), ng.analyse(of_file, problem=problem)
+    assert alone.delta is not None
+    assert alone.nu is not None
+    assert (alone.robust, alone.drawing, alone.prices) == (None, None, ())
+    assert (helped.delta, helped.nu) == (alone.delta, alone.nu)
+    assert 0.0 <= helped.robust.mu.lower <= helped.mu.upper
+    assert len(helped.drawing.body.faces) == 12
+    assert len(ng.analyse(solved, "drawing").drawing.body.faces) == 12  # which knows its problem
+    with pytest.raises(ng.InputError, match=r"^problem: got None, expected the problem that was .*: prices need"):
+        ng.analyse(of_file, "prices", "nu")
+    with pytest.raises(ng.InputError, match="got a grasp without a drawing, from a file without its body"):
+        of_file.require_drawing()
+
+
+@pytest.mark.slow
+def test_phases_of_a_hand():
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+    problem = ng.GraspProblem(ng.Sphere(0.03), ng.FrictionContact(0.7), task, hand=four_finger_hand())
+    solved = ng.solve(problem, 1, options=MU)
+    names = ("pregrasp", "approach", "way_in", "phases", "lift")
+    assert solved.hand.keys() > {*names, "link_depth", "squeeze"}  # never left out
+    without = replace(solved, hand={name: value for name, value in solved.hand.items() if name not in names})
+    found = ng.analyse(without, "phases", "drawing")
+    assert found.hand["link_depth"] == solved.hand["link_depth"]
+    assert [phase["name"] for phase in found.hand["phases"]] == [phase["name"] for phase in solved.hand["phases"]]
+    assert len(found.drawing.links) > 10
+
+
+@pytest.mark.parametrize(
+    ("part", "changed"),
+    [
+        ("body", {"body": ng.Box([0.08, 0.05, 0.05])}),
+        ("contacts", {"contacts": [ng.FrictionContact(0.5)] * 3}),
+        ("task", {"task": ng.TaskEllipsoid([1.0, 1.0, 2.0, 0.03, 0.03, 0.03])}),
+        ("constraints", {"constraints": []}),
+        ("hand", {"hand": ng.Fingertips(3, radius=0.004)}),
+    ],
+)
+def test_another_problem_is_refused(part, changed, plain):
+    with pytest.raises(ng.InputError, match=rf"problem\.{part}: got another than the solution's"):
+        ng.analyse(plain, problem=replace(box(), **changed))
+
+
+def test_names_of_no_analyses_are_refused(plain):
+    allowed = r'"prices", "robustness", "delta", "nu", "phases", "drawing"'
+    with pytest.raises(ng.InputError, match=rf'^analyses: got "?price"?, expected {allowed}'):
+        ng.analyse(plain, "nu", "price")
+    with pytest.raises(ng.InputError, match=rf"SolveOptions\.analyses: got .*, expected {allowed}"):
+        ng.SolveOptions(analyses=("nu", 3))
+    with pytest.raises(ng.InputError, match=r"SolveOptions\.analyses: got nu, expected a sequence of names"):
+        ng.SolveOptions(analyses="nu")
+
+
+def test_phases_of_no_hand_are_refused(plain):
+    expected = re.escape("got phases, expected no phases without a hand that has links, such as an ng.URDFHand")
+    with pytest.raises(ng.InputError, match=rf"^analyses: {expected}"):
+        ng.analyse(plain, "phases")
+    with pytest.raises(ng.InputError, match=rf"^SolveOptions\.analyses: {expected}"):
+        ng.solve(box(), 1, options=ng.SolveOptions(analyses=["phases"]))
+
+
+def test_all_analyses_are_those_that_there_can_be(plain):
+    assert "phases" not in str(ng.analyse(plain).hand)
+
+
+def test_without_a_grasp_there_is_nothing_to_analyse():
+    problem = replace(box(), contacts=[ng.FrictionContact(0.6)])
+    found = ng.solve(problem, 1, options=replace(MU, extras=True))
+    assert found.grasp is None
+    with pytest.raises(ng.InputError, match="solution: got no grasp"):
+        ng.analyse(found, "nu")
