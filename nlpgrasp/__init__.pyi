@@ -1,7 +1,7 @@
 """Task-oriented optimal grasps by nonlinear programming, with certified bounds on their quality."""
 
 from nlpgrasp import hands
-from nlpgrasp.best import BestPossible, best_possible
+from nlpgrasp.best import BestPossible
 from nlpgrasp.bodies import (
     Box,
     Cylinder,
@@ -91,7 +91,7 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.joints import JointSqueeze
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
-from nlpgrasp.solve import SolveOptions, analyse, solve
+from nlpgrasp.solve import SolveOptions, analyse, best_possible, solve
 from nlpgrasp.solve.squeeze import squeeze
 from nlpgrasp.studies import (
     BlockedDirection,

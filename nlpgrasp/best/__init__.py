@@ -1,6 +1,5 @@
-"""How good any placement could be: a certified bound over all of them."""
+"""Upper bound on mu over all placements of a problem's contacts, by branch and bound."""
 
-from nlpgrasp.best.best_possible import best_possible
 from nlpgrasp.best.result import BestPossible
 
-__all__ = ["BestPossible", "best_possible"]
+__all__ = ["BestPossible"]

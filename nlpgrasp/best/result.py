@@ -67,10 +67,6 @@ class BestPossible:
             return self.upper / self.mu.lower - 1.0
         return 0.0 if self.upper == 0.0 else float("inf")
 
-    def gap_of(self, mu: float) -> float:
-        """Return the gap of another grasp of this certified quality; inf where it has none."""
-        return max(0.0, self.upper / mu - 1.0) if mu > 0.0 else float("inf")
-
     def save(self, path: str | Path) -> Path:
         """Write bound and certificate as JSON, whole or not at all, and return the path; ``ng.verify`` checks the file.
 

@@ -70,14 +70,17 @@ class ContactWorth:
         return worth
 
 
-def nearest_faces(body: Body, points: FloatArray, normals: FloatArray) -> NDArray[np.str_]:
-    """Return the name of the face that each point (m, 3) with an inward normal is on, or nearest to."""
+def nearest_faces(body: Body, points: FloatArray, normals: FloatArray, weight: float = 1.0) -> NDArray[np.str_]:
+    """Return the name of the face that each point (m, 3) with an inward normal is on, or nearest to.
+
+    A normal that is turned by an angle counts as a distance of ``1 - cos`` of it, times a weight and the body's size.
+    """
     if len(body.face_names) == 1:
         return np.full(len(points), body.face_names[0])
     apart = []
     for name in body.face_names:
         h, slope, outward, extent = body.evaluate(name, points)
-        beside = np.maximum(extent, 0.0) + body.size * (1.0 + np.sum(outward * normals, axis=1))
+        beside = np.maximum(extent, 0.0) + weight * body.size * (1.0 + np.sum(outward * normals, axis=1))
         apart.append(np.abs(h) / slope + beside)
     nearest: NDArray[np.str_] = np.take(np.array(body.face_names), np.argmin(apart, axis=0))
     return nearest

@@ -7,7 +7,7 @@ from scipy.linalg import eigh
 
 from nlpgrasp.budgets import ForceBudget, force_budget
 from nlpgrasp.budgets.sets.base import ForceSet
-from nlpgrasp.common.directions import directions
+from nlpgrasp.common.directions import directions, directions_around
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.product import project
 from nlpgrasp.errors import InputError
@@ -20,6 +20,7 @@ CHUNK = 256  # grasps at once: what the processor's cache holds
 DESCENTS, STEPS = 4, 16
 REGULAR = 1e-6
 FLAT = 1e-6
+PLANAR = 200  # directions in the plane, where they cost next to nothing
 LEAST_WEIGHT = 1e-2  # of a contact in the quadratic model, relative to the largest
 
 
@@ -58,7 +59,9 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
 
 def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
     """Return directions that are well spread in the metric of a task, (m, d); grasps fill up that of a flat one."""
-    y = directions(stack.dimension, 2) @ np.linalg.inv(np.linalg.cholesky(_shape(stack, task)))
+    planar = stack.dimension == 3
+    spread = directions_around(np.eye(3)[0], PLANAR) if planar else directions(stack.dimension, 2)
+    y = spread @ np.linalg.inv(np.linalg.cholesky(_shape(stack, task)))
     reach = task.support(y)[0]
     return np.asarray(y[reach > 1e-9 * np.max(reach)])
 

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.hands.posed_hand import PosedHand
-from nlpgrasp.problem.from_dict import problem_from_dict
-from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
-from nlpgrasp.solution.drawn import drawing_of
 from nlpgrasp.solution.file import read, write
 from nlpgrasp.solution.findings import Robustness, WhyNot
 from nlpgrasp.solution.kkt import KKT
@@ -33,6 +30,9 @@ from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, St
 from nlpgrasp.solution.schema import SCHEMA_NAME
 from nlpgrasp.solution.schema.types import SolutionData, SolverData
 from nlpgrasp.solution.seen import Seen
+
+if TYPE_CHECKING:
+    from nlpgrasp.problem.problem import GraspProblem
 
 
 @dataclass(frozen=True, repr=False)
@@ -166,6 +166,8 @@ class GraspSolution(Seen):
         """The problem that was solved; of a file as far as it holds it: None with a mesh, a hand or an expression."""
         if self.source is not None or self.grasp is None or self.problem.get("hand") is not None:
             return self.source
+        from nlpgrasp.problem.from_dict import problem_from_dict  # loads CasADi, which reading a file does without
+
         try:
             return problem_from_dict(self.problem, self.grasp.torque_origin)
         except InputError:
@@ -176,6 +178,9 @@ class GraspSolution(Seen):
         problem = None if self.drawing is not None else self.known_problem
         if problem is None or self.grasp is None:
             return self.drawing
+        from nlpgrasp.hands.posed_hand import PosedHand
+        from nlpgrasp.solution.drawn import drawing_of
+
         hand = problem.hand if isinstance(problem.hand, PosedHand) and self.hand is not None else None
         return drawing_of(problem.body, hand, {} if hand is None else hand.values_of(self.hand or {}))
 

@@ -15,9 +15,9 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
 from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.start.coordinate_exchange import propose
 from nlpgrasp.solve.start.given import Given, run_given
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
-from nlpgrasp.solve.start.scout import scout
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
@@ -57,10 +57,10 @@ class Ongoing:
             self.results = sorted(self._runner.starts(self._seed, self._stop), key=lambda r: r.record.index)
 
     def scout(self, count: int) -> None:
-        """Begin from the best of many random placements as well, ``count`` of them at most."""
+        """Begin from candidates of one more coordinate exchange as well, ``count`` of them at most."""
         rng = np.random.default_rng([self._seed, self._starts])
         with one_thread():
-            for placed in scout(self.bench, count, rng):
+            for placed in propose(self.bench, rng, count=count) if self.bench.follows_contacts else ():
                 self.offer(Given(placed))
 
     @property
@@ -117,7 +117,7 @@ class Ongoing:
             after = self._runner.look_back(best, self.results, self._seed, self._stop)
         # the answer is the best of the grasps, and that is the one looked back at
         told = [r if r is best or best is None else StartResult(r.record) for r in self.results]
-        bound = self._runner.bound(self._stop)
+        bound = self._runner.bound(best, self._stop)
         search = Search(self.problem, self._options, self._seed, told, cut_short, bound=bound)
         effort = replace(search, results=self.results).effort
         seconds = time.monotonic() - self._begun

@@ -78,12 +78,11 @@ class SolveOptions:
         Move the contacts to where the worst placement is best (on smooth bodies, without a hand that has a pose), and
         take the start whose worst placement is best instead of the one with the best mu.
     global_bound : bool
-        Look over all placements before the starts, for one to four seconds: it bounds mu and meets grasps that
-        starts begin from. Without it all starts draw for themselves, and nothing says how far the answer is from the
-        best. Not on meshes, which take ``ng.best_possible`` minutes.
+        Bound mu over all placements, by a branch and bound of up to four seconds after the starts. Without it nothing
+        says how far the answer is from the best.
     gap : float, optional
         Go on after the starts, searching all placements, until the grasp is proved to be this close to the best
-        possible (a share above 0, at most 1), or until the time limit. Without it a short look states a bound.
+        possible (a share above 0, at most 1), or until the time limit. Without it a short search states a bound.
     edge_margin : float, optional
         In place of the problem's: how far contacts stay away from sharp edges, metres, 0 for none.
     time_limit : float, optional

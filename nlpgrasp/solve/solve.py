@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 from nlpgrasp.common.shown.said import warn
@@ -22,13 +24,13 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.analyse import check_hand
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
+from nlpgrasp.solve.bounding import close_gap, why_not_bounded
 from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.outlook.close_gap import close_gap
-from nlpgrasp.solve.outlook.outlook import why_not_bounded
 from nlpgrasp.solve.progress import Progress, told
 from nlpgrasp.solve.squeeze import with_squeezes
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.warm_starts import WarmStart, check_warm_starts
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -45,20 +47,20 @@ def solve(
     *,
     keep: int = 1,
     distinct: float = 0.1,
+    warm_starts: Sequence[WarmStart] = (),
     progress: Progress | bool | None = None,
     throw: bool = False,
 ) -> GraspSolution:
     """Find the best grasp over several seeded starts and certify it.
 
-    A short branch and bound over all placements, where it covers the problem, bounds mu from above and gives grasps
-    from which up to three quarters of the starts begin (up to half where it leaves out a part, none on a mesh). Every
-    other start exchanges contacts of random tuples of surface samples one at a time; hands with a pose of their own
+    Starts exchange contacts of random tuples of surface samples one at a time; hands with a pose of their own
     compare random poses. Cutting planes in a trust region refine the best candidates: steps are quadratic programs of
     the program's linearisation with the Lagrangian's curvature, or IPOPT's where the program holds forces. Their ends
     are certified on the body itself, and the links of a hand are measured there. The answer
-    is the start with the best certified bounds whose hand is free and comes to it freely, if any is; ``solution.gap``
-    says how far it is from the best possible, at most, and with ``SolveOptions(gap=...)`` the search goes on until it
-    is as close as that. The same seed gives the same answer with any number of workers (unless a time limit or Ctrl-C
+    is the start with the best certified bounds whose hand is free and comes to it freely, if any is. A branch and bound
+    over all placements, where it covers the problem, bounds mu from above: ``solution.gap`` says how far the answer is
+    from the best possible, at most, and with ``SolveOptions(gap=...)`` the search goes on until it is as close as that.
+    The same seed gives the same answer with any number of workers (unless a time limit or Ctrl-C
     cuts the solve short).
 
     Parameters
@@ -79,6 +81,9 @@ def solve(
         How far apart grasps are that count as two: more than this share (above 0, at most 1) of the body's size, half
         the diagonal of its bounding box, from contact to contact however they are matched, turned and mirrored as the
         problem can be; or another pose of the hand.
+    warm_starts : sequence of Grasp, FoundGrasp or GraspSolution
+        Grasps known already, of the same body and kinds of contacts: each is certified for this problem as it is, and
+        refined, in two more starts. The answer is no worse than any of them that keeps the constraints.
     progress : callable or bool, optional
         True writes a line to standard error when a start is done: how it ended, the best certified bounds so far, the
         time. A function is called instead with each finished start's record and these bounds. Silent by default.
@@ -117,7 +122,8 @@ def solve(
     warn_of_smoothing(problem.body, problem.hand)
     keeping = Keeping(keep, distinct)
     listener = told(progress, starts)
-    solution = _run(Runner(problem, options.narrow(starts), starts), seed, keeping, listener)
+    known = check_warm_starts(problem, warm_starts)
+    solution = _run(Runner(problem, options.narrow(starts), starts), seed, keeping, listener, known)
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution
@@ -128,7 +134,9 @@ def solve_again(bench: Workbench, starts: int, seed: int, keeping: Keeping = ONE
     return _run(Runner(bench.problem, bench.options, starts, bench), seed, keeping, None)
 
 
-def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None) -> GraspSolution:
+def _run(
+    runner: Runner, seed: int, keeping: Keeping, progress: Progress | None, known: Sequence[WarmStart] = ()
+) -> GraspSolution:
     """Run the starts, look back at them and put the answer together."""
     options = runner.options
     begun, clock = time.monotonic(), Clock()
@@ -137,19 +145,21 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         stop = Stop(deadline, Path(folder) / "stop")
         with Interrupt(stop) as interrupt, one_thread():
-            if runner.outlook(stop) is None and options.gap is not None:
+            if runner.tree is not None:
+                runner.tree.grow(0)
+            elif options.gap is not None:
                 warn(f"gap: {why_not_bounded(runner.problem)}; the answer is the best of its starts")
-            clock.mark("outlook")
-            for result in runner.starts(seed, stop):
+            clock.mark("bound")
+            for result in chain(runner.starts(seed, stop), runner.warm_starts(known, stop)):
                 results.append(result)
                 if progress is not None:
                     best = best_of(results)
                     progress(result.record, Bounds(0.0, float("inf")) if best is None else best.record.mu)
             results.sort(key=lambda r: r.record.index)
-            begun_all = len(results) == runner.count and all(r.record.message != NOT_BEGUN for r in results)
+            begun_all = len(results) >= runner.count and all(r.record.message != NOT_BEGUN for r in results)
             clock.mark("starts")
-            if options.gap is not None:
-                close_gap(runner, results, options.gap, stop)
+            if options.gap is not None and runner.tree is not None:
+                close_gap(runner.bench, runner.tree, results, seed, stop)
                 clock.mark("closing the gap")
             cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
             best = best_of(results)
@@ -163,7 +173,7 @@ def _run(runner: Runner, seed: int, keeping: Keeping, progress: Progress | None)
             clock.mark("last step")
             best = runner.reachable(best, results, stop)
             clock.mark("way in")
-            bound = runner.bound(stop)
+            bound = runner.bound(best, stop)
             search = Search(runner.problem, options, seed, results, cut_short, deadline, bound, clock, best)
             clock.mark("bound")
             after = Aftermath()

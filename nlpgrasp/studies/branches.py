@@ -8,19 +8,20 @@ from itertools import chain
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from nlpgrasp.best.branch_and_bound import BranchAndBound
 from nlpgrasp.bodies import Box, Mesh, Prism
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solve.ascent.state import Effort
-from nlpgrasp.solve.outlook.outlook import Outlook, unseen
+from nlpgrasp.solve.bounding import bounding
+from nlpgrasp.solve.start.coordinate_exchange import propose
 from nlpgrasp.solve.start.first_program import first_of
-from nlpgrasp.solve.start.run import with_hand
 from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
-from nlpgrasp.studies.sliding import GAIN, NEVER, Branch, at_most, look, slide
+from nlpgrasp.studies.sliding import NEVER, Branch, at_most, look, slide
 
 SAME, NEAR = 0.02, 0.15  # of the body's size: contacts this close, in any order, are the same grasp, and neighbours
 SHARE = 1 / 3  # of a cold solve's starts are begun at each step without a search, all of them at both ends of the path
@@ -29,7 +30,6 @@ HOPEFUL, HOPEFUL_NEW = 0.85, 0.8  # of the best's quality: from there on another
 OTHERS = 2  # slides of other branches a step
 RISING = 5  # slides of a start that begins with next to nothing
 NODES, LONG = 180, 600  # of a step's search; of the first step's, and where faces are flat and nodes quick
-MET = 6  # grasps of a step's search that become branches, at most
 
 
 class Branches:
@@ -63,10 +63,10 @@ class Branches:
         self.bound: GlobalBound | None = None
         self._begun_before: set[tuple[int, int]] = set()  # workbench and number of starts
         self.steps, self._best = 0, 0.0  # the latter the quality known at the last step
-        ahead = (_unseen(bench) for bench in benches)
+        ahead = (_bounding(bench) for bench in benches)
         first = next(ahead)
-        self._outlooks: Iterator[Outlook | None] = chain([first], ahead)
-        self._complete = first is not None and first.complete
+        self._trees: Iterator[BranchAndBound | None] = chain([first], ahead)
+        self._complete = first is not None and first.scope.complete
         each = int(np.ceil(SHARE * starts))
         for step, bench in enumerate([] if self._complete else benches):
             end = step in (0, len(benches) - 1)
@@ -130,16 +130,11 @@ class Branches:
 
         Returns whether no other branch needs a look: none can be much better than what is known or was met.
         """
-        seen = next(self._outlooks)
-        if seen is None:
+        tree = next(self._trees)
+        if tree is None:
             return False
-        seen.expect(known)
-        long = self.steps == 1 or isinstance(bench.problem.body, Box | Prism)
-        seen.look(LONG if long else NODES, Stop())
-        self.bound = seen.bound()
-        done = seen.searched and self._complete
-        for placed in seen.placements(MET, known * (1.0 + GAIN if done else HOPEFUL)):
-            found = bench.snapped(with_hand(bench, placed))
+        for placed in propose(bench, np.random.default_rng([self._seed, self.steps])):
+            found = bench.snapped(placed)
             if bench.violation(found) > FEASIBLE:
                 continue
             state = _there(bench, found, self.states)
@@ -150,7 +145,12 @@ class Branches:
                 look(bench, state, rng)
                 if state.value <= 0.0 and state.settled == NEVER:
                     self._raise(bench, state, rng)
-        return done
+            known = max(known, state.value)
+        tree.expect(known)
+        long = self.steps == 1 or isinstance(bench.problem.body, Box | Prism)
+        tree.grow(LONG if long else NODES)
+        self.bound = tree.bound()
+        return tree.searched and self._complete
 
     def _look(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
         """Compute the quality of the other branches, and drop what has become the same; the best stay.
@@ -199,13 +199,13 @@ class Branches:
         return self.ranked()[: self._starts]
 
 
-def _unseen(bench: Workbench) -> Outlook | None:
-    """Return a search of all placements for the task of a step; None where its grasps are none to slide.
+def _bounding(bench: Workbench) -> BranchAndBound | None:
+    """Return a branch and bound over all placements for the task of a step; None where its grasps are none to slide.
 
     Nor where a step is no time for one: on a mesh.
     """
     slides = bench.follows_contacts and not isinstance(bench.problem.body, Mesh)
-    return unseen(bench.problem, bench.options) if slides else None
+    return bounding(bench.problem, bench.options) if slides else None
 
 
 def _there(bench: Workbench, placed: Placed, states: Sequence[Branch], near: float = SAME) -> Branch | None:

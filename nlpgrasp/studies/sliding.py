@@ -48,7 +48,7 @@ def look(bench: Workbench, state: Branch, rng: np.random.Generator) -> None:
 
 def learn(bench: Workbench, state: Branch) -> bool:
     """Add the directions in which a branch is weaker than descents found it; return whether there are any."""
-    found = disproved(bench, state.placed, state.value)
+    found, _ = disproved(bench, state.placed, state.value)
     if found is None:
         return False
     state.cuts, state.value = with_new(bench, state.cuts, found.directions), found.value

@@ -9,8 +9,6 @@ import time
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.best.scope.scope import scope_of
-from nlpgrasp.best.search import Search
 from problems.peg_in_hole import problem as peg
 from tests.benchmarks import hand_budgets
 from tests.benchmarks.best_problems import gap_problems, hit_problem
@@ -34,24 +32,22 @@ def run(part=None, first=0, last=HITS):
 
 
 def gap_over_time(problem, seconds, gap):
-    """Return the gaps after ``TIMES`` of CPU time, the seconds until the gap asked for was closed, and the search."""
+    """Return the gaps after ``TIMES`` of CPU time, the seconds until the gap asked for was closed, and the bound."""
     begun = time.process_time()
-    search = Search(scope_of(problem), gap)
     found = []
 
-    def watch(search):
+    def watch(upper, mu, nodes):
         spent = time.process_time() - begun
         while len(found) < len(TIMES) and spent >= TIMES[len(found)]:
-            found.append(_gap(search))
+            found.append(_gap(upper, mu.lower))
 
-    search.run(lambda: time.process_time() - begun >= seconds, watch)
-    found += [_gap(search)] * (sum(t <= seconds for t in TIMES) - len(found))
-    return found[: sum(t <= seconds for t in TIMES)], time.process_time() - begun, search
+    best = ng.best_possible(problem, gap, seconds, watch)
+    found += [_gap(best.upper, best.mu.lower)] * (sum(t <= seconds for t in TIMES) - len(found))
+    return found[: sum(t <= seconds for t in TIMES)], time.process_time() - begun, best
 
 
-def _gap(search):
-    lower = search.best.mu.lower
-    return search.upper / lower - 1.0 if lower > 0.0 else (0.0 if search.upper <= 1e-9 else np.inf)
+def _gap(upper, lower):
+    return upper / lower - 1.0 if lower > 0.0 else (0.0 if upper <= 1e-9 else np.inf)
 
 
 def gaps():
@@ -62,7 +58,7 @@ def gaps():
         missed += found[-1] > target
         word = "" if found[-1] <= target else "  MISSED"
         print(
-            f"{name}: {_shown(found)}; {spent:.1f} s, {search.tree.nodes} nodes, mu {search.best.mu.lower:.4f}"
+            f"{name}: {_shown(found)}; {spent:.1f} s, {search.nodes} nodes, mu {search.mu.lower:.4f}"
             f" (aim {target:.0%} in {seconds:g} s){word}",
             flush=True,
         )
@@ -81,7 +77,7 @@ def meshes():
         body = ng.Mesh.load(path, unit="m" if path.name.startswith("ycb") else "in")
         task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
         found, _, search = gap_over_time(ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task), 60.0, 0.01)
-        print(f"{path.name}: {_shown(found)}; mu {search.best.mu.lower:.4f} (aim 40 % after 60 s)", flush=True)
+        print(f"{path.name}: {_shown(found)}; mu {search.mu.lower:.4f} (aim 40 % after 60 s)", flush=True)
 
 
 def hits(numbers):
@@ -93,13 +89,13 @@ def hits(numbers):
         _, _, search = gap_over_time(problem, LOOKED, FINE)
         case = Case(problem, lambda i, b=problem.body: b.face_names, lambda i, p: np.ones(len(p), dtype=bool))
         force = BruteForce(case, np.random.default_rng(number)).certified()[0]
-        known = max(search.best.mu.lower, force, *solved)
+        known = max(search.mu.lower, force, *solved)
         shares += [value / known if known > 0.0 else 1.0 for value in solved]
         none += sum(value <= 0.0 < known for value in solved)
         seconds.append(spent / SEEDS)
         print(
             f"{number} {name}: solves {', '.join(f'{v:.4f}' for v in solved)} ({spent / SEEDS:.1f} s each); tree"
-            f" {search.best.mu.lower:.4f} of {search.upper:.4f}, brute force {force:.4f}"
+            f" {search.mu.lower:.4f} of {search.upper:.4f}, brute force {force:.4f}"
             + "".join(f"  {s:.1%}" for s in shares[-SEEDS:] if s < NEAR),
             flush=True,
         )

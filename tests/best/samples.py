@@ -3,12 +3,10 @@
 import numpy as np
 import trimesh
 
-import nlpgrasp as ng
 from nlpgrasp.best.cells.clusters import Clusters
 from nlpgrasp.best.cells.curved.ellipsoid import EllipsoidCell
 from nlpgrasp.best.cells.curved.revolved import RevolvedCell
 from nlpgrasp.best.cells.curved.spherical import Spherical
-from nlpgrasp.best.cells.curved.superquadric import Octant, SuperquadricCell
 from nlpgrasp.best.cells.curved.turned import Revolved
 from nlpgrasp.best.cells.disc import SectorCell
 from nlpgrasp.best.cells.mesh import MeshCell
@@ -55,14 +53,6 @@ def torus_cell(rng):
     return cell
 
 
-def superquadric_cell(rng):
-    octant = Octant(rng.uniform(0.5, 2.0, 3), rng.uniform(0.2, 1.9, 2), rng.choice([-1.0, 1.0], 3))
-    cell = SuperquadricCell(octant, *np.array([[0.0, 0.5 * np.pi]] * 2))
-    for _ in range(rng.integers(0, 7)):
-        cell = cell.split()[rng.integers(2)]
-    return cell
-
-
 def rough_triangles(rng, subdivisions=3):
     """Corners and inward normals of a bumpy ball's triangles."""
     ball = trimesh.creation.icosphere(subdivisions, 1.3)
@@ -99,37 +89,8 @@ CELLS = {
     "sector": sector_cell,
     "side": side_cell,
     "torus": torus_cell,
-    "superquadric": superquadric_cell,
     "mesh": mesh_cell,
 }
-
-
-def superquadric_points(cell, count, rng):
-    """Random points, and normals by finite differences of the body's own function."""
-    octant = cell.octant
-    e1, e2 = octant.exponents
-    t, w = (
-        np.arctan(np.tan(rng.uniform(*ends, count)) ** (1.0 / min(e, 2.0 - e)))
-        for ends, e in ((cell.angles, e1), (cell.along, e2))
-    )
-    ring = np.cos(t) ** e1
-    unit = np.stack([ring * np.cos(w) ** e2, ring * np.sin(w) ** e2, np.sin(t) ** e1], axis=1)
-    points = octant.signs * octant.a * unit
-    body = ng.Superquadric(octant.a, octant.exponents)
-    return points, np.array([inward(body, p) for p in points])
-
-
-def inward(body, point):
-    """The inward normal of a superquadric at a point, by central differences of ``F^(e1 / 2)``."""
-    axes, (e1, e2) = np.array(body.semi_axes), body.exponents
-
-    def level(p):
-        x, y, z = np.abs(p) / axes
-        return ((x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)) ** (e1 / 2)
-
-    h = 1e-6 * np.minimum(np.abs(point) + 1e-9, 1.0)
-    slope = [(level(point + h[i] * e) - level(point - h[i] * e)) / (2 * h[i]) for i, e in enumerate(np.eye(3))]
-    return -np.array(slope) / np.linalg.norm(slope)
 
 
 def points_of(cell, count, rng):
@@ -146,8 +107,6 @@ def points_of(cell, count, rng):
         points = u / np.linalg.norm(u, axis=1, keepdims=True) * cell.a
         inward = -points / cell.a**2
         return points, inward / np.linalg.norm(inward, axis=1, keepdims=True)
-    if isinstance(cell, SuperquadricCell):
-        return superquadric_points(cell, count, rng)
     first = rng.uniform(*(cell.radii if isinstance(cell, SectorCell) else cell.along), count)
     phi = rng.uniform(*cell.angles, count)
     out = np.stack([np.cos(phi), np.sin(phi), np.zeros(count)], axis=1)

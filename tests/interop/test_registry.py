@@ -45,7 +45,7 @@ def test_needs_are_checked_before_the_function_is_called(box, none):
     seen = []
     given = ExportFormat("seen", ".seen", "nothing", lambda s, o: seen.append((s, o)) or "", Need.DRAWING)
     with pytest.raises(InputError, match="a grasp without a drawing"):
-        given.export(replace(box, drawing=None))
+        given.export(replace(box, drawing=None, source=None, problem={**box.problem, "hand": {"type": "unknown"}}))
     assert seen == []
     anything = replace(given, needs=Need.NOTHING)
     assert anything.export(none, ExportOptions(Path("hand.urdf"))) == b""

@@ -265,7 +265,7 @@ def test_only_a_squeeze_that_a_solve_left_out_is_warned_of(held):
     keys, more = SQUEEZES["none"]
     assert "effort: []" in moveit(without(held, *keys, **more))
     with pytest.raises(
-        UserWarning, match=r"^grasp_0 states no squeeze, so its grasp_posture has no effort: ng\.with_ext"
+        UserWarning, match=r"^grasp_0 states no squeeze, so its grasp_posture has no effort: ng\.analyse"
     ):
         moveit(without(held, "squeeze"))
 

@@ -84,7 +84,7 @@ def test_the_keyframe_presses_with_the_forces_given(box):
 
 
 def test_mass_and_inertia_of_a_box(box):
-    mass = mass_of(box.drawing.body, 1000.0)
+    mass = mass_of(box.require_drawing().body, 1000.0)
     assert mass.mass == pytest.approx(0.128, rel=0.02)
     exact = mass.mass / 12 * np.array([0.04**2 + 0.04**2, 0.08**2 + 0.04**2, 0.08**2 + 0.04**2])
     np.testing.assert_allclose(np.diag(mass.inertia), exact, rtol=0.03)
@@ -107,7 +107,7 @@ def test_a_planar_grasp_stays_in_its_plane():
 @pytest.mark.slow
 def test_what_cannot_be_exported(box):
     with pytest.raises(InputError, match="a grasp without a drawing"):
-        mjcf(replace(box, drawing=None))
+        mjcf(replace(box, drawing=None, source=None, problem={**box.problem, "hand": {"type": "unknown"}}))
     glued = ng.Grasp(box.grasp.points, box.grasp.normals, ng.BilateralContact(ng.FrictionContact(0.5)))
     with pytest.raises(InputError, match="cannot pull"):
         mjcf(box, SceneOptions(grasp=glued))

@@ -11,7 +11,7 @@ from nlpgrasp.best.worth import ContactWorth
 from nlpgrasp.report import write_report
 from nlpgrasp.report.solution.worth import EXCLUDED, SCALE, _colour, coloured, worth
 
-ONE = ng.SolveOptions(workers=1)
+ONE = ng.SolveOptions(workers=1, analyses=["drawing"])
 BOX = ng.GraspProblem(
     ng.Box([0.08, 0.04, 0.04]),
     [ng.FrictionContact(0.6)] * 3,

@@ -278,7 +278,7 @@ def test_bad_input(box, monkeypatch):
     with pytest.raises(InputError, match="wrenches"):
         simulate(box, wrenches=0)
     with pytest.raises(InputError, match="a grasp without a drawing"):
-        simulate(replace(box, drawing=None))
+        simulate(replace(box, drawing=None, source=None, problem={**box.problem, "hand": {"type": "unknown"}}))
     with pytest.raises(InputError, match="a solution with a grasp"):
         simulate(ng.GraspSolution(ng.Status.NO_GRASP, "none", {"task": {}, "force_budget": "l2"}))
     monkeypatch.setitem(sys.modules, "mujoco", None)

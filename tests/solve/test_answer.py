@@ -53,5 +53,5 @@ def test_the_stages_of_a_solve_add_up(workers):
     total = seconds.pop("total")
     within = {seconds.pop(name) for name in ("ipopt", "functions")}  # of the starts, summed over workers
     assert all(part >= 0.0 for part in within)
-    assert {"outlook", "starts", "prices", "robustness", "nu"} <= set(seconds)
+    assert {"bound", "starts", "choice", "prices", "nu"} <= set(seconds)
     assert sum(seconds.values()) == pytest.approx(total, rel=0.05)

@@ -6,8 +6,8 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.ongoing import Ongoing
+from nlpgrasp.solve.start.coordinate_exchange import propose
 from nlpgrasp.solve.start.given import Given, run_given
-from nlpgrasp.solve.start.scout import scout
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
@@ -21,8 +21,8 @@ def problem(**more):
     return ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 2, TASK, torque_origin=[0.0, 0.0], **more)
 
 
-def certified(points=POINTS, rtol=1e-3):
-    return ng.mu(ng.Grasp(points, [[0, 1], [0, -1]], ng.FrictionContact(0.5)), TASK, rtol)
+def certified(points=POINTS, rtol=1e-3, normals=((0, 1), (0, -1))):
+    return ng.mu(ng.Grasp(points, normals, ng.FrictionContact(0.5), [0.0, 0.0]), TASK, rtol)
 
 
 @pytest.fixture(scope="module")
@@ -81,23 +81,9 @@ def test_the_answer_is_never_below_what_was_promised():
     assert ng.GraspSolution.from_dict(solution.to_dict()).mu == solution.mu
 
 
-def test_scouts_are_apart_allowed_and_begin_with_the_best(bench):
-    found = scout(bench, 5, np.random.default_rng(0))
-    assert len(found) == 5
-    stack = ng.GraspStack(
-        np.stack([p.points for p in found]),
-        np.stack([bench.inward_normals(p) for p in found]),
-        ng.FrictionContact(0.5),
-        np.zeros(2),
-    )
-    bound = ng.screen(stack, TASK)
-    assert np.all(np.diff(bound) <= 1e-6)
-    for i, one in enumerate(found):
-        assert bench.violation(one) <= FEASIBLE
-        for other in found[:i]:
-            assert np.max(np.linalg.norm(one.points - other.points, axis=1)) >= 0.1 * bench.scaling.length
-
-
-def test_no_scouts_where_chance_finds_no_placement():
-    narrow = Workbench(problem(constraints=[ng.Spread(1.2345, 1.2345 + 1e-9)]), QUICK)
-    assert scout(narrow, 3, np.random.default_rng(0)) == []
+def test_more_candidates_are_apart_allowed_and_begin_with_the_best(bench):
+    found = propose(bench, np.random.default_rng(0), count=6)
+    assert 3 <= len(found) <= 6
+    worth = [certified(placed.points, 0.01, bench.inward_normals(placed)).upper for placed in found]
+    assert worth[0] == pytest.approx(max(worth), rel=0.02)
+    assert all(bench.violation(placed) <= FEASIBLE for placed in found)

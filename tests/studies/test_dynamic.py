@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solve.outlook.outlook import unseen
+from nlpgrasp.solve.bounding import bounding
 from nlpgrasp.studies import branches
 from nlpgrasp.studies.follower import Follower
 from problems.filling_cup import center_of_mass, filled
@@ -198,7 +198,7 @@ def test_fingers_stay_where_sliding_gains_next_to_nothing():
 def test_each_step_says_how_far_it_is_from_the_best(monkeypatch):
     """One search a step and no random start; the bound against grasps on a grid, the grasp against the bound."""
     searches = []
-    monkeypatch.setattr(branches, "unseen", lambda *of: searches.append(of) or unseen(*of))
+    monkeypatch.setattr(branches, "bounding", lambda *of: searches.append(of) or bounding(*of))
     monkeypatch.setattr(branches, "first_of", None)
     tasks = np.linspace(-0.5, 0.5, 3)
     found = ng.follow_task(swinging, tasks, starts=2, options=ONE)

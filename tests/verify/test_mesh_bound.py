@@ -1,14 +1,14 @@
 """The bound of a mesh is computed again from its triangles, and fails at the check that is about what was changed."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.best.branch_and_bound import BranchAndBound
 from nlpgrasp.best.cells import clusters
-from nlpgrasp.best.scope.scope import scope_of
-from nlpgrasp.best.search import Search
 from nlpgrasp.verify.bound.cells.mesh import halved
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.sources import Sources
@@ -50,15 +50,12 @@ def bound_data(place, name, nodes):
     """Return what a bound file holds after a search of about so many nodes."""
     contacts, more = PROBLEMS[name]
     problem = ng.GraspProblem(ng.Mesh.load(place / "bar.ply", resolution=8), contacts, TASK, **more)
-    search = Search(scope_of(problem), 0.01)
-    search.run(lambda: search.tree.nodes >= nodes)
-    upper, certificate = search.certificate()
+    tree, found = BranchAndBound(problem, 0.01), ng.best_possible(problem, 0.5)
+    tree.expect(found.mu.lower)
+    tree.grow(nodes)
+    upper, certificate = tree.certificate()
     certificate["leaves"].sort(key=lambda leaf: -leaf[2])
-    kept = {"asked": 0.01, **certificate}
-    found = search.best.grasp, search.best.mu, search.best.faces
-    return json.dumps(
-        ng.BestPossible(upper, *found, False, nodes, 1.0, search.scope.dropped, kept, problem.to_dict()).to_dict()
-    )
+    return json.dumps(replace(found, upper=upper, closed=False, nodes=nodes, certificate=certificate).to_dict())
 
 
 def verified(folder, data, name="bar.bound.json"):

@@ -124,10 +124,6 @@ class Allowed:
         apart = np.max(np.abs(images[:, None] - rows[None]), axis=2)
         return bool(np.max(apart.min(axis=1)) <= tolerance)
 
-    def permits(self, points: FloatArray, normals: FloatArray, slack: float) -> bool:
-        """Return whether all points (m, space) are allowed, but for a slack in metres."""
-        return bool(np.all(self.each(points, normals, slack)))
-
     def each(self, points: FloatArray, normals: FloatArray, slack: float = 0.0) -> NDArray[np.bool_]:
         """Return which of the points (m, space) are allowed, but for a slack in metres."""
         kept = np.ones(len(points), dtype=bool)

@@ -73,7 +73,7 @@ class Cell(ABC):
 
 
 class Surface(ABC):
-    """A face of the body: cells that cover it, and steps along it.
+    """A face of the body, by cells that cover it.
 
     Parameters
     ----------
@@ -81,43 +81,9 @@ class Surface(ABC):
         Of the body's face.
     """
 
-    rough: ClassVar[bool] = False  # whether its normals jump from place to place, so that nothing can climb on it
-
     def __init__(self, name: str) -> None:
         self.name = name
 
     @abstractmethod
     def cells(self) -> Sequence[Cell]:
         """Return cells that cover the face."""
-
-    @abstractmethod
-    def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points of the face, and the inward normals there, after tangential steps, (m, space) each.
-
-        Parameters
-        ----------
-        point : (space,) array
-            Of the face, metres, body frame.
-        steps : (m, space - 1) array
-            Along the tangents (``common.spatial.tangents``) of the inward normal at the point, metres.
-        """
-
-    def limits(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``A`` (m, space - 1) and ``b`` (m,): with ``A s <= b`` a step s from the point stays on the face."""
-        return np.zeros((0, len(point) - 1)), np.zeros(0)
-
-    def places(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return points all over the face, about so many at most, and the inward normals there, (m, space) each.
-
-        By default the corners of its cells, which are cut as long as there are not too many: the ends of edges, where
-        contacts are often worth most, are among them.
-        """
-        cells: list[Cell] = []
-        more = list(self.cells())
-        while len(cells) < len(more) <= count:
-            cells, more = more, [part for cell in more for part in cell.split()]
-        corners = np.concatenate([cell.rows().points for cell in cells or more])
-        corners = np.unique(np.round(corners, 12), axis=0)
-        still = np.zeros((1, corners.shape[1] - 1))
-        points, normals = zip(*(self.moved(corner, still) for corner in corners), strict=True)  # a disc's may be beyond
-        return np.concatenate(points), np.concatenate(normals)

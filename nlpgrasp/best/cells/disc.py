@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from nlpgrasp.best.cells.base import Cell, Rows, Surface
-from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
@@ -109,13 +108,6 @@ class DiscFace(Surface):
     def pinned(self) -> Sequence[Cell]:
         """Return the radius at angle 0: where every contact of the disc can be turned to."""
         return [SectorCell(np.array([0.0, self.radius]), np.zeros(2), self.height, self.normal)]
-
-    def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the points in the plane, drawn back to the rim from beyond it."""
-        points = point + steps @ tangents(self.normal[None])[0]
-        beyond = np.linalg.norm(points[:, :2], axis=1) / self.radius
-        points[:, :2] /= np.maximum(beyond, 1.0)[:, None]
-        return points, np.broadcast_to(self.normal, points.shape)
 
 
 def halves(interval: FloatArray) -> tuple[FloatArray, FloatArray]:

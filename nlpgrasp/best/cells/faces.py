@@ -9,11 +9,10 @@ import numpy as np
 from nlpgrasp.best.cells.base import Surface
 from nlpgrasp.best.cells.curved.ellipsoid import EllipsoidFace
 from nlpgrasp.best.cells.curved.revolved import RevolvedFace
-from nlpgrasp.best.cells.curved.superquadric import SuperquadricFace
 from nlpgrasp.best.cells.disc import DiscFace
 from nlpgrasp.best.cells.mesh import MeshFace
 from nlpgrasp.best.cells.polygon import FlatFace, clipped
-from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Superquadric, Torus
+from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Torus
 from nlpgrasp.bodies.face import SHARP, turning
 from nlpgrasp.common.validation import FloatArray
 
@@ -106,11 +105,6 @@ def _ellipsoid(body: Ellipsoid, margin: float) -> Faces:
     return [EllipsoidFace("surface", body.half_size)]
 
 
-def _superquadric(body: Superquadric, margin: float) -> Faces:
-    del margin
-    return [SuperquadricFace("surface", body.half_size, np.asarray(body.exponents, dtype=float))]
-
-
 def _cylinder(body: Cylinder, margin: float) -> Faces:
     half, radius = body.height / 2.0, body.radius - margin
     ends = [DiscFace(n, radius, s * half, np.array([0.0, 0.0, -s])) for n, s in (("top", 1.0), ("bottom", -1.0))]
@@ -134,7 +128,6 @@ MAKERS: list[tuple[type, Callable[..., Faces]]] = [
     (Prism, _prism),
     (Sphere, _sphere),
     (Ellipsoid, _ellipsoid),
-    (Superquadric, _superquadric),
     (Cylinder, _cylinder),
     (Torus, _torus),
     (Mesh, _mesh),

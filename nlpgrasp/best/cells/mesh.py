@@ -11,7 +11,6 @@ import numpy as np
 from nlpgrasp.best.cells.base import Cell, Rows, Surface
 from nlpgrasp.best.cells.clusters import Clusters
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
@@ -77,8 +76,6 @@ class MeshFace(Surface):
     body : Mesh
     """
 
-    rough: ClassVar[bool] = True
-
     def __init__(self, name: str, body: Mesh) -> None:
         super().__init__(name)
         self.body = body
@@ -95,14 +92,3 @@ class MeshFace(Surface):
     def cells(self) -> Sequence[Cell]:
         """Return the whole surface as one cell."""
         return [MeshCell(self.clusters, 1)]
-
-    def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the points of the mesh that are nearest to steps along the tangents of the point's triangle."""
-        first, outward, _ = self.body.closest(point[None])
-        points, normals, _ = self.body.closest(first + steps @ tangents(-outward)[0])
-        return points, -normals
-
-    def places(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return the middles of pieces of triangles; of too many, some from all clusters."""
-        some = self.clusters.order[:: -(-len(self.clusters.order) // count)]
-        return self.clusters.pieces[some].mean(axis=1), self.clusters.normals[some]

@@ -83,21 +83,10 @@ class FlatFace(Surface):
         super().__init__(name)
         self.pieces, self.normal = tuple(pieces), normal
         self.axes = tangents(normal[None])[0]
-        self._sides = [_sides(piece, self.axes) for piece in self.pieces]
 
     def cells(self) -> Sequence[Cell]:
         """Return a cell for each piece."""
         return [PolygonCell(piece, self.normal, self.axes) for piece in self.pieces]
-
-    def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the points in the face's plane and its normal."""
-        points = point + steps @ self.axes
-        return points, np.broadcast_to(self.normal, points.shape)
-
-    def limits(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the sides of the piece that the point is in, or is nearest to."""
-        sides = min(self._sides, key=lambda s: float(np.max(s[0] @ point - s[1])))
-        return sides[0] @ self.axes.T, sides[1] - sides[0] @ point
 
 
 def clipped(vertices: FloatArray, direction: FloatArray, offset: float) -> FloatArray:
@@ -112,17 +101,3 @@ def clipped(vertices: FloatArray, direction: FloatArray, offset: float) -> Float
         if i < pairs and beyond[i] * beyond[j] < 0.0:
             kept.append(vertices[i] + (vertices[j] - vertices[i]) * (beyond[i] / (beyond[i] - beyond[j])))
     return np.array(kept).reshape(-1, vertices.shape[1])
-
-
-def _sides(vertices: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return outward unit vectors (m, space) in the polygon's plane and offsets (m,) of its sides."""
-    if len(axes) == 1:
-        along = vertices @ axes[0]
-        return np.concatenate([axes, -axes]), np.array([np.max(along), -np.min(along)])
-    edges = np.roll(vertices, -1, axis=0) - vertices
-    kept = np.linalg.norm(edges, axis=1) > 0.0
-    outward = np.cross(edges[kept], np.cross(axes[0], axes[1]))
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    beyond = np.sum(outward * (vertices[kept] - vertices.mean(axis=0)), axis=1)
-    outward = outward * np.where(beyond < 0.0, -1.0, 1.0)[:, None]
-    return outward, np.sum(outward * vertices[kept], axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlpgrasp.best.bound.twists import Twists
-from nlpgrasp.best.cells.base import IntArray, Surface
+from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.cells.clusters import Clusters
 from nlpgrasp.best.cells.mesh import MeshCell
 from nlpgrasp.best.pool.designer import DIRECTIONS, Designer
@@ -13,7 +13,6 @@ from nlpgrasp.best.pool.front import Front
 from nlpgrasp.best.pool.pool import Pool
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.tree.nodes import Node
-from nlpgrasp.common.validation import FloatArray
 
 ROOT_ROUNDS, ROUNDS = 30, 5  # of linear programs, for the whole surface and for a node
 TOP, CUT = 512, 0.5  # nodes that are looked at again at a time, and the share of these that is cut
@@ -62,11 +61,6 @@ class PoolTree:
     def full(self) -> bool:
         """Whether as many nodes are open, or mixtures are there, as memory is meant for."""
         return len(self.pool) >= MOST_MIXTURES or (self.front is not None and len(self.front) >= MOST_OPEN)
-
-    def surface(self, slot: int, cell: int, point: FloatArray, normal: FloatArray) -> Surface:
-        """Return the mesh."""
-        del cell, point, normal
-        return self.scope.group_of[slot][0].surfaces[0]
 
     def begin(self, target: float) -> list[Node]:
         """Bound the one node of all placements."""

@@ -12,7 +12,6 @@ from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.cells.allowed import Allowed
 from nlpgrasp.best.cells.base import Cell, Surface
 from nlpgrasp.best.cells.bundle import BundleCell
-from nlpgrasp.common.validation import FloatArray
 
 NONE = -1
 
@@ -83,21 +82,6 @@ class Pieces:
         self.parents.append(parent)
         self.supports.add(cell)
         return len(self.cells) - 1
-
-    def surface_at(self, cell: int, point: FloatArray, normal: FloatArray) -> Surface:
-        """Return the face that a row of a cell is on."""
-        found = self.cells[cell]
-        for member in found.members if isinstance(found, BundleCell) else ():
-            rows = member.rows()
-            if np.any(np.all(rows.points == point, axis=1) & np.all(rows.normals == normal, axis=1)):
-                return self._faces[id(member)][0]
-        return self.surfaces[cell]
-
-    def whole(self, cell: int) -> int:
-        """Return the bundle that a cell is, or else the largest cell that it is part of and that is none."""
-        while self.parents[cell] != NONE and not isinstance(self.cells[self.parents[cell]], BundleCell):
-            cell = self.parents[cell]
-        return cell
 
     def children(self, cell: int) -> tuple[int, ...]:
         """Return the numbers of the parts of a cell that are not excluded; its own where it is a point."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nlpgrasp.best.cells.allowed import Allowed, Distance, HalfSpaces
-from nlpgrasp.bodies import Body, Box, Cylinder, Polygon, Prism, Sphere, Torus
+from nlpgrasp.bodies import Body, Box, Cylinder, Mesh, Polygon, Prism, Sphere, Torus
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import BoxRegion, Forbid, HalfSpace, Obstacle, PlacementConstraint, Region, Table, Workspace
+from nlpgrasp.hands import Fingertips
 from nlpgrasp.problem.problem import GraspProblem
 
 EXACT = (Box, Cylinder, Polygon, Prism, Sphere, Torus)  # bodies whose distance is exact, so that it grows at most by 1
@@ -34,8 +35,11 @@ class Places:
     key: tuple[float, ...]
 
 
-def places(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...]]:
-    """Return the places of each contact, and what is left out: what couples contacts, hands, unknown expressions."""
+def places(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...], tuple[PlacementConstraint, ...]]:
+    """Return the places of each contact; what is left out, by name; and the constraints that are not.
+
+    Left out are hands, what couples contacts, and unknown expressions.
+    """
     radii = (0.0,) * len(problem.models) if problem.hand is None else problem.hand.tip_radii
     found = []
     known: set[int] = set()
@@ -46,10 +50,26 @@ def places(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...]]:
         allowed = sum(used.values(), Allowed())
         found.append(Places(problem.allowed_faces(i), allowed, (float(radius), *map(float, used))))
     dropped = [] if problem.hand is None else [f"the hand ({problem.hand.kind})"]
+    kept = []
     for j, constraint in enumerate(problem.constraints):
-        if j not in known and not constraint.forbidden_faces():
+        if j in known or constraint.forbidden_faces():
+            kept.append(constraint)
+        else:
             dropped.append(getattr(constraint, "name", constraint.kind))
-    return found, tuple(dropped)
+    return found, tuple(dropped), tuple(kept)
+
+
+def relaxed(problem: GraspProblem) -> GraspProblem:
+    """Return a problem without what a bound leaves out; fingertips stay where limits depend on their radii.
+
+    On a mesh contacts touch the triangles themselves, up to the edges.
+    """
+    kept = places(problem)[2]
+    radius = 0.0 if problem.hand is None else max(problem.hand.tip_radii)
+    sized = radius > 0.0 and any(isinstance(constraint, Table | Obstacle) for constraint in kept)
+    margin = 0.0 if isinstance(problem.body, Mesh) else problem.margin
+    hand = Fingertips(len(problem.models), radius) if sized else None
+    return replace(problem, hand=hand, constraints=kept, edge_margin=margin)
 
 
 def _limits(constraint: PlacementConstraint, contact: int, radius: float, space: int) -> Allowed | None:

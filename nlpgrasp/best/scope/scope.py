@@ -120,7 +120,7 @@ def whole_of(problem: GraspProblem) -> Scope:
 
 def _left_out(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...]]:
     """Return the places of each contact, and what of the problem the bound leaves out: of a mesh its margin too."""
-    own, dropped = places(problem)
+    own, dropped, _ = places(problem)
     near_edges = isinstance(problem.body, Mesh) and problem.margin > 0.0
     return own, (*dropped, EDGES) if near_edges else dropped
 

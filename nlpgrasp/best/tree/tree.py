@@ -9,13 +9,11 @@ from itertools import combinations_with_replacement, product
 import numpy as np
 
 from nlpgrasp.best.bound.twists import Twists
-from nlpgrasp.best.cells.base import Surface
 from nlpgrasp.best.scope.pieces import NONE
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.best.tree.batch import Batch
 from nlpgrasp.best.tree.nodes import Cells, Node
 from nlpgrasp.best.tree.proof import Proof
-from nlpgrasp.common.validation import FloatArray
 
 BATCH = 64
 FEWEST, PART = 8, 4  # nodes cut at a time: at least, and of those so far one in so many
@@ -61,15 +59,6 @@ class Tree:
     def full(self) -> bool:
         """Whether as many nodes are open as memory is meant for."""
         return len(self._heap) >= MOST_OPEN
-
-    @property
-    def open_nodes(self) -> list[Node]:
-        """Nodes that are not closed yet, loosest first."""
-        return sorted(self._heap)
-
-    def surface(self, slot: int, cell: int, point: FloatArray, normal: FloatArray) -> Surface:
-        """Return the face that a row of a slot's cell is on."""
-        return self.scope.group_of[slot][0].surface_at(cell, point, normal)
 
     def begin(self, target: float) -> list[Node]:
         """Bound one node for each choice of root cells, but for mirror images; return those that stay open."""

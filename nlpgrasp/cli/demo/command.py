@@ -36,9 +36,10 @@ def demo_command(
         solution = ng.solve(problem(), STARTS, progress=reporter.start_done)
     solution.save(place)
     typer.echo(str(solution))
-    solution = add_analyses(solution, ("prices", "delta", "nu", "drawing"), place, False)
     verification = ng.verify(place)
     typer.echo(verification.verdict)
+    if solution.known_problem is not None:
+        solution = add_analyses(solution, ("prices", "delta", "nu", "drawing"), place, False)
     from nlpgrasp.report import write_report
 
     write_report({out.name: solution}, page)

@@ -83,8 +83,8 @@ def _why_worse(bench: Workbench, best: StartGrasp, end: StartGrasp) -> str:
         return f"at the local optimum next to this grasp {end.record.obstruction}"
     if not end.solved:
         return "the local optimum next to this grasp, of the smooth surface's constraints, breaks those of the mesh"
-    if end.record.mu.upper < (1.0 - LOSS) * best.record.mu.upper:
-        settled = end.kkt is not None and end.kkt.is_small
+    settled = end.kkt is not None and end.kkt.is_small
+    if end.record.mu.upper < (1.0 - (LOSS if settled else 0.0)) * best.record.mu.upper:
         less = f"the local optimum next to this grasp has less mu, {end.record.mu.upper:.3g}"
         return less if settled else "the last steps did not settle"
     return "the local optimum next to this grasp is fragile" if _is_fragile(end) and not _is_fragile(best) else ""

@@ -23,7 +23,8 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-LAST_ROUNDS, PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 14, 8, 3
+LAST_ROUNDS, LAST_OF_HAND = 40, 14  # Newton steps; with a hand that has a pose, where one takes a tenth of a second
+PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 6, 3
 NEAR, LEAST_NEAR = 10.0, 1e-5  # trust region of the program over the last step; at least, solver units
 WIDE = 0.01  # solver units: the same where minimisers merge and Newton steps do not settle: room for cuts to close in
 BINDING = 1e-9  # weight of a direction that is stated
@@ -69,7 +70,8 @@ def local_optimum(bench: Workbench, placed: Placed, stop: Stop) -> LocalOptimum 
     """
     if bench.problem.budget.follows_hand:
         return None
-    refined = refine(bench, placed, stop, LAST_ROUNDS if bench.exchange.linearises else 0, 0.0)
+    rounds = LAST_ROUNDS if bench.follows_contacts else LAST_OF_HAND
+    refined = refine(bench, placed, stop, rounds if bench.exchange.linearises else 0, 0.0)
     if refined.point.value <= 0.0:
         return None
     rng, last = np.random.default_rng(0), LEAST_NEAR if not bench.exchange.linearises else refined.length

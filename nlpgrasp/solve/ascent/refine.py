@@ -14,6 +14,7 @@ import numpy as np
 
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.certificate.begun import Begun
 from nlpgrasp.solve.ascent.cuts import most_relevant
 from nlpgrasp.solve.ascent.reduced_hessian import ACTIVE, reduced_hessian
 from nlpgrasp.solve.ascent.state import AscentState, Effort
@@ -77,6 +78,8 @@ class Refined:
         Of IPOPT.
     settled : bool
         Whether the rounds ended by themselves.
+    certificate : Begun or None
+        Of the point, as far as it told that descents missed nothing.
     """
 
     point: Point
@@ -85,6 +88,7 @@ class Refined:
     history: tuple[float, ...] = ()
     effort: Effort = field(default_factory=Effort)
     settled: bool = True
+    certificate: Begun | None = None
 
     def state(self) -> AscentState:
         """Return the same as the state of an ascent."""
@@ -115,9 +119,9 @@ def refine(
     for _ in range(LOOKS):
         refined = _settled(bench, replace(refined, settled=True), rng, stop, rounds, least)
         here = refined.point
-        missed = disproved(bench, here.placed, here.value)
+        missed, begun = disproved(bench, here.placed, here.value)
         if missed is None:
-            return refined
+            return replace(refined, certificate=begun)
         again = point_at(bench, here.placed, np.concatenate([missed.directions, here.minimisers]), rng)
         value = min(again.value, missed.value)
         if value > sure.point.value:

@@ -147,25 +147,20 @@ def followed(wrenches: WrenchSet, task: Task, minimisers: FloatArray) -> FloatAr
     return np.where(reach[:, None] > 0.0, found / np.where(reach > 0.0, reach, 1.0)[:, None], minimisers)
 
 
-def disproved(bench: Workbench, placed: Placed, value: float) -> Weakest | None:
-    """Return directions in which a placed state is weaker than descents found it to be; None where there are none.
+def disproved(bench: Workbench, placed: Placed, value: float) -> tuple[Weakest | None, Begun | None]:
+    """Return directions in which a placed state is weaker than descents found it to be, None where there are none.
 
     Descents miss a narrow dip that no start is near, and stop at the kinks of other budgets than the paper's; a
-    certificate's polytope does not.
+    certificate's polytope does not. That is returned too, where there is one.
     """
-    if value > 0.0 and not isinstance(bench.budget(placed), L2Budget):
-        found = weakest_at(bench, placed, np.random.default_rng(0))
-        return found if found.value < value * (1.0 - MISSED) else None
-    begun = looked_at(bench, placed, value)
-    return None if begun is None else missed(begun, value)
-
-
-def looked_at(bench: Workbench, placed: Placed, value: float) -> Begun | None:
-    """Return the polytope of a placed state of some value, None where descents miss nothing or there is none."""
     budget = bench.budget(placed)
-    if value <= 0.0 or not isinstance(budget, L2Budget):
-        return None
-    return Begun.of(bench.grasp(placed), bench.problem.task, budget, LOOK)
+    if value <= 0.0:
+        return None, None
+    if not isinstance(budget, L2Budget):
+        found = weakest_at(bench, placed, np.random.default_rng(0))
+        return (found if found.value < value * (1.0 - MISSED) else None), None
+    begun = Begun.of(bench.grasp(placed), bench.problem.task, budget, LOOK)
+    return (None if begun is None else missed(begun, value)), begun
 
 
 def missed(begun: Begun, value: float) -> Weakest | None:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import integer, share
 from nlpgrasp.solution.findings import Robustness
@@ -17,9 +19,9 @@ from nlpgrasp.solve.after.way_in import approached, attempted, hand_posture
 from nlpgrasp.solve.many.distinct import Distinct
 from nlpgrasp.solve.many.likeness import Likeness
 from nlpgrasp.solve.many.neighbours import neighbours
+from nlpgrasp.solve.start.coordinate_exchange import propose
 from nlpgrasp.solve.start.given import Given, run_given
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
-from nlpgrasp.solve.start.run import with_hand
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -58,7 +60,7 @@ class Collection:
     """The grasps that are kept beside the answer, worked on by the workers while the answer is put together.
 
     That are the ends of the starts, distinct from each other and from the answer, the best first. Where these are too
-    few, grasps that the look over all placements met, and then the best neighbours of the grasps kept so far, with one
+    few, candidates of one more coordinate exchange, and then the best neighbours of the grasps kept so far, with one
     contact elsewhere, as they are, join them: those with at least half the mu of the best.
 
     Parameters
@@ -125,11 +127,10 @@ class Collection:
 
 
 def _met(runner: Runner, kept: Distinct, stop: Stop) -> Iterator[Placed]:
-    """Yield what the look over all placements met, then the neighbours of the grasps kept so far, the best first."""
+    """Yield candidates of a coordinate exchange, then the neighbours of the grasps kept so far, the best first."""
     bench, count = runner.bench, MET * kept.missing
-    seen = runner.outlook(stop)
-    if seen is not None:
-        yield from (with_hand(bench, placed) for placed in seen.placements(count))
+    if not stop.requested():
+        yield from propose(bench, np.random.default_rng(0), count=count)
     yield from neighbours(bench, [start.found.placed for start in kept.grasps], count)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.screening import screen
+from nlpgrasp.solve.start.random_placements import Drawn
 from nlpgrasp.solve.start.scores import scores
-from nlpgrasp.solve.start.scout import Drawn
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 

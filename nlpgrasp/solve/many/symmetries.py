@@ -10,7 +10,7 @@ from nlpgrasp.best.scope.symmetry import keeps, motions_of, wrench_map
 from nlpgrasp.best.scope.turning import turn_about
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.solve.start.scout import random_placements
+from nlpgrasp.solve.start.random_placements import random_placements
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 SAME = 1e-6  # relative to the body's size, and to the scales of rows

@@ -32,7 +32,9 @@ from nlpgrasp.solve.workbench.surface_samples import Cloud
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 KEPT = 8  # candidates that exchanges go on from
-SHAKES, FIRST_SHAKES = 6, 3  # rounds that move contacts of the best at random: of a start, and of the first search
+DRAWN = 2048  # random tuples, of which the best join those that exchanges begin from
+SHAKES = 6  # rounds that move contacts of the best tuples at random
+HALF = 3  # of the first search, and of one that goes on from it
 SHAKEN = 8  # candidates made a round
 SWEEPS = 4  # most exchanges of each contact
 WEAK = 24  # directions that all samples are compared along: the weakest of the contacts that stay
@@ -43,24 +45,48 @@ DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, 
 CERTIFIED, LOOSE = 2, 0.2  # certificates a round at most, and their relative width
 SHOWN = 8  # directions learned of a certificate
 PROPOSED = 4  # candidates of a start
+MET = 2  # times as many tuples are looked at as candidates are wanted, where these are many
 MOST_MET, BEST_MET = 200, 12  # pairs met for jaws; those whose way in is looked at: the best, and as many others of all
 REPAIRABLE = 1e-3  # violation of constraints that couple contacts, relative to their scales, that is mended afterwards
 AROUND, MOST_AROUND = 0.08, 300  # of the body's size, and of samples, where contacts on a mesh are exchanged nearby
 APART = 0.05  # of the body's size: candidates whose distances between contacts differ by less are of one kind
 
 
-def propose(bench: Workbench, rng: np.random.Generator) -> list[Placed]:
+def propose(
+    bench: Workbench,
+    rng: np.random.Generator,
+    known: Sequence[FloatArray] = (),
+    count: int = PROPOSED,
+    resume: bool = False,
+) -> list[Placed]:
     """Return the best few candidates of a coordinate exchange from random tuples of samples, best first.
 
     The first call searches beforehand with a fixed seed: the directions learned there serve all starts.
+
+    Parameters
+    ----------
+    bench : Workbench
+        Of a problem whose hand, if any, follows its contacts.
+    rng : numpy.random.Generator
+    known : sequence of (k, space) array
+        Contacts, whose nearest samples exchanges begin from as well.
+    count : int
+        Candidates at most.
+    resume : bool
+        Go on from the best tuples of that search.
     """
     tables = bench.sample_tables
-    if not tables.informed:
+    if tables.first is None:
         first = CoordinateExchange(bench, tables, np.random.default_rng(0))
-        first.search(FIRST_SHAKES)
-        tables.directions, tables.powers, tables.informed = first.directions, first.powers, True
+        tables.first = first.search(HALF)
+        tables.directions, tables.powers = first.directions, first.powers
     search = CoordinateExchange(bench, tables, rng)
-    tuples = search.search(SHAKES)
+    begun = np.concatenate([tables.nearest(known), tables.first[: KEPT if resume else 0]])
+    tuples = search.search(HALF if resume else SHAKES, begun)
+    if count > PROPOSED:
+        met = np.concatenate([tuples, *search.met])
+        met = search.best(met, len(met))
+        tuples = met[of_different_kinds(bench, tables.places(met)[0])[: MET * count]]
     jaws = isinstance(bench.problem.hand, ParallelJaw)
     if jaws:
         met = search.best(np.concatenate([tuples, *search.met]), MOST_MET)
@@ -71,7 +97,7 @@ def propose(bench: Workbench, rng: np.random.Generator) -> list[Placed]:
         found = _ranked(bench, repaired) if repaired else found
     if jaws:
         found.sort(key=lambda placed: not bench.hand_points.has_free_way(placed.points))
-    return distinct(bench, found)
+    return distinct(bench, found, count)
 
 
 class CoordinateExchange:
@@ -98,14 +124,27 @@ class CoordinateExchange:
         self._bench, self._rng, self._tables = bench, rng, tables
         self.directions, self.powers = self._tables.directions, list(self._tables.powers)
         self.met: list[IntArray] = []
+        self._certified: set[tuple[tuple[int, int], ...]] = set()  # whose values descents did not flatter
 
-    def search(self, shakes: int) -> IntArray:
-        """Return the best tuples found, (b, k), best first."""
-        best = self.best(self.settled(self._tables.random(self._bench.options.candidates, self._rng)), KEPT)
-        best = self.certified(self.best(self.settled(best), KEPT))
-        for _ in range(shakes):
-            best = self.certified(self.best(np.concatenate([best, self.settled(self.shaken(best))]), KEPT))
-        return self.certified(self.best(np.concatenate([best, self.exchanged(best, LAST_TIE)]), KEPT))
+    def search(self, shakes: int, known: IntArray | None = None) -> IntArray:
+        """Return the best tuples found from random ones and known ones (m, k), best first, (b, k).
+
+        Half of the random ones are the best of many. Exchanges by the mean along weak directions lead far, but past
+        good tuples: every other round they go by the least support alone, and tuples before exchanges stay.
+        """
+        begun = self.drawn() if known is None else np.concatenate([self.drawn(), known])
+        best = self.kept(begun, self.exchanged(begun), self.exchanged(begun, LAST_TIE))
+        best = self.kept(best, self.exchanged(best))
+        for number in range(shakes):
+            best = self.kept(best, self.exchanged(self.shaken(best), LAST_TIE if number % 2 else TIE))
+        return self.kept(best, self.exchanged(best, LAST_TIE))
+
+    def drawn(self) -> IntArray:
+        """Return random tuples, (b, k), half of them the best of many."""
+        count = self._bench.options.candidates
+        many = self._tables.random(DRAWN, self._rng)
+        chosen = self.best(many, count // 2)
+        return np.concatenate([chosen, many[: count - len(chosen)]])
 
     def shaken(self, tuples: IntArray) -> IntArray:
         """Return tuples with one or two contacts at random samples, (SHAKEN, k); the best ones first and most often."""
@@ -115,12 +154,15 @@ class CoordinateExchange:
             row[moved] = drawn[moved]
         return result
 
-    def settled(self, tuples: IntArray) -> IntArray:
-        """Return tuples (b, k) after exchanges; the directions in which they are weakest then are learned."""
-        tuples = self.exchanged(tuples)
-        self.met.append(tuples)
-        self.learn_from(self.best(tuples, KEPT))
-        return tuples
+    def kept(self, *tuples: IntArray) -> IntArray:
+        """Return the best of tuples (b, k) each, best first, by the directions too in which these are weakest."""
+        self.met += tuples
+        best = self.best(np.concatenate(tuples), 4 * KEPT)
+        self.learn_from(best[: 2 * KEPT])
+        best = self.best(best, len(best))
+        first = of_different_kinds(self._bench, self._tables.places(best)[0])
+        rest = [b for b in range(len(best)) if b not in first]
+        return self.certified(self.best(best[(first + rest)[:KEPT]], KEPT))
 
     def values(self, tuples: IntArray) -> FloatArray:
         """Return the least ``phi_G / phi_A`` of tuples (b, k) along the known directions, (b,); -1 less violations."""
@@ -183,11 +225,14 @@ class CoordinateExchange:
         Descents miss narrow dips. A tuple that turns out to be weaker makes place for the next.
         """
         for _ in range(CERTIFIED):
+            if self._key(tuples[0]) in self._certified:
+                break
             value = float(self.values(tuples[:1])[0])
             grasp = self._bench.grasp_at(*(part[0] for part in self._tables.places(tuples[:1])))
             begun = Begun.of(grasp, self._bench.problem.task, self._tables.budget, LOOSE) if value > 0.0 else None
             weaker = None if begun is None else missed(begun, value)
             if weaker is None:
+                self._certified.add(self._key(tuples[0]))
                 break
             self.learn(weaker.directions[:SHOWN])
             tuples = self.best(np.concatenate([tuples, self.exchanged(tuples, LAST_TIE)]), KEPT)
@@ -267,16 +312,22 @@ def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: Float
     here = np.zeros((1, len(clouds)), dtype=np.intp)
     if search.values(here)[0] <= 0.0:
         return placed
-    best = search.certified(search.settled(here))[0]
+    best = search.kept(here, search.exchanged(here))[0]
     return placed if not best.any() else search.placed(best)
 
 
-def distinct(bench: Workbench, found: Sequence[Placed]) -> list[Placed]:
+def distinct(bench: Workbench, found: Sequence[Placed], count: int = PROPOSED) -> list[Placed]:
     """Return the first few placements of different kinds: no motion or reflection joins two.
 
     They are compared by the distances between contacts, and from the torque origin.
     """
-    points = np.stack([placed.points for placed in found]) - bench.problem.origin
+    chosen = of_different_kinds(bench, np.stack([placed.points for placed in found]))
+    return [found[b] for b in chosen[:count]]
+
+
+def of_different_kinds(bench: Workbench, points: FloatArray) -> list[int]:
+    """Return which of some placements, (b, k, space), are of another kind than all before them."""
+    points = points - bench.problem.origin
     across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(points), -1)
     shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
     chosen: list[int] = []
@@ -284,7 +335,7 @@ def distinct(bench: Workbench, found: Sequence[Placed]) -> list[Placed]:
         near = np.max(np.abs(shapes[chosen] - shape), axis=1, initial=0.0)
         if not np.any(near < APART * bench.scaling.length):
             chosen.append(b)
-    return [found[b] for b in chosen[:PROPOSED]]
+    return chosen
 
 
 def _repaired(bench: Workbench, placed: Placed) -> tuple[Placed, FloatArray] | None:

@@ -14,8 +14,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.hands.base import Values
 from nlpgrasp.quality.screening import screen
+from nlpgrasp.solve.start.random_placements import random_placements
 from nlpgrasp.solve.start.scores import scores
-from nlpgrasp.solve.start.scout import random_placements
 from nlpgrasp.solve.start.touch import best_touching, touching_candidates
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench

@@ -23,15 +23,15 @@ from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import refined_on_body
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
 REFINED, OF_HAND = 2, 1  # candidates of a start that are refined; where a hand has a pose, which takes seconds
 MOST_TOUCHING = 2  # candidates whose links touch something at the end, before a start ends without another
 
 
-def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Placed | None = None) -> StartResult:
-    """Run start ``index``, from a placement where one is known to be good; it depends on that, seed and index only.
+def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Sequence[FloatArray] = ()) -> StartResult:
+    """Run start ``index``: it depends on index and seed, and on known contacts (k, space) that candidates begin from.
 
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
     Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
@@ -53,15 +53,13 @@ def with_hand(bench: Workbench, placed: Placed) -> Placed:
 
 
 def _best(
-    bench: Workbench, index: int, rng: np.random.Generator, stop: Stop, clock: Clock, known: Placed | None
+    bench: Workbench, index: int, rng: np.random.Generator, stop: Stop, clock: Clock, known: Sequence[FloatArray]
 ) -> StartGrasp:
     """Return the best end of a start's candidates, with the effort of all of them."""
-    origin, begin = Origin.RANDOM, list[Placed]()
-    if known is not None and bench.violation(known := with_hand(bench, known)) <= FEASIBLE:
-        origin, begin = Origin.BOUND, [known]
+    origin = Origin.BOUND if known else Origin.RANDOM
     plain = None if bench.follows_contacts else bench.under_l2  # poses are compared under the paper's budget
-    proposed = begin or candidates(plain or bench, rng, stop)
-    if isinstance(proposed, list) and not begin:  # starts propose much the same: each refines others first
+    proposed = candidates(plain or bench, rng, stop, known, resume=index == 0)
+    if isinstance(proposed, list):  # starts propose much the same: each refines others first
         proposed = proposed[index % len(proposed) :] + proposed[: index % len(proposed)]
     clock.mark("propose")
     ends, left, programs = list[StartGrasp](), list[FirstGrasp](), Effort()
@@ -114,7 +112,7 @@ def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: 
         if bench.options.maximise_robust:
             found, robust = steady(bench, found)
             clock.mark("robust")
-        bounds = _certified(bench, found, refined.point.minimisers, stop)
+        bounds = _certified(bench, found, refined, stop)
         clock.mark("certificate")
         state = refined.state()
         ends.append(StartGrasp.of(bench, index, found, bounds, state, message, origin=origin, robust=robust))
@@ -122,10 +120,14 @@ def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: 
     return _better(ends)
 
 
-def _certified(bench: Workbench, found: OnBody, weak: FloatArray, stop: Stop) -> Bounds:
-    """Return the certificate of a grasp, whose upper bound is the least ratio along directions (m, d) known as weak."""
-    budget, deadline = bench.budget(found.placed), stop.certificate_deadline()
-    bounds = mu(found.grasp, bench.problem.task, bench.options.rtol, force_budget=budget, deadline=deadline)
+def _certified(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) -> Bounds:
+    """Return the certificate of a grasp, whose upper bound is the least ratio along directions known as weak."""
+    budget, deadline, rtol = bench.budget(found.placed), stop.certificate_deadline(), bench.options.rtol
+    begun, weak = refined.certificate, refined.point.minimisers
+    if begun is not None and begun.is_of(found.grasp, budget):
+        bounds = begun.bounds(rtol, deadline)
+    else:
+        bounds = mu(found.grasp, bench.problem.task, rtol, force_budget=budget, deadline=deadline)
     ratios = WrenchSet.of(found.grasp, budget).support(weak)[0] if len(weak) else np.array([np.inf])
     least = int(np.argmin(ratios))
     if not bounds.lower <= ratios[least] < bounds.upper:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.start.coordinate_exchange import propose
 from nlpgrasp.solve.start.posed import draw_posed_start, posed_candidates
 from nlpgrasp.solve.workbench.placed import Placed
@@ -18,9 +19,11 @@ def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
     return propose(bench, rng) if bench.follows_contacts else draw_posed_start(bench, rng)
 
 
-def candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterable[Placed]:
-    """Return what a start begins from, the most promising first.
+def candidates(
+    bench: Workbench, rng: np.random.Generator, stop: Stop, known: Sequence[FloatArray] = (), resume: bool = False
+) -> Iterable[Placed]:
+    """Return what a start begins from, the most promising first; also near contacts (k, space) that are known.
 
     A hand with a pose of its own is first moved to where all its fingertips touch.
     """
-    return propose(bench, rng) if bench.follows_contacts else posed_candidates(bench, rng, stop)
+    return propose(bench, rng, known, resume=resume) if bench.follows_contacts else posed_candidates(bench, rng, stop)

@@ -87,8 +87,8 @@ class SampleTables:
         ``s^p`` of each table along these.
     coupled : bool
         Whether constraints are left that have to be checked on all contacts together.
-    informed : bool
-        Whether directions were added that a first search learned.
+    first : (b, k) array or None
+        Tuples that a first search found, whose directions were added; None before it.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class SampleTables:
             directions = y / problem.task.support(y)[0][:, None]
         self.directions = directions
         self.powers = [table.powers(self.directions) for table in self.distinct]
-        self.informed = False
+        self.first: IntArray | None = None
 
     def samples(self, contact: int) -> Cloud:
         """Return the samples of a contact."""
@@ -143,6 +143,11 @@ class SampleTables:
             return self.pairs[rng.integers(len(self.pairs), size=count)]
         sizes = [len(self.samples(i).points) for i in range(len(self.of_contact))]
         return np.stack([rng.integers(size, size=count) for size in sizes], axis=1)
+
+    def nearest(self, contacts: Sequence[FloatArray]) -> IntArray:
+        """Return the tuples of samples nearest to contacts (k, space) each, (b, k)."""
+        each = [[self.samples(i).tree.query(point)[1] for i, point in enumerate(points)] for points in contacts]
+        return np.array(each, dtype=np.intp).reshape(len(contacts), len(self.of_contact))
 
     def places(self, tuples: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return points and inward normals of tuples of samples (b, k), (b, k, space) each."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
 from loky.process_executor import BrokenProcessPool
 
 from nlpgrasp.common.stopping.stop import Stop
@@ -23,13 +24,13 @@ from nlpgrasp.solve.after.final_step import at_local_optimum
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.after.way_in import with_free_way
 from nlpgrasp.solve.analyse import all_analyses, analyses_of, is_stated, with_analyses
+from nlpgrasp.solve.bounding import bounding, nodes_of
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.outlook.outlook import Outlook, outlook
 from nlpgrasp.solve.posture.roomy import with_room
+from nlpgrasp.solve.start.given import run_given
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
-from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.programs import follows_contacts
+from nlpgrasp.solve.start.warm_starts import WarmStart, given_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
 from nlpgrasp.solve.workers.processes import Processes, cores
@@ -68,38 +69,35 @@ class Runner:
         self.problem, self.options, self.count = problem, options, starts
         self.workers = 1 if bench is not None else min(options.workers or cores(), starts)
         self._bench = bench
-        self._outlook: Outlook | None = None
+        self.tree = bounding(problem, options)
         self._parcel: Parcel[LazyBench[_Asked]] | None = None
 
-    def outlook(self, stop: Stop) -> Outlook | None:
-        """Return a look over all placements, taken where it is first asked for; None where none is possible."""
-        if self._outlook is None:
-            self._outlook = outlook(self.problem, self.options, stop, self.count)
-        return self._outlook
+    def bound(self, best: StartGrasp | None, stop: Stop) -> GlobalBound | None:
+        """Return what a short branch and bound shows of all placements; None where the bound does not cover them.
 
-    def bound(self, stop: Stop) -> GlobalBound | None:
-        """Return what the look shows of all placements, None where none is possible."""
-        seen = self.outlook(stop)
-        return None if seen is None else seen.bound()
+        Where a gap is asked for it is as it was left.
+        """
+        if self.tree is None:
+            return None
+        if best is not None:
+            weak = np.array(best.kkt.directions) if best.kkt is not None and best.kkt.directions else None
+            self.tree.expect(best.record.mu.lower, weak)
+        if self.options.gap is None:
+            self.tree.grow(nodes_of(self.problem, self.count), stop.requested)
+        return self.tree.bound()
 
     def starts(self, seed: int, stop: Stop) -> Iterator[StartResult]:
-        """Yield each start's result as it is done, in any order.
-
-        The first three quarters of them begin from the best grasps that the outlook met, as many as there are; the
-        first half where it left something out, which those grasps may break.
-        """
-        begin = self._known(stop)
+        """Yield each start's result as it is done, in any order."""
         if self.workers == 1:
-            yield from self._here(begin, seed, stop)
+            yield from self._here(seed, stop)
         else:
-            yield from self._in_processes(begin, seed, stop)
+            yield from self._in_processes(seed, stop)
 
-    def _known(self, stop: Stop) -> list[Placed | None]:
-        """Return what each start begins from, None where it draws for itself."""
-        known: list[Placed | None] = []
-        if follows_contacts(self.problem) and (seen := self.outlook(stop)) is not None:
-            known += seen.placements((3 * self.count + 3) // 4 if seen.complete else (self.count + 1) // 2)
-        return known + [None] * (self.count - len(known))
+    def warm_starts(self, known: Sequence[WarmStart], stop: Stop) -> Iterator[StartResult]:
+        """Yield the starts from known grasps, as each is and refined, numbered after the others."""
+        items = [(self.count + 2 * i, grasp) for i, grasp in enumerate(known)]
+        for found in self.begin(partial(_warm, stop=stop), items)() if items else ():
+            yield from found
 
     def look_back(self, best: StartGrasp | None, results: Sequence[StartResult], seed: int, stop: Stop) -> Aftermath:
         """Return what is worth knowing after the starts; nothing where a worker ends over it."""
@@ -175,21 +173,21 @@ class Runner:
             self._bench = Workbench(self.problem, self.options)
         return self._bench
 
-    def _here(self, begin: Sequence[Placed | None], seed: int, stop: Stop) -> Iterator[StartResult]:
+    def _here(self, seed: int, stop: Stop) -> Iterator[StartResult]:
         """Run the starts in this process; once a stop is requested the running start finishes with what it has."""
-        for index, known in enumerate(begin):
+        for index in range(self.count):
             if stop.requested():
                 break
-            yield run_start(self.bench, index, seed, stop, known)
+            yield run_start(self.bench, index, seed, stop)
 
-    def _in_processes(self, begin: Sequence[Placed | None], seed: int, stop: Stop) -> Iterator[StartResult]:
+    def _in_processes(self, seed: int, stop: Stop) -> Iterator[StartResult]:
         try:
             self._parcel = Parcel.of(LazyBench(partial(_Asked, self.problem, self.options)))
         except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
             reason = f"{type(error).__name__}: {error}"
             raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
         processes = Processes(self.workers)
-        pending = {processes.submit(_work, self._parcel, i, seed, stop, known): i for i, known in enumerate(begin)}
+        pending = {processes.submit(_work, self._parcel, i, seed, stop): i for i in range(self.count)}
         give_up = None
         while pending:
             done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
@@ -204,11 +202,14 @@ class Runner:
                     break
 
 
-def _work(
-    parcel: Parcel[LazyBench[_Asked]], index: int, seed: int, stop: Stop, known: Placed | None
-) -> StartResult | None:
+def _work(parcel: Parcel[LazyBench[_Asked]], index: int, seed: int, stop: Stop) -> StartResult | None:
     """Run one start in a worker; None where it is too late to begin."""
-    return None if stop.requested() else run_start(parcel.unpacked().bench, index, seed, stop, known)
+    return None if stop.requested() else run_start(parcel.unpacked().bench, index, seed, stop)
+
+
+def _warm(bench: Workbench, item: tuple[int, WarmStart], stop: Stop) -> list[StartResult]:
+    """Run the starts from one known grasp."""
+    return run_given(bench, given_of(bench, item[1]), item[0], stop)
 
 
 def _look_back(

@@ -109,14 +109,6 @@ def _ellipsoid(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bo
     return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R @ form @ R.T - form)) <= SAME)
 
 
-def _superquadric(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether axes go to axes of the same length, x and y to each other only."""
-    axes, size = array("semi_axes", body["semi_axes"], (3,)), np.abs(R)
-    whole = np.max(np.abs(size - np.round(size))) <= SAME and abs(size[2, 2] - 1.0) <= SAME
-    same = np.max(np.abs(np.round(size) @ axes - axes)) <= tolerance
-    return bool(whole and same and np.max(np.abs(t)) <= tolerance)
-
-
 def _turned(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether the axis z goes to itself, or upside down."""
     return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R[2, :2])) <= SAME)
@@ -128,7 +120,6 @@ BODIES: dict[str, Callable[[Json, FloatArray, FloatArray, float], bool]] = {
     "prism": _prism,
     "sphere": _ellipsoid,
     "ellipsoid": _ellipsoid,
-    "superquadric": _superquadric,
     "cylinder": _turned,
     "torus": _turned,
 }

@@ -4,14 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.best.scope.scope import scope_of
-from nlpgrasp.best.search import Search
+import nlpgrasp as ng
+from nlpgrasp.best.branch_and_bound import BranchAndBound
+from nlpgrasp.best.scope.places import relaxed
 from tests.best.brute_force.cases import random_case
 from tests.best.brute_force.search import BruteForce
 
 PLANAR, SPATIAL = 200, 40  # nodes of a tree
-WITH_SEARCH = 5  # one of so many trees is grown by the search, with its own grasps
+WITH_SEARCH = 5  # one of so many trees knows the grasp of a start, the others that of brute force
 ROUNDING = 1e-9
+OPTIONS = ng.SolveOptions(workers=1, global_bound=False, rank="mu")
 
 
 @dataclass(frozen=True)
@@ -44,20 +46,13 @@ def compared(number, **effort):
     brute = force.certified(**effort)[0]
     problem = case.problem
     nodes = PLANAR if problem.body.space == 2 else SPATIAL
-    found = Search(scope_of(problem), 0.01)
+    search = 0.0
     if number % WITH_SEARCH == 0:
-        found.run(lambda: found.tree.nodes >= nodes)
-    else:
-        _grow(found.tree, nodes, brute)
-    bound = found.certificate()[0]
-    return Compared(number, problem.body.kind, problem.budget.kind, bound, brute, found.best.mu.lower)
-
-
-def _grow(tree, nodes, known):
-    """Grow a tree to about so many nodes; those that are not above a known grasp are closed."""
-    tree.begin(known)
-    while tree.nodes < nodes and tree.top > known:
-        tree.grow(known)
+        search = ng.solve(relaxed(problem), 1, options=OPTIONS).mu.lower
+    tree = BranchAndBound(problem, 0.01)
+    tree.expect(max(brute, search))
+    tree.grow(nodes)
+    return Compared(number, problem.body.kind, problem.budget.kind, tree.certificate()[0], brute, search)
 
 
 def described(found):

@@ -90,7 +90,6 @@ def test_a_hand_with_joints_takes_what_it_can_squeeze(pressing, expected, looked
     [
         ({}, True),
         ({"rank": "mu"}, False),
-        ({"extras": False}, False),
         ({"gap": 0.05}, False),
         ({"maximise_robust": True}, False),
     ],

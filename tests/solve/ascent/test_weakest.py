@@ -73,11 +73,11 @@ def test_descents_agree_with_certificates(task):
 
 def test_a_polytope_finds_what_descents_missed():
     bench = square_bench(3)
-    found = disproved(bench, THREE, 1.3 * BEST_OF_THREE)
+    found, _ = disproved(bench, THREE, 1.3 * BEST_OF_THREE)
     assert found is not None
     assert found.value == pytest.approx(BEST_OF_THREE, rel=0.01)
     np.testing.assert_allclose(BALL.support(found.directions)[0], 1.0, rtol=1e-12)
-    assert disproved(bench, THREE, BEST_OF_THREE) is None
+    assert disproved(bench, THREE, BEST_OF_THREE)[0] is None
 
 
 def test_the_curvature_is_the_change_of_the_support_squared(rng):

@@ -10,8 +10,7 @@ import numpy as np
 
 from nlpgrasp.best.cells.base import Cell, Rows, Surface
 from nlpgrasp.best.cells.curved.patches import Curved
-from nlpgrasp.best.cells.curved.spherical import Spherical, angles, grid, inward_normals
-from nlpgrasp.common.spatial import tangents
+from nlpgrasp.best.cells.curved.spherical import Spherical, angles, grid
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
@@ -101,9 +100,3 @@ class EllipsoidFace(Surface):
     def half_plane(self, axis: FloatArray, side: FloatArray) -> Sequence[Cell]:
         """Return arcs over the half-plane through an axis, unit, on the side of another unit vector across it."""
         return [EllipsoidCell(np.stack([end, side]), self.patches) for end in (axis, -axis)]
-
-    def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the points moved along the tangents and drawn back to the surface from the centre."""
-        u = (point + steps @ tangents(inward_normals(point[None], self.a))[0]) / self.a
-        points = u / np.linalg.norm(u, axis=1, keepdims=True) * self.a
-        return points, inward_normals(points, self.a)

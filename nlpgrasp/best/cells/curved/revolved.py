@@ -11,7 +11,6 @@ from nlpgrasp.best.cells.base import Cell, Rows, Surface
 from nlpgrasp.best.cells.curved.patches import Curved
 from nlpgrasp.best.cells.curved.turned import Revolved, at, rectangles
 from nlpgrasp.best.cells.disc import halves
-from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
@@ -110,18 +109,6 @@ class RevolvedFace(Surface):
     def pinned(self) -> Sequence[Cell]:
         """Return the lines at angle 0: where every contact can be turned to."""
         return [RevolvedCell(self.patches, np.zeros(2), t) for t in self._parts()]
-
-    def moved(self, point: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the points moved along the tangents and drawn back to the surface."""
-        phi, t = self._coordinates(point[None])
-        target = point + steps @ tangents(at(self.radii, phi, t)[1])[0]
-        return at(self.radii, *self._coordinates(target))
-
-    def _coordinates(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        phi = np.arctan2(points[:, 1], points[:, 0])
-        if self.radii[0] == 0.0:
-            return phi, np.clip(points[:, 2], *self.along)
-        return phi, np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]) - self.radii[0])
 
 
 def _count(interval: FloatArray) -> int:

@@ -99,14 +99,6 @@ def _ellipsoid(body: Json, margin: float) -> Iterator[Named]:
     yield "surface", [{"kind": "ellipsoid", "corners": octant, "semi_axes": axes} for octant in octants]
 
 
-def _superquadric(body: Json, margin: float) -> Iterator[Named]:
-    del margin
-    whole = {name: body[name] for name in ("semi_axes", "exponents")}
-    quarter = {"angles": [0.0, 0.5 * np.pi], "along": [0.0, 0.5 * np.pi]}
-    signs = [list(s) for s in product((1.0, -1.0), repeat=3)]
-    yield "surface", [{"kind": "superquadric", **whole, "signs": octant, **quarter} for octant in signs]
-
-
 def _cylinder(body: Json, margin: float) -> Iterator[Named]:
     radius, half = body["radius"], body["height"] / 2.0
     if half > margin:
@@ -135,7 +127,6 @@ MAKERS = {
     "prism": _prism,
     "sphere": _ellipsoid,
     "ellipsoid": _ellipsoid,
-    "superquadric": _superquadric,
     "cylinder": _cylinder,
     "torus": _torus,
 }

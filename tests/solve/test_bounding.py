@@ -1,24 +1,25 @@
-"""A look over all placements before the starts: bounds, starts, and gaps that are closed."""
+"""The bound of a solve over all placements, and gaps that are closed."""
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.best.incumbent import Met
-from nlpgrasp.best.scope.scope import scope_of
-from nlpgrasp.best.search import Search
+from nlpgrasp.best.branch_and_bound import BranchAndBound
 from nlpgrasp.common.shown.numbers import at_most
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solution.records import Origin
-from nlpgrasp.solve.outlook.outlook import Outlook, outlook
+from nlpgrasp.solve.bounding import bounding, nodes_of
+from nlpgrasp.solve.start.run import run_start
+from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import four_finger_hand
 
 SQUARE = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-QUICK = {"workers": 1, "shadow_prices": False}
+QUICK = {"workers": 1}
 
 
 def square(contacts=2, **more):
@@ -40,39 +41,6 @@ def test_a_gap_is_closed_and_the_status_says_so(tmp_path):
     assert solution.gap <= 0.01
     assert f"Optimal within {at_most(100.0 * solution.gap)}%" in str(solution)
     assert ng.verify(solution.save(tmp_path / "square.json"))
-
-
-def test_starts_begin_from_what_the_look_met_and_some_do_not():
-    solution = ng.solve(square(3), starts=4, options=ng.SolveOptions(**QUICK))
-    origins = {start.origin for start in solution.starts}
-    assert origins == {Origin.BOUND, Origin.RANDOM}
-
-
-def test_images_of_better_grasps_come_last():
-    look = Outlook(square(3), 0.01)
-    best = np.array([[1.0, 0.2], [-1.0, 0.3], [0.1, 1.0]])
-    turned, changed = best @ np.array([[0.0, 1.0], [-1.0, 0.0]]), best[[2, 0, 1]]
-    other = np.array([[1.0, -0.9], [-1.0, 0.9], [0.9, 1.0]])
-    for value, points in [(0.7, best), (0.699, turned), (0.7, changed), (0.5, other), (0.697, best + 0.01)]:
-        look._search.best.met.append(Met(value, points, np.zeros((3, 2)), ("edge0",) * 3))
-    for count in (1, 2, 3, 4, 5):
-        placed = [one.points for one in look.placements(count)]
-        expected = [best, other, changed, turned][:count]
-        assert len(placed) == len(expected)
-        assert all(np.array_equal(one, points) for one, points in zip(placed, expected, strict=True))
-
-
-def test_a_short_look_is_not_misled_by_directions_it_did_not_try():
-    """Grasps that seemed to have mu 0.32 on this box do not resist at all in a few directions."""
-    task = ng.lift([0, 0, 0], 0.3) + ng.disturbance(1.0, 0.01)
-    contacts = [ng.FrictionContact(0.6)] * 3
-    problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), contacts, task, constraints=[ng.Forbid("+x")])
-    look = Outlook(problem, 0.01, surveys=True)
-    look.look(650, Stop())
-    best = max(look._search.best.met, key=lambda met: met.value)
-    true = ng.mu(ng.Grasp(best.points, best.normals, problem.models, problem.origin), task)
-    assert best.value == pytest.approx(true.lower, rel=0.02)
-    assert true.lower > 0.26
 
 
 def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkeypatch):
@@ -192,22 +160,35 @@ def test_a_file_that_lies_about_the_bound_is_not_verified(changes, check):
     assert check in [c.name for c in told.checks if not c.passed]
 
 
-def test_the_same_seed_gives_the_same_answer_with_the_look_remembered():
+def test_the_same_seed_gives_the_same_answer_and_bound():
     options = ng.SolveOptions(**QUICK)
     first, again = (ng.solve(square(3), starts=2, seed=5, options=options) for _ in range(2))
     assert np.array_equal(first.grasp.points, again.grasp.points)
     assert first.best_possible == again.best_possible
 
 
+def test_starts_go_on_from_what_the_bound_rests_on():
+    problem = square(3)
+    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(gap=0.01, **QUICK))
+    tree = BranchAndBound(problem, 0.01)
+    tree.grow(50)
+    placements = tree.relaxed_placements(4)
+    assert len(placements) == 4
+    for points in placements:
+        assert points.shape == (3, 2)
+        assert np.allclose(np.max(np.abs(points), axis=1), 1.0)  # on the square
+    found = run_start(Workbench(problem, ng.SolveOptions()), 0, 0, Stop(), placements)
+    assert found.record.origin is Origin.BOUND
+    assert found.record.mu.lower == pytest.approx(solution.mu.lower, rel=0.02)
+
+
 @pytest.mark.slow
-def test_beside_a_hand_placements_are_bounded_and_no_grasps_looked_for():
-    """The bound is that of a search with as many nodes, but for what its grasps let it close."""
+def test_beside_a_hand_placements_are_bounded():
     problem = ng.GraspProblem(
         ng.Sphere(0.03), ng.FrictionContact(0.7), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]), hand=four_finger_hand()
     )
-    seen = outlook(problem, ng.SolveOptions(**QUICK), Stop(), 8)
-    assert seen.placements(8) == []
-    assert not seen.complete
-    search = Search(scope_of(problem), 0.01)
-    search.run(lambda: search.tree.nodes >= 100)
-    assert seen.upper == pytest.approx(search.upper, rel=0.02)
+    tree = bounding(problem, ng.SolveOptions())
+    tree.grow(nodes_of(problem, 8))
+    assert not tree.scope.complete
+    free = ng.solve(replace(problem, hand=None, contacts=[ng.FrictionContact(0.7)] * 4), 2)
+    assert free.mu.lower <= tree.upper <= 2.0 * free.mu.lower

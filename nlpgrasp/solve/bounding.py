@@ -1,0 +1,70 @@
+"""Bound of a solve over all placements: a short branch and bound, or one until the gap to the answer is closed."""
+
+from __future__ import annotations
+
+from nlpgrasp.best.branch_and_bound import BranchAndBound
+from nlpgrasp.best.scope.scope import scope_of
+from nlpgrasp.bodies import Box, Mesh, Prism
+from nlpgrasp.budgets import L2Budget
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.errors import InputError
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solve.answer import best_of
+from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.start.run import run_start
+from nlpgrasp.solve.workbench.programs import follows_contacts
+from nlpgrasp.solve.workbench.workbench import Workbench
+
+NODES, OF_FLAT, OF_MESH = 400, 1000, 160  # of many starts' bound; where faces are flat a node takes less
+BESIDE_A_HAND = 100
+ONE, ONE_OF_FLAT, EACH = 0.3, 0.65, 0.35  # share of these nodes for one start, and for each other one
+GAP = 0.01  # that the bound aims at where none is asked for
+SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
+STRIDE = 1000  # nodes between two starts that go on after the others
+OFFERED = 8  # relaxed placements that such a start begins from as well
+
+
+def bounding(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
+    """Return a search that has not begun; None where the bound does not cover the problem or is not wanted."""
+    if not options.global_bound:
+        return None
+    try:
+        return BranchAndBound(problem, GAP if options.gap is None else SHARE * options.gap)
+    except InputError:
+        return None
+
+
+def nodes_of(problem: GraspProblem, starts: int) -> int:
+    """Return how many nodes the short search beside so many starts has: one to four seconds."""
+    flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
+    share = min(1.0, (ONE_OF_FLAT if flat else ONE) + EACH * (starts - 1))
+    if follows_contacts(problem):
+        return int(share * (OF_MESH if mesh else OF_FLAT if flat else NODES))
+    smooth = flat or isinstance(problem.budget, L2Budget)
+    return int(share * BESIDE_A_HAND) if smooth and not mesh else 0
+
+
+def close_gap(bench: Workbench, tree: BranchAndBound, results: list[StartResult], seed: int, stop: Stop) -> None:
+    """Search all placements until the best grasp is within the gap of the bound, or a stop.
+
+    Starts go on meanwhile, also from the placements that the bound rests on; ``results`` grows by them.
+    """
+    while not stop.requested():
+        best = best_of(results)
+        tree.expect(0.0 if best is None else best.record.mu.lower)
+        tree.grow(STRIDE, stop.requested)
+        if tree.searched:
+            return
+        if bench.follows_contacts and not stop.requested():
+            index = max((r.record.index for r in results), default=-1) + 1
+            results.append(run_start(bench, index, seed, stop, tree.relaxed_placements(OFFERED)))
+
+
+def why_not_bounded(problem: GraspProblem) -> str:
+    """Return in words why there is no bound over all placements of a problem."""
+    try:
+        scope_of(problem)
+    except InputError as error:
+        return f"there is no bound over all placements of this problem ({error.field}: {error.given})"
+    return "no bound over all placements was looked for"

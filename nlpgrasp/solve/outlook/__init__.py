@@ -1,1 +1,0 @@
-"""What can be known of all placements before a start: a bound on mu, and good places to start from."""

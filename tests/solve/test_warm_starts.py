@@ -1,0 +1,81 @@
+"""Warm starts: known grasps that starts begin from, each no loss, and refused where they are of another problem."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.solution.records import Origin
+from tests.hands.urdf import three_finger_hand
+
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+OPTIONS = ng.SolveOptions(workers=1, rank="mu", global_bound=False)
+
+
+def box(friction=0.6, **more):
+    return ng.GraspProblem(ng.Box([0.08, 0.05, 0.04]), [ng.FrictionContact(friction)] * 3, TASK, **more)
+
+
+@pytest.fixture(scope="module")
+def known():
+    return ng.solve(box(), 4, options=OPTIONS)
+
+
+@pytest.mark.parametrize("kind", ["solution", "found", "grasp"])
+def test_the_answer_is_no_worse_than_a_known_grasp(known, kind):
+    warm = {"solution": known, "found": known.grasps[0], "grasp": known.grasp}[kind]
+    found = ng.solve(box(0.55), 1, seed=3, options=OPTIONS, warm_starts=[warm])
+    origins = [start.origin for start in found.starts]
+    assert origins == [Origin.RANDOM, Origin.WARM_START, Origin.WARM_START]
+    as_it_is = ng.mu(ng.Grasp(known.grasp.points, known.grasp.normals, box(0.55).models), TASK)
+    assert found.starts[1].mu.upper == pytest.approx(as_it_is.upper, rel=0.02)
+    assert found.mu.upper >= as_it_is.lower
+
+
+def test_workers_take_warm_starts_too(known):
+    options = replace(OPTIONS, workers=2)
+    found = ng.solve(box(), 2, options=options, warm_starts=[known, known.grasp])
+    assert [start.index for start in found.starts] == [0, 1, 2, 3, 4, 5]
+    assert found.mu.upper >= known.mu.lower
+
+
+def test_a_grasp_that_breaks_a_constraint_is_refined_alone(known):
+    above = box(constraints=[ng.Table(float(np.min(known.grasp.points[:, 2])) + 0.002)])
+    found = ng.solve(above, 1, options=OPTIONS, warm_starts=[known])
+    assert [start.origin for start in found.starts] == [Origin.RANDOM, Origin.WARM_START]
+    assert found.starts[1].message == Origin.WARM_START.value
+
+
+def test_normals_are_those_of_the_body(known):
+    grasp = ng.Grasp(known.grasp.points, -known.grasp.normals, known.grasp.contacts)
+    found = ng.solve(box(), 1, options=OPTIONS, warm_starts=[grasp])
+    assert found.starts[1].mu.upper == pytest.approx(known.mu.upper, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_hand_begins_from_its_posture():
+    problem = ng.GraspProblem(ng.Sphere(0.03), ng.FrictionContact(0.7), TASK, hand=three_finger_hand())
+    first = ng.solve(problem, 1, options=OPTIONS)
+    found = ng.solve(problem, 1, seed=1, options=OPTIONS, warm_starts=[first])
+    assert found.mu.upper >= first.mu.lower
+    with pytest.raises(ng.InputError, match=r"^warm_starts\[0\]\.hand: got None, expected a solution of the same hand"):
+        ng.solve(problem, 1, options=OPTIONS, warm_starts=[first.grasp])
+
+
+def test_what_is_no_grasp_of_the_problem_is_refused(known):
+    def refused(problem, warm, said):
+        with pytest.raises(ng.InputError, match=said):
+            ng.solve(problem, 1, options=OPTIONS, warm_starts=warm)
+
+    larger = replace(box(), body=ng.Box([0.1, 0.06, 0.05]))
+    refused(larger, [known], r"^warm_starts\[0\]: got a grasp of another body, expected one of the problem's box")
+    refused(larger, [known.grasp], r"^warm_starts\[0\]\.points\[\d\]: got .* mm off the surface, expected a point")
+    soft = replace(box(), contacts=[ng.SoftContact(0.6, 0.01)] * 3)
+    refused(soft, [known], r"^warm_starts\[0\]\.contacts: got friction, friction, friction, expected the problem's: s")
+    two = ng.Grasp(known.grasp.points[:2], known.grasp.normals[:2], known.grasp.contacts[:2])
+    refused(box(), [known, two], r"^warm_starts\[1\]\.contacts: got friction, friction, expected")
+    refused(box(), known, r"^warm_starts: got a GraspSolution, expected a sequence of ng\.Grasp")
+    refused(box(), [0.3], r"^warm_starts\[0\]: got a float, expected a sequence of ng\.Grasp")
+    nothing = ng.solve(replace(box(), contacts=[ng.PointContact()] * 3), 1, options=OPTIONS)
+    refused(box(), [nothing], r"^warm_starts\[0\]: got a solution without a grasp, expected one with a grasp")
