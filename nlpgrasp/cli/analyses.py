@@ -48,16 +48,18 @@ def add_analyses(solution: ng.GraspSolution, names: tuple[str, ...], file: Path,
     as_json : bool
         Tell one JSON object a line.
     """
-    for name in names:
-        begun, known = time.monotonic(), str(solution).splitlines()
-        solution = ng.analyse(solution, name)
-        seconds = time.monotonic() - begun
+    from nlpgrasp.solve.analyse import one_by_one
+
+    begun, known = time.monotonic(), str(solution).splitlines()
+    analysed = solution
+    for name, analysed in one_by_one(solution, names, solution.known_problem):
         if as_json:
-            emit({"event": "analysis", "name": name, "seconds": seconds})
-            continue
-        for line in str(solution).splitlines():
-            if line not in known:
-                typer.echo(line)
+            emit({"event": "analysis", "name": name, "seconds": time.monotonic() - begun})
+        else:
+            lines = str(analysed).splitlines()
+            typer.echo("".join(f"{line}\n" for line in lines if line not in known), nl=False)
+            known = lines
+        begun = time.monotonic()
     if names:
-        solution.save(file)
-    return solution
+        analysed.save(file)
+    return analysed

@@ -104,18 +104,17 @@ def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> G
     problem : callable, optional
         Returns the problem that was solved.
     """
-    from nlpgrasp.solve.analyse import is_stated
-    from nlpgrasp.solve.options import ANALYSES
+    from nlpgrasp.solve.analyse import added_words
 
     solution = ng.GraspSolution.load(file)
     if solution.grasp is None:
         return solution
     found = ng.analyse(solution, problem=None if problem is None else problem())
-    added = [words for name, words in ANALYSES.items() if not is_stated(solution, name) and is_stated(found, name)]
+    added = added_words(solution, found)
     if added:
         try:
             found.save(file)
-            typer.echo(f"added to {file}: {', '.join(added)}", err=True)
+            typer.echo(f"added to {file}: {added}", err=True)
         except InputError as error:
             typer.echo(f"not added to the file: {error}", err=True)
     if found.drawing is None:

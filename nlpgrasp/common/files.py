@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from nlpgrasp.errors import InputError
 
@@ -27,6 +29,11 @@ def kind_of(path: str | Path) -> str | None:
     """Return what a file is by the ending of its name, such as ``"a mesh"``; None for other endings."""
     ending = Path(path).suffix.lower()
     return next((kind for kind, endings in KINDS.items() if ending in endings), None)
+
+
+def as_read(data: Any) -> Any:
+    """Return JSON data as it is once it was written to a file and read."""
+    return json.loads(json.dumps(data))
 
 
 def write_text(path: str | Path, text: str) -> Path:

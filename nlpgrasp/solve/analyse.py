@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.files import as_read
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.grasp.grasp import Grasp
@@ -70,7 +70,8 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
     if problem is not None:
         _check_same(solution, problem)
     names = check_analyses("analyses", analyses)
-    grasp, known = solution.require_grasp(), problem or solution.known_problem
+    solution.require_grasp()
+    known = problem or solution.known_problem
     if names:
         check_hand("analyses", names, None if known is None else known.hand, known is not None)
     lacking = [name for name in _applicable(names, known) if not is_stated(solution, name)]
@@ -78,12 +79,32 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
     if of_problem and known is None:
         wanted = "the problem that was solved, as the file does not hold its mesh, hand or function"
         raise InputError("problem", None, f"{wanted}: {', '.join(of_problem)} need it")
-    with one_thread():
-        found = measures(grasp, solution.budget, lacking)
-        if known is not None and of_problem:
-            bench = Workbench(known, SolveOptions(workers=1))
-            found |= analyses_of(bench, _as_start(bench, solution, grasp), of_problem, Stop())[0]
-    return with_analyses(solution, found, None if known is None else known.hand)
+    analysed = solution
+    for _, after in one_by_one(solution, lacking, known):
+        analysed = after
+    return with_analyses(analysed, {}, None if known is None else known.hand)
+
+
+def one_by_one(
+    solution: GraspSolution, names: Iterable[str], problem: GraspProblem | None
+) -> Iterator[tuple[str, GraspSolution]]:
+    """Yield each of some analyses, checked, with the solution after it; the problem's programs are built once."""
+    grasp, at = solution.require_grasp(), list[tuple[Workbench, StartGrasp]]()
+    for name in names:
+        if not is_stated(solution, name):
+            with one_thread():
+                if name not in OF_GRASP and not at and problem is not None:
+                    bench = Workbench(problem, SolveOptions(workers=1))
+                    at.append((bench, _as_start(bench, solution, grasp)))
+                found = OF_GRASP[name](grasp, solution.budget) if name in OF_GRASP else _of_problem(name, *at[0])
+            solution = with_analyses(solution, {name: found}, None if problem is None else problem.hand)
+        yield name, solution
+
+
+def asked(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
+    """Return the analyses that options ask for and a solution lacks."""
+    names = all_analyses(hand) if options.extras else options.analyses
+    return tuple(name for name in names if not is_stated(solution, name))
 
 
 def analyses_of(
@@ -99,16 +120,16 @@ def analyses_of(
             if stop.requested():
                 break
             if name in OF_GRASP:
-                found |= measures(start.found.grasp, bench.budget(start.found.placed), [name])
+                found[name] = OF_GRASP[name](start.found.grasp, bench.budget(start.found.placed))
             else:
-                found[name] = attempted(partial(OF_PROBLEM[name], bench, start, stop))
+                found[name] = _of_problem(name, bench, start, stop)
             clock.mark(name)
     return found, clock.seconds
 
 
-def measures(grasp: Grasp, budget: ForceBudget, names: Iterable[str]) -> dict[str, Any]:
-    """Return those of the named analyses that take the grasp alone."""
-    return {name: OF_GRASP[name](grasp, budget) for name in names if name in OF_GRASP}
+def _of_problem(name: str, bench: Workbench, start: StartGrasp, stop: Stop | None = None) -> Any:
+    """Return what an analysis that takes the problem finds, None where it fails numerically."""
+    return attempted(partial(OF_PROBLEM[name], bench, start, stop or Stop()))
 
 
 def with_analyses(solution: GraspSolution, found: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
@@ -146,6 +167,12 @@ OF_PROBLEM: Mapping[str, Callable[[Workbench, StartGrasp, Stop], Any]] = {
 }
 
 
+def added_words(before: GraspSolution, after: GraspSolution) -> str:
+    """Return in words which analyses a solution states that an earlier one did not."""
+    words = (words for name, words in ANALYSES.items() if is_stated(after, name) and not is_stated(before, name))
+    return ", ".join(words)
+
+
 def check_hand(field: str, names: Iterable[str], hand: Hand | None, known: bool = True) -> None:
     """Refuse phases of no hand, or of one without links."""
     if "phases" in names and known and not isinstance(hand, URDFHand):
@@ -180,15 +207,10 @@ def _check_same(solution: GraspSolution, problem: GraspProblem) -> None:
         raise InputError("problem", problem, "the GraspProblem that was solved")
     given, stated = problem.to_dict(), solution.problem
     for part in PARTS:
-        if _plain(given[part]) != _plain(stated[part]):
+        if as_read(given[part]) != as_read(stated[part]):
             raise InputError(f"problem.{part}", "another than the solution's", "the problem that was solved")
     if (problem.hand is None) != (stated.get("hand") is None):
         raise InputError("problem.hand", "another than the solution's", "the problem that was solved")
-
-
-def _plain(data: object) -> object:
-    """Return data as a file holds it."""
-    return json.loads(json.dumps(data))
 
 
 def _as_start(bench: Workbench, solution: GraspSolution, grasp: Grasp) -> StartGrasp:

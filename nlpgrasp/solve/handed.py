@@ -19,6 +19,7 @@ from nlpgrasp.quality import Bounds, mu, screen
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import look_back
+from nlpgrasp.solve.analyse import analyses_of, asked, with_analyses
 from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.start.added import with_more
@@ -94,8 +95,16 @@ def improved_by(
         for tried in (results, [found]):
             solution = _answer(bench, own, seed, tried, stop, begun)
             if solution.mu.lower >= _known(own).lower and solution.mu.upper >= _known(own).upper:
-                return solution
+                return _analysed(bench, solution, best_of(tried), stop)
     return None
+
+
+def _analysed(bench: Workbench, solution: GraspSolution, best: StartGrasp | None, stop: Stop) -> GraspSolution:
+    """Return a solution with the analyses that the options ask for."""
+    if best is None:
+        return solution
+    found, _ = analyses_of(bench, best, asked(bench.options, solution, bench.problem.hand), stop)
+    return with_analyses(solution, found, bench.problem.hand)
 
 
 def _known(own: GraspSolution) -> Bounds:

@@ -121,4 +121,5 @@ class Ongoing:
         search = Search(self.problem, self._options, self._seed, told, cut_short, bound=bound)
         effort = replace(search, results=self.results).effort
         seconds = time.monotonic() - self._begun
-        return replace(answer(search, after), solver=solver_record(self._options, self._seed, effort, seconds))
+        solution, _ = self._runner.analysed(answer(search, after), best, self._stop)
+        return replace(solution, solver=solver_record(self._options, self._seed, effort, seconds))

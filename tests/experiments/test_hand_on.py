@@ -167,3 +167,14 @@ def test_with_a_posed_hand_its_joints_travel_too(tmp_path):
     assert rough.hand["joint_positions"] == pytest.approx(smooth.hand["joint_positions"], abs=1e-9)
     assert rough.mu.upper >= smooth.mu.lower
     assert ng.verify(result.folder / "solves" / "rough--seed0.json")
+
+
+def test_a_grasp_that_is_taken_has_the_analyses_asked_for(handed):
+    case = experiment(VARIATIONS, seeds=[0], **OPTIONS).case("rough")
+    own = ng.GraspSolution.load(handed.folder / OWN / "rough--seed0.json")
+    smooth = handed.solution("smooth")
+    offer = Offer("from variation smooth, seed 0", smooth.require_grasp(), smooth.faces, None, smooth.mu)
+    bench = Workbench(case.problem, replace(case.options, analyses=("delta",), time_limit=None))
+    taken = improved_by(bench, replace(own, bound=None), 0, [offer], improve=False)
+    assert taken.delta.lower > 0.0
+    assert taken.nu is None

@@ -87,3 +87,11 @@ def test_more_candidates_are_apart_allowed_and_begin_with_the_best(bench):
     worth = [certified(placed.points, 0.01, bench.inward_normals(placed)).upper for placed in found]
     assert worth[0] == pytest.approx(max(worth), rel=0.02)
     assert all(bench.violation(placed) <= FEASIBLE for placed in found)
+
+
+def test_its_answer_has_the_analyses_asked_for():
+    solve = Ongoing(problem(), 1, 0, ng.SolveOptions(workers=1, analyses=("delta",)))
+    solve.run_starts()
+    found = solve.finish()
+    assert found.delta.lower > 0.0
+    assert found.nu is None

@@ -68,15 +68,11 @@ class Pieces:
         self.cells: list[Cell] = []
         self.radii: list[float] = []
         self.parents: list[int] = []
-        self.surfaces: list[Surface] = []
         self._children: dict[int, tuple[int, ...]] = {}
         left = [(s, c) for s, cells in roots.cells.items() for c in cells if not allowed.excludes(c)]
-        self._faces = {id(cell): (surface, cell) for surface, cell in left}
         self.roots = tuple(self._add(cell, NONE) for cell in _bundles(left, roots.bundled, size))
 
     def _add(self, cell: Cell, parent: int) -> int:
-        bundled = parent == NONE or isinstance(self.cells[parent], BundleCell)
-        self.surfaces.append(self._faces[id(_first(cell))][0] if bundled else self.surfaces[parent])
         self.cells.append(cell)
         self.radii.append(cell.ball()[1])
         self.parents.append(parent)
@@ -114,8 +110,3 @@ def _bundles(left: Sequence[tuple[Surface, Cell]], bundled: Bundled, size: float
     for surface, cell in left:
         together.setdefault(surface if bundled is Bundled.FACES else None, []).append(cell)
     return [cells[0] if len(cells) == 1 else BundleCell(cells, size) for cells in together.values()]
-
-
-def _first(cell: Cell) -> Cell:
-    """Return the first member of a bundle; another cell itself."""
-    return cell.members[0] if isinstance(cell, BundleCell) else cell

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.analyses import add_analyses
+from nlpgrasp.cli.analyses import add_analyses, asked_analyses
 from nlpgrasp.cli.options import writable
 from nlpgrasp.cli.progress import Reporter
 from nlpgrasp.common.shown.face import opened
@@ -39,7 +39,8 @@ def demo_command(
     verification = ng.verify(place)
     typer.echo(verification.verdict)
     if solution.known_problem is not None:
-        solution = add_analyses(solution, ("prices", "delta", "nu", "drawing"), place, False)
+        names = asked_analyses(None, False, solution.known_problem.hand)
+        solution = add_analyses(solution, names, place, False)
     from nlpgrasp.report import write_report
 
     write_report({out.name: solution}, page)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import NotRequired, TypedDict
 
+from nlpgrasp.common.files import as_read
 from nlpgrasp.common.shown.text import one_line, plain
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import Experiment, check_names, check_seeds
@@ -40,7 +41,7 @@ def plan_of(experiment: Experiment) -> Plan:
         "seeds": list(experiment.seeds),
         "variations": variations,
     }
-    read: Plan = json.loads(json.dumps(plan))  # as it will be read
+    read: Plan = as_read(plan)
     return read
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.analyse import analyse, is_stated
-from nlpgrasp.solve.options import ANALYSES
+from nlpgrasp.solve.analyse import added_words, analyse
 
 
 def completed(solution: GraspSolution) -> tuple[GraspSolution, str]:
@@ -12,5 +11,5 @@ def completed(solution: GraspSolution) -> tuple[GraspSolution, str]:
     if solution.grasp is None:
         return solution, ""
     found = analyse(solution)
-    added = [words for name, words in ANALYSES.items() if is_stated(found, name) and not is_stated(solution, name)]
-    return found, f"Computed for this page: {', '.join(added)}." if added else ""
+    added = added_words(solution, found)
+    return found, f"Computed for this page: {added}." if added else ""

@@ -162,7 +162,7 @@ class CoordinateExchange:
         best = self.best(best, len(best))
         first = of_different_kinds(self._bench, self._tables.places(best)[0])
         rest = [b for b in range(len(best)) if b not in first]
-        return self.certified(self.best(best[(first + rest)[:KEPT]], KEPT))
+        return self.certified(best[sorted((first + rest)[:KEPT])])
 
     def values(self, tuples: IntArray) -> FloatArray:
         """Return the least ``phi_G / phi_A`` of tuples (b, k) along the known directions, (b,); -1 less violations."""

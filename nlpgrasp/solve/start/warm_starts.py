@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.best.worth import nearest_faces
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.types import Json
+from nlpgrasp.common.files import as_read
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
@@ -49,7 +48,7 @@ def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[WarmS
 
 def _check(problem: GraspProblem, known: WarmStart, name: str) -> None:
     grasp = _grasp_of(known, name)
-    if isinstance(known, GraspSolution) and _plain(known.problem["body"]) != _plain(problem.to_dict()["body"]):
+    if isinstance(known, GraspSolution) and as_read(known.problem["body"]) != as_read(problem.to_dict()["body"]):
         raise InputError(name, "a grasp of another body", f"one of the problem's {problem.body.kind}")
     own, given = [m.kind for m in problem.models], [m.kind for m in grasp.contacts]
     if grasp.space != problem.body.space or own != given:
@@ -104,8 +103,3 @@ def _faces_of(problem: GraspProblem, known: WarmStart, grasp: Grasp) -> tuple[st
     if not isinstance(known, Grasp) and set(known.faces) <= set(problem.body.face_names):
         return known.faces
     return tuple(map(str, nearest_faces(problem.body, grasp.points, grasp.normals, ON)))
-
-
-def _plain(data: Json) -> object:
-    """Return data as a file holds it."""
-    return json.loads(json.dumps(data))

@@ -23,7 +23,7 @@ from nlpgrasp.solve.after.choice import chosen
 from nlpgrasp.solve.after.final_step import at_local_optimum
 from nlpgrasp.solve.after.look_back import Aftermath, look_back
 from nlpgrasp.solve.after.way_in import with_free_way
-from nlpgrasp.solve.analyse import all_analyses, analyses_of, is_stated, with_analyses
+from nlpgrasp.solve.analyse import analyses_of, asked, with_analyses
 from nlpgrasp.solve.bounding import bounding, nodes_of
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.posture.roomy import with_room
@@ -109,8 +109,7 @@ class Runner:
         self, solution: GraspSolution, best: StartGrasp | None, stop: Stop
     ) -> tuple[GraspSolution, Mapping[str, float]]:
         """Return the answer with the analyses that the options ask for, and the seconds of each."""
-        names = all_analyses(self.problem.hand) if self.options.extras else self.options.analyses
-        names = [name for name in names if not is_stated(solution, name)]
+        names = asked(self.options, solution, self.problem.hand)
         if best is None or not names or stop.requested():
             return solution, {}
         found, seconds = next(iter(self.begin(partial(analyses_of, names=names, stop=stop), [best])()), ({}, {}))
