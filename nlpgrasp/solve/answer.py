@@ -26,12 +26,11 @@ from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.squeeze import with_squeeze
-from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.version import __version__
 
-CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
 FINAL_GRACE = 2.0  # seconds the answer's certificate may take past the time limit
 
 
@@ -86,21 +85,6 @@ class Search:
         if self.deadline is None and self.cut_short is None:
             return None
         return max(self.deadline or 0.0, time.monotonic() + FINAL_GRACE)
-
-
-def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
-    """Return the best solved start; the earliest of equals. Starts whose hand touches count where no other is solved.
-
-    The lower bounds of two starts differ by chance within their certificates' gap, while the upper bounds are nearly
-    always the values themselves: among the starts whose lower bounds are that close, the largest upper bound wins.
-    """
-    ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
-    solved = [r for r in ended if r.solved] or ended
-    if not solved:
-        return None
-    lower = max(r.rank.lower for r in solved)
-    close = [r for r in solved if r.rank.upper >= lower and r.rank.lower >= (1.0 - CLOSE) * lower]
-    return max(close, key=lambda r: (r.rank.upper, -r.record.index))
 
 
 def answer(search: Search, after: Aftermath) -> GraspSolution:

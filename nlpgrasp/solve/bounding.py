@@ -9,9 +9,8 @@ from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.answer import best_of
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start.result import StartResult
+from nlpgrasp.solve.start.result import StartResult, best_of
 from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.programs import follows_contacts
 from nlpgrasp.solve.workbench.workbench import Workbench

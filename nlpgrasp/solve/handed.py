@@ -20,11 +20,11 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import look_back
 from nlpgrasp.solve.analyse import analyses_of, asked, with_analyses
-from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
+from nlpgrasp.solve.answer import Search, answer, solver_record
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.start.added import with_more
 from nlpgrasp.solve.start.given import Given, run_given
-from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread

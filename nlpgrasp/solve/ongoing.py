@@ -13,11 +13,11 @@ from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
-from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
+from nlpgrasp.solve.answer import Search, answer, solver_record
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.coordinate_exchange import propose
 from nlpgrasp.solve.start.given import Given, run_given
-from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner

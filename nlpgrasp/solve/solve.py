@@ -23,13 +23,13 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.analyse import check_hand
-from nlpgrasp.solve.answer import Search, answer, best_of, solver_record
+from nlpgrasp.solve.answer import Search, answer, solver_record
 from nlpgrasp.solve.bounding import close_gap, why_not_bounded
 from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.progress import Progress, told
 from nlpgrasp.solve.squeeze import with_squeezes
-from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from nlpgrasp.solve.start.warm_starts import WarmStart, check_warm_starts
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench

@@ -188,7 +188,9 @@ def test_hand_on_a_mesh_touches_the_mesh_itself(name, quality, shared_meshes):
     hand = four_finger_hand()
     solution = solved(body, hand, starts=2)
     without, price = solution.hand["room"]["mu_without"]["upper"], ng.SolveOptions().room_price
-    assert without >= (1.0 - SAME) * quality
+    best = max(start.mu.upper for start in solution.starts)  # the answer may be a less fragile one
+    assert best >= (1.0 - SAME) * quality
+    assert without >= 0.9 * best
     assert solution.mu.upper >= (1.0 - price) * without
     gaps, _ = tip_gaps(solution, FOUR, FOUR_TIPS)
     assert np.max(np.abs(gaps)) < 1e-5

@@ -11,8 +11,7 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.quality.forces.least_friction import can_press
 from nlpgrasp.solve.after.robust import robustness
-from nlpgrasp.solve.answer import best_of
-from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 

@@ -65,7 +65,8 @@ class _Posture:
     def found(self) -> StartGrasp:
         """Return the grasp with most joints inside their margins that keeps the price."""
         for ended in self._tries() if self.lacking.any() else ():
-            kept = [end for end in ended if self._is_better(end)]
+            better = [self._measured(end) for end in ended if self._is_better(end)]
+            kept = [end for end in better if not self._is_frail(end)]
             if kept:
                 return self.told(self._chosen(kept))
         return self.told(self.best)
@@ -138,18 +139,24 @@ class _Posture:
         return [end for end in ends if isinstance(end, StartGrasp) and end.solved]
 
     def _is_better(self, end: StartGrasp) -> bool:
-        """Return whether fewer joints are near a limit, the price is kept, and no robustness lost."""
+        """Return whether fewer joints are near a limit and the price is kept."""
         least, known, there = 1.0 - self.bench.options.room_price, self.best.record.mu, end.record.mu
         if there.lower < least * known.lower or there.upper < least * known.upper:
             return False
-        return self._near(end) < int(np.sum(self.lacking)) and not self._is_frail(end)
+        return self._near(end) < int(np.sum(self.lacking))
+
+    def _measured(self, end: StartGrasp) -> StartGrasp:
+        """Return an end with its robustness, where that of the answer is known."""
+        if self.best.robust is None:
+            return end
+        return replace(end, robust=robustness(self.bench, end.found.placed, end.found.grasp))
 
     def _is_frail(self, end: StartGrasp) -> bool:
         """Return whether a grasp is fragile in place of one that is not."""
-        robust, mu = self.best.robust, self.best.record.mu
-        if robust is None or robust.is_fragile(mu):
+        old, new = self.best.robust, end.robust
+        if old is None or new is None or old.is_fragile(self.best.record.mu):
             return False
-        return robustness(self.bench, end.found.placed, end.found.grasp).is_fragile(end.record.mu)
+        return new.is_fragile(end.record.mu)
 
     def _chosen(self, kept: list[StartGrasp]) -> StartGrasp:
         """Return the one with fewest joints near a limit; of several the one with most mu, or far less effort."""

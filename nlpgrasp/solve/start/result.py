@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from nlpgrasp.common.types import Json
@@ -18,6 +18,8 @@ from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
+
+CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
 
 
 @dataclass(frozen=True)
@@ -129,3 +131,18 @@ class StartGrasp(StartResult):
     def rank(self) -> Bounds:
         """What starts are compared by: mu, or what is left of it at the worst placement."""
         return self.record.mu if self.robust is None else self.robust.mu
+
+
+def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
+    """Return the best solved start; the earliest of equals. Starts whose hand touches count where no other is solved.
+
+    The lower bounds of two starts differ by chance within their certificates' gap, while the upper bounds are nearly
+    always the values themselves: among the starts whose lower bounds are that close, the largest upper bound wins.
+    """
+    ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
+    solved = [r for r in ended if r.solved] or ended
+    if not solved:
+        return None
+    lower = max(r.rank.lower for r in solved)
+    close = [r for r in solved if r.rank.upper >= lower and r.rank.lower >= (1.0 - CLOSE) * lower]
+    return max(close, key=lambda r: (r.rank.upper, -r.record.index))

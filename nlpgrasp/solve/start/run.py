@@ -14,10 +14,10 @@ from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solution.records import Origin, StartRecord, Status
 from nlpgrasp.solve.after.robust_ascent import steady
-from nlpgrasp.solve.ascent.refine import Refined
+from nlpgrasp.solve.ascent.refine import Refined, refine
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.start.first_program import FirstGrasp, first_grasp
-from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import refined_on_body
@@ -90,10 +90,10 @@ def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterat
     """
     smooth = bench.under_l2 if index % 2 or not bench.follows_contacts else None
     if smooth is not None:
-        first = refined_on_body(smooth, placed, stop)
-        placed = first[0].placed if bench.follows_contacts else first[1].point.placed
+        found, there = refined_on_body(smooth, placed, stop)
+        placed = there.point.placed
         if not bench.follows_contacts:
-            yield first
+            yield found, refine(bench, found.placed, stop, rounds=0)
     yield refined_on_body(bench, placed, stop)
 
 
@@ -137,5 +137,5 @@ def _certified(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) ->
 
 def _better(ends: Sequence[StartGrasp]) -> StartGrasp:
     """Return the best end, one that the hand can take first; with the effort of all."""
-    best = max(ends, key=lambda end: (end.solved, end.record.has_grasp, end.rank.lower))
+    best = best_of(ends) or max(ends, key=lambda end: end.rank.lower)
     return replace(best, spent=sum((end.effort for end in ends), Effort()))

@@ -15,8 +15,6 @@ from nlpgrasp.solve.surface.triangles import refined_on_triangles
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-ROUNDS_AROUND_A_MESH = 8  # of a hand with a pose, whose rounds take a tenth of a second
-AROUND_A_MESH = 2e-3  # relative: gains around the smooth surface that are lost on the mesh anyway
 EXCHANGES, GAIN = 4, 2e-3  # on a mesh; relative: what one has to gain for another
 
 
@@ -30,8 +28,7 @@ def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBod
         return refined_on_triangles(bench, bench.snapped(placed), stop)
     if bench.follows_contacts:
         return _refined_on_mesh(bench, replace(placed, points=body.closest(placed.points)[0]), stop)
-    rounds = ROUNDS_AROUND_A_MESH if bench.options.exchange else 0
-    refined = refine(bench, bench.snapped(placed), stop, rounds, AROUND_A_MESH)
+    refined = refine(bench, bench.snapped(placed), stop)
     return hand_on_mesh(bench, refined.point.placed, refined.point.value, stop), refined
 
 

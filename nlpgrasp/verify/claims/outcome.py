@@ -47,8 +47,8 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
     """Yield what the winning start says that is not so.
 
     The answer's certificate is made anew and keeps the better ends of both; without a search for robustness no other
-    start is better for certain, but for fragile ones, which a grasp of half their mu wins over that is not fragile,
-    and for what the room of a hand's joints took.
+    start is better for certain, but for what the room of a hand's joints took, and for fragile ones and those a hand
+    cannot squeeze, which a grasp of half their mu wins over that is not fragile or that it can squeeze.
     """
     indices = [start.index for start in solution.starts]
     if len(set(indices)) < len(indices):
@@ -67,7 +67,8 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
     options = solution.solver.get("options", {})
     if not options.get("maximise_robust", False):
         most = max(best.mu.upper, _without_room(solution))
-        most /= KEPT if options.get("rank") == "robust" and _is_steady(solution) else 1.0
+        preferred = _is_steady(solution) or solution.squeeze is not None
+        most /= KEPT if options.get("rank") == "robust" and preferred else 1.0
         free = solution.has_free_way  # then starts that something obstructs rank behind it
         rivals = [s for s in solution.starts if s.status is Status.SOLVED and not (free and s.obstruction)]
         better = [s.index for s in rivals if s.mu.lower > most]
