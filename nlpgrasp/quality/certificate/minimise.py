@@ -109,6 +109,22 @@ def newton(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray,
 
 def _newton_step(problem: Containment, u: FloatArray, gradient: FloatArray) -> FloatArray:
     """Return tangential steps (m, r) to where the quadratic models of the ratio are least, no curvature negative."""
+    axes, values = principal_curvatures(problem, u, gradient)
+    step = -np.einsum("mar,ma->mr", axes, np.einsum("mar,mr->ma", axes, gradient) / values)
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    return np.asarray(step * np.minimum(1.0, LONGEST / np.maximum(length, 1e-300)))
+
+
+def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the ratio's curvature on the unit sphere at directions (m, r) with these gradients (m, r).
+
+    Returns
+    -------
+    axes : (m, r - 1, r) array
+        Unit tangents, at right angles to each other.
+    values : (m, r - 1) array
+        Sizes of the curvature along these, none next to nothing.
+    """
     m, r = u.shape
     basis = np.linalg.svd(u[:, None, :])[2][:, 1:, :]  # of the tangent spaces, (m, r - 1, r)
     around = [problem.ratio((u[:, None, :] + h * basis).reshape(-1, r))[1] for h in (DIFFERENCE, -DIFFERENCE)]
@@ -118,10 +134,7 @@ def _newton_step(problem: Containment, u: FloatArray, gradient: FloatArray) -> F
     curvature -= np.sum(gradient * u, axis=1)[:, None, None] * np.eye(r - 1)
     values, vectors = np.linalg.eigh(np.where(np.isfinite(curvature), curvature, 0.0))
     values = np.maximum(np.abs(values), LEAST_CURVATURE * np.max(np.abs(values), axis=1, initial=1e-300, keepdims=True))
-    slope = np.einsum("mab,mar,mr->mb", vectors, basis, gradient)
-    step = -np.einsum("mar,mab,mb->mr", basis, vectors, slope / values)
-    length = np.linalg.norm(step, axis=1, keepdims=True)
-    return np.asarray(step * np.minimum(1.0, LONGEST / np.maximum(length, 1e-300)))
+    return np.einsum("mab,mar->mbr", vectors, basis), values
 
 
 def _tangential(gradient: FloatArray, u: FloatArray) -> FloatArray:

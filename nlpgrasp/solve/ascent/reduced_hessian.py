@@ -3,7 +3,8 @@
 A cut ``phi_G(y_j; p) >= beta`` touches ``psi_j(p) = min over y near y_j of phi_G(y; p) / phi_A(y)`` from above: the
 two have the same gradient, but not the same curvature, and at most local optima the cuts alone curve the wrong way.
 Derivatives of the reduced functions psi_j make Newton's method (local reduction of semi-infinite programs, Hettich and
-Kortanek 1993, doi:10.1137/1035089): contacts move by a difference, the minimisers y_j follow, and so do the gradients.
+Kortanek 1993, doi:10.1137/1035089). As g_y = 0 at a minimiser, the implicit function theorem gives their Hessian:
+``g_zz - g_zy g_yy^-1 g_yz``.
 """
 
 from __future__ import annotations
@@ -12,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.certificate.containment import conditioned
+from nlpgrasp.quality.certificate.minimise import principal_curvatures
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.ascent.steps.linear import Linearisation
-from nlpgrasp.solve.ascent.weakest import followed
+from nlpgrasp.solve.ascent.weakest import in_coordinates, unit_reach
 
-STEP = 1e-5  # solver units, of the differences
+STEP = 1e-5  # of the differences: solver units, or radians
 ACTIVE = 1e-7  # a multiplier below is zero
 INDEPENDENT = 1e-9  # relative: singular values of dependent rows
+FLAT = 1e-12  # solver units: a curvature that is none
 LEAST = 1e-4  # curvature, solver units, that directions of less are given: along these the step is a short one
 
 
@@ -38,19 +42,45 @@ def reduced_hessian(
     multipliers : (rows,) array
         Of all rows of ``Linearisation.rows``.
     """
-    bench, rows = here.bench, here.rows()
+    rows = here.rows()
     basis = _tangents(rows.jacobian[rows.lower == rows.upper], here.beta)
     slope = multipliers @ rows.jacobian
-    moving = minimisers & (here.support(multipliers) > ACTIVE)
-    second = np.zeros((basis.shape[1], basis.shape[1]))
-    for i, direction in enumerate(basis.T):
-        z, moved = here.z + STEP * direction, cuts.copy()
-        budget = bench.budget(here.placed_at(z))
-        moved[moving] = followed(WrenchSet.of(here.grasp_at(z), budget), bench.problem.task, cuts[moving])
-        second[:, i] = basis.T @ (multipliers @ here.jacobian_at(z, moved) - slope) / STEP
-    values, vectors = np.linalg.eigh(0.5 * (second + second.T))
+    around = [multipliers @ here.at(here.z + STEP * direction, cuts)[1] for direction in basis.T]
+    second = np.array([(there - slope) @ basis / STEP for there in around]).reshape(basis.shape[1], -1)
+    moving = np.flatnonzero(minimisers & (here.support(multipliers) > ACTIVE))
+    second = 0.5 * (second + second.T) + _of_moving(here, cuts, moving, multipliers, basis)
+    values, vectors = np.linalg.eigh(second)
     vectors = basis @ vectors
     return np.asarray((vectors * np.maximum(values, LEAST)) @ vectors.T)
+
+
+def _of_moving(
+    here: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
+) -> FloatArray:
+    """Return the part ``-g_zy g_yy^-1 g_yz`` of the Hessian in a basis (n, s), summed over the minimisers that move."""
+    size, task = basis.shape[1], here.bench.problem.task
+    budget = here.bench.budget(here.placed_at(here.z))
+    problem, _ = conditioned(WrenchSet.of(here.grasp_at(here.z), budget), task)
+    if problem is None or not len(moving):
+        return np.zeros((size, size))
+    own = here.cut_rows[moving]
+
+    def rows_at(y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        other = cuts.copy()
+        other[moving] = y
+        values, jacobian = here.at(here.z, other)
+        return values[own], jacobian[own] @ basis
+
+    u = in_coordinates(problem, cuts[moving])
+    ratio, gradient = problem.ratio(u)
+    axes, curvature = principal_curvatures(problem, u, gradient)
+    values, slopes = rows_at(cuts[moving])
+    rise = (rows_at((1.0 + STEP) * cuts[moving])[0] - values) / (STEP * ratio)  # of the row, over the ratio's
+    turned = [rows_at(unit_reach(task, (u + STEP * axis) @ problem.matrix))[1] for axis in axes.transpose(1, 0, 2)]
+    mixed = (np.array(turned) - slopes) / STEP  # g_yz, (r - 1, m, s)
+    steep = rise * curvature.T  # nothing moves along where the row does not change
+    weights = np.where(steep > FLAT, multipliers[own] / np.maximum(steep, FLAT), 0.0)
+    return np.asarray(-np.einsum("amr,ams,am->rs", mixed, mixed, weights))
 
 
 def _tangents(equations: FloatArray, beta: int) -> FloatArray:

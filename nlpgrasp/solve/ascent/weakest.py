@@ -23,7 +23,7 @@ SLACK = 1.25  # keep local minima up to this factor above the least
 KEEP = 64
 SEPARATION = 0.97
 DIFFERENT = 1.0 - 1e-5  # cosine below which two minimisers are two
-NEWTON_STEPS, FOLLOWING_STEPS = 12, 6
+NEWTON_STEPS = 12
 FRESH = 24  # random directions beside known ones
 HULL_GAP, HULL_CELLS = 2e-3, 600
 MISSED, LOOK = 0.01, 0.03  # relative: what descents may lack of the least ratio; width of the certificate that tells
@@ -106,12 +106,12 @@ def weakest_directions(
     """
     problem, proof = conditioned(WrenchSet.of(grasp, budget), task)
     if problem is None:
-        y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
+        y = np.zeros((0, grasp.dimension)) if proof is None else unit_reach(task, proof[None, :])
         return Weakest(0.0, y)
     separating = separating_direction(problem.wrenches) if isinstance(budget, L2Budget) else None
     closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
     if isinstance(budget, L2Budget) and closed:
-        start = [random_directions(descents.fresh, problem.rank, rng), _in_coordinates(problem, known)]
+        start = [random_directions(descents.fresh, problem.rank, rng), in_coordinates(problem, known)]
         start += [] if separating is None else [separating[None]]
         found, values = _iterated(problem, np.concatenate(start), descents.steps)
     else:
@@ -127,7 +127,7 @@ def minimisers_near(bench: Workbench, placed: Placed, rng: np.random.Generator, 
     problem, _ = conditioned(bench.wrench_set(placed), bench.problem.task)
     if problem is None:
         return Weakest(0.0, known[:0])
-    start = np.concatenate([_in_coordinates(problem, known), random_directions(FRESH, problem.rank, rng)])
+    start = np.concatenate([in_coordinates(problem, known), random_directions(FRESH, problem.rank, rng)])
     squared = isinstance(bench.budget(placed), L2Budget)
     found, values = iterate(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
     order = np.argsort(values)
@@ -135,17 +135,7 @@ def minimisers_near(bench: Workbench, placed: Placed, rng: np.random.Generator, 
     found, values = newton(problem, found[chosen], NEWTON_STEPS)
     order = np.argsort(values)
     chosen = separated(found, order, DIFFERENT, KEEP)
-    return Weakest(float(values[chosen[0]]), _unit_reach(bench.problem.task, found[chosen] @ problem.matrix))
-
-
-def followed(wrenches: WrenchSet, task: Task, minimisers: FloatArray) -> FloatArray:
-    """Return local minimisers (m, d) of a grasp that are those of a grasp next to it, moved along with it."""
-    problem, _ = conditioned(wrenches, task)
-    if problem is None or not len(minimisers):
-        return minimisers
-    found = newton(problem, _in_coordinates(problem, minimisers), FOLLOWING_STEPS)[0] @ problem.matrix
-    reach = task.support(found)[0]
-    return np.where(reach[:, None] > 0.0, found / np.where(reach > 0.0, reach, 1.0)[:, None], minimisers)
+    return Weakest(float(values[chosen[0]]), unit_reach(bench.problem.task, found[chosen] @ problem.matrix))
 
 
 def disproved(bench: Workbench, placed: Placed, value: float) -> tuple[Weakest | None, Begun | None]:
@@ -176,10 +166,10 @@ def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatA
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
     chosen = separated(found, order, SEPARATION, KEEP)
-    return Weakest(float(values[chosen[0]]), _unit_reach(task, found[chosen] @ problem.matrix))
+    return Weakest(float(values[chosen[0]]), unit_reach(task, found[chosen] @ problem.matrix))
 
 
-def _in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray:
+def in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray:
     """Return known directions (m, d) in a containment's coordinates, those that are not lost there, (m', r)."""
     if known is None or not len(known):
         return np.zeros((0, problem.rank))
@@ -213,6 +203,7 @@ def _hull_directions(problem: Containment, state: Sandwich) -> tuple[FloatArray,
     return found, problem.ratio(found)[0]
 
 
-def _unit_reach(task: Task, y: FloatArray) -> FloatArray:
+def unit_reach(task: Task, y: FloatArray) -> FloatArray:
+    """Return those of directions (m, d) that the task asks for, scaled to ``phi_A = 1``."""
     reach = task.support(y)[0]
     return np.asarray(y[reach > 0.0] / reach[reach > 0.0][:, None])

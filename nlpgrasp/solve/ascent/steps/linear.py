@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
@@ -102,16 +103,17 @@ class Linearisation:
         """Return all rows here, those of cuts that the program does not hold last; the step is unbounded."""
         return self._with_cuts(self._rows(self.z, np.full(len(self.z), np.inf), slice(0, None)))
 
-    def jacobian_at(self, z: FloatArray, cuts: FloatArray) -> FloatArray:
-        """Return the Jacobian of all rows at variables nearby, with other cuts in place of these, (rows, n)."""
+    def at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return all rows at variables nearby, with other cuts in place of these, and their Jacobian (rows, n)."""
         if self.cuts is not None:
-            slopes = torque_cuts(self.bench, self.placed_at(z), z, cuts)[1]
+            reached, slopes = torque_cuts(self.bench, self.placed_at(z), z, cuts)
             slopes[:, self.beta] = -1.0
-            return np.concatenate([self.compiled.linearise(z, self.theta)[1], slopes])
+            g, J = self.compiled.linearise(z, self.theta)
+            return np.concatenate([g, reached - z[self.beta]]), np.concatenate([J, slopes])
         theta = self.theta.copy()
         start = self.compiled.program.block("directions").start
         theta[start : start + cuts.size] = cuts.ravel()
-        return self.compiled.linearise(z, theta)[1]
+        return self.compiled.linearise(z, theta)
 
     def placed_at(self, z: FloatArray) -> Placed:
         """Return contacts and hand at variables that satisfy the linearised rows, not put onto the faces."""
@@ -155,15 +157,22 @@ class Linearisation:
             self.support(first.multipliers),
         )
 
+    @property
+    def cut_rows(self) -> NDArray[np.intp]:
+        """Numbers of the cuts among all rows, (m,)."""
+        program = self.compiled.program
+        if self.cuts is None:
+            return np.array(program.rows_of(SUPPORT)[: self.count], dtype=np.intp)
+        return program.limits[0].size + np.arange(self.count)
+
     def support(self, multipliers: FloatArray) -> FloatArray:
         """Return the multipliers of the cuts, (m,), at least zero, from those of all rows."""
-        if self.cuts is not None:
-            return -multipliers[self.compiled.program.limits[0].size :]
-        return -multipliers[self.compiled.program.rows_of(SUPPORT)][: self.count]
+        return -multipliers[self.cut_rows]
 
     def _size(self, radius: float) -> FloatArray:
         """Return how far each variable may go, (n,)."""
-        return np.where(np.isfinite(self.reach), radius * self.reach, BETA_STEP)
+        free = np.isinf(self.reach)
+        return np.where(free, BETA_STEP, radius * np.where(free, 1.0, self.reach))
 
     def _with_cuts(self, rows: Linearised) -> Linearised:
         """Return the rows together with the cuts that the program does not hold: at least zero."""
