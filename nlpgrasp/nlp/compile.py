@@ -104,6 +104,12 @@ class CompiledProgram:
         result.program = self.program.within(name, lower, upper)
         return result
 
+    def raised(self, more: FloatArray) -> CompiledProgram:
+        """Return the same program, no part of it compiled anew, with other limits: see ``Program.raised``."""
+        result = copy(self)
+        result.program = self.program.raised(more)
+        return result
+
     def with_options(self, ipopt: dict[str, Option]) -> CompiledProgram:
         """Return the same program, its functions shared, solved with more options of IPOPT."""
         result = CompiledProgram(self.program, {})

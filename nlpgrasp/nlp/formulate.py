@@ -396,7 +396,7 @@ class Formulation:
             return StartContacts(grasp.points, faces)
         if solution is None or solution.hand is None:
             raise InputError("start", "contacts without the hand's posture", "a GraspSolution, or values by name")
-        return StartContacts(grasp.points, faces, problem.hand.values_of(solution.hand))
+        return StartContacts(grasp.points, faces, problem.hand.values_at(solution.hand, grasp.points))
 
     def _begun(self, contacts: StartContacts) -> dict[str, FloatArray]:
         """Return values by name for contacts: normals, the hand, pressing forces, some beta."""

@@ -305,6 +305,14 @@ class Program:
         result._bounds[self.variables.index(block)] = lower / block.scale, upper / block.scale
         return result
 
+    def raised(self, more: FloatArray) -> Program:
+        """Return the same program with higher lower limits of the rows of constraints and hand, by (rows,), scaled."""
+        low, high = self.limits
+        result, low = copy(self), low.copy()
+        low[self.placement] += more
+        result._limits = [(low, high)]
+        return result
+
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper limits of the rows, (m,) each, face rows last."""

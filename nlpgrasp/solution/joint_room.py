@@ -1,4 +1,4 @@
-"""The room that the joints of a grasp's hand have to their limits, and what of mu was given for it."""
+"""The room that the joints of a grasp's hand have to their limits."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.quality.bounds import Bounds
 
 SMALL = 1e-6  # of a margin: what a joint may lack of it
 WORTH_A_WORD = 0.005  # share of mu
@@ -26,18 +25,12 @@ class JointRoom:
         Distance of each of them from its nearer limit.
     price : float
         Share of mu that might be given for it.
-    without : Bounds
-        Certified mu of the grasp found with the whole ranges.
-    mu : Bounds
-        Certified mu of the grasp, as its start states it.
     """
 
     margin: float
     margins: Mapping[str, float]
     left: Mapping[str, float]
     price: float
-    without: Bounds
-    mu: Bounds
 
     @property
     def near(self) -> dict[str, float]:
@@ -45,29 +38,23 @@ class JointRoom:
         least = {name: (1.0 - SMALL) * margin for name, margin in self.margins.items()}
         return {name: left for name, left in self.left.items() if left < least[name]}
 
-    @property
-    def cost(self) -> float:
-        """Share of mu that was given for it: below 0 where mu rose."""
-        return 1.0 - self.mu.upper / self.without.upper
-
     def to_dict(self) -> Json:
         """Return it as JSON data."""
-        return {
-            "margin": self.margin,
-            "margins": dict(self.margins),
-            "near": self.near,
-            "price": self.price,
-            "cost": self.cost,
-            "mu_without": {"lower": self.without.lower, "upper": self.without.upper},
-        }
+        return {"margin": self.margin, "margins": dict(self.margins), "near": self.near, "price": self.price}
+
+
+def mu_without(stated: Json) -> float:
+    """Return the mu that a grasp of an earlier version states it had before its joints got room; 0 of later ones."""
+    without = stated.get("mu_without")
+    return 0.0 if without is None else float(without["upper"])
 
 
 def room_lines(stated: Json) -> list[str]:
-    """Return in words which joints are near a limit and what of mu was given, of ``hand.room``; nothing if neither."""
+    """Return in words which joints are near a limit, of ``hand.room``, and what of mu earlier versions gave for it."""
     told = []
     if stated["near"]:
         each = (f"{name} ({left:.2g} of {stated['margins'][name]:.2g})" for name, left in stated["near"].items())
         told.append("joints near a limit: " + ", ".join(each))
-    if stated["cost"] > WORTH_A_WORD:
+    if stated.get("cost", 0.0) > WORTH_A_WORD:
         told.append(f"room to the joints' limits took {stated['cost']:.1%} of mu")
     return told

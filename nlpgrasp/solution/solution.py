@@ -282,8 +282,9 @@ class GraspSolution(Seen):
     def save(self, path: str | Path) -> Path:
         """Write the solution as JSON (schema 1), atomically; return the path.
 
-        A certificate of the bound over all placements that is larger than 200 kB goes to a bound file beside it,
-        ``F.bound.json`` for ``F.json``, which the solution names with its digest.
+        What the file does not state whole, a mesh, an expression or a hand, is drawn in it. A certificate of the bound
+        over all placements that is larger than 200 kB goes to a bound file beside it, ``F.bound.json`` for ``F.json``,
+        which the solution names with its digest.
 
         Raises
         ------
@@ -291,7 +292,8 @@ class GraspSolution(Seen):
             When the folder does not exist or cannot be written, or the path is that of a mesh, a hand or a script.
         """
         bound = None if self.bound is None else self.bound.saved_beside(self.problem, Path(path))
-        return write(replace(self, bound=bound).to_dict(), path)
+        stated = self.source is None or replace(self, source=None).known_problem is not None
+        return write(replace(self, bound=bound, drawing=self.drawing if stated else self.drawn()).to_dict(), path)
 
     @classmethod
     def load(cls, path: str | Path) -> GraspSolution:

@@ -218,7 +218,7 @@ def _as_start(bench: Workbench, solution: GraspSolution, grasp: Grasp) -> StartG
     hand, posture = bench.problem.hand, solution.hand
     placed = Placed(solution.faces, grasp.points)
     if isinstance(hand, PosedHand) and isinstance(posture, Mapping):
-        placed = replace(placed, hand=hand.values_of(posture))
+        placed = replace(placed, hand=hand.values_at(posture, grasp.points))
     elif hand is not None:
         placed = with_hand(bench, placed)
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)

@@ -167,7 +167,7 @@ def _given(bench: Workbench, offer: Offer) -> Given | None:
         if offer.hand is None or len(offer.grasp) != len(models):
             return None
         try:
-            known = hand.values_of(offer.hand)
+            known = hand.values_at(offer.hand, offer.grasp.points)
         except InputError:
             return None
         values = {v.name: known[v.name] for v in hand.variables(bench.problem.body.bounds)}  # in the program's order

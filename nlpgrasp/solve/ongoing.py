@@ -43,7 +43,7 @@ class Ongoing:
 
     def __init__(self, problem: GraspProblem, starts: int, seed: int, options: SolveOptions) -> None:
         self.problem, self._seed = problem, seed
-        self._options = replace(options.narrow(starts), rank="mu")  # what is promised to others is mu
+        self._options = replace(options.narrow(), rank="mu")  # what is promised to others is mu
         self._runner = Runner(problem, self._options, starts)
         self._starts, self._begun = starts, time.monotonic()
         limit = options.time_limit

@@ -69,8 +69,8 @@ class SolveOptions:
         for, with ``maximise_robust``, or with the time limit over, mu alone counts.
     joint_margin : float
         How far the joints of a hand with links are to be from their limits, radians, 0 for anywhere in their ranges: a
-        tenth of a joint's range at most, and that of joints that slide. The answer is looked for again near the
-        best grasp, with the ranges that much narrower. Not with a ``gap`` asked for, where mu alone counts.
+        tenth of a joint's range at most, and that of joints that slide. Grasps are refined with the ranges that much
+        narrower. Not with a ``gap`` asked for, where mu alone counts.
     room_price : float
         The share of mu that may be given for that, below 1; where it costs more, joints stay near their limits, and
         the solution names them.
@@ -100,7 +100,7 @@ class SolveOptions:
     exchange: bool = True
     exchange_rounds: int = 25
     candidates: int = 16
-    rtol: float = 0.02
+    rtol: float = 0.03
     final_rtol: float = 0.01
     link_tolerance: float = 0.001
     pregrasp_clearance: float = 0.01
@@ -168,11 +168,10 @@ class SolveOptions:
         """Whether mu may be given for room between a hand's joints and their limits."""
         return self.joint_margin > 0.0 and self.gap is None
 
-    def narrow(self, starts: int) -> SolveOptions:
-        """Return the options with certificates as narrow as the gap that is asked for needs, or a start alone."""
+    def narrow(self) -> SolveOptions:
+        """Return the options with certificates as narrow as the gap that is asked for needs."""
         gap = inf if self.gap is None else NARROW * self.gap
-        final = min(self.final_rtol, gap)
-        return replace(self, rtol=min(self.rtol, gap) if starts > 1 else min(self.rtol, final), final_rtol=final)
+        return replace(self, rtol=min(self.rtol, gap), final_rtol=min(self.final_rtol, gap))
 
     def to_dict(self) -> Json:
         """Return the options as JSON data, by the names of their fields; IPOPT's where there are some."""

@@ -123,7 +123,7 @@ def solve(
     keeping = Keeping(keep, distinct)
     listener = told(progress, starts)
     known = check_warm_starts(problem, warm_starts)
-    solution = _run(Runner(problem, options.narrow(starts), starts), seed, keeping, listener, known)
+    solution = _run(Runner(problem, options.narrow(), starts), seed, keeping, listener, known)
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution
@@ -167,8 +167,6 @@ def _run(
             collection = Collection(runner, keeping, stop) if best is not None and keeping.count > 1 else None
             best = choosing()
             clock.mark("choice")
-            best = _in_place(runner.roomy(best, stop), results)
-            clock.mark("room")
             best = _in_place(runner.at_local_optimum(best, stop), results)
             clock.mark("last step")
             best = runner.reachable(best, results, stop)

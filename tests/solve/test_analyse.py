@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.cli.script import load_problem
 from tests.hands.urdf import four_finger_hand
 
 CONTACTS = [ng.FrictionContact(0.6)] * 3
@@ -89,7 +90,8 @@ def test_a_mesh_needs_the_problem_once_it_is_in_a_file(tmp_path):
     alone, helped = ng.analyse(of_file), ng.analyse(of_file, problem=problem)
     assert alone.delta is not None
     assert alone.nu is not None
-    assert (alone.robust, alone.drawing, alone.prices) == (None, None, ())
+    assert (alone.robust, alone.prices) == (None, ())
+    assert len(of_file.require_drawing().body.faces) == 12  # which the file holds, as it holds no mesh
     assert (helped.delta, helped.nu) == (alone.delta, alone.nu)
     assert 0.0 <= helped.robust.mu.lower <= helped.mu.upper
     assert len(helped.drawing.body.faces) == 12
@@ -97,7 +99,7 @@ def test_a_mesh_needs_the_problem_once_it_is_in_a_file(tmp_path):
     with pytest.raises(ng.InputError, match=r"^problem: got None, expected the problem that was .*: prices need"):
         ng.analyse(of_file, "prices", "nu")
     with pytest.raises(ng.InputError, match="got a grasp without a drawing, from a file without its body"):
-        of_file.require_drawing()
+        replace(of_file, drawing=None).require_drawing()
 
 
 @pytest.mark.slow
@@ -112,6 +114,23 @@ def test_phases_of_a_hand():
     assert found.hand["link_depth"] == solved.hand["link_depth"]
     assert [phase["name"] for phase in found.hand["phases"]] == [phase["name"] for phase in solved.hand["phases"]]
     assert len(found.drawing.links) > 10
+
+
+@pytest.mark.slow
+def test_contacts_along_links_are_found_again(problems_folder):
+    """Where along a link each contact is follows from the contacts: files state postures alone."""
+    problem = load_problem(problems_folder / "power_grasp.py")
+    solved = ng.solve(problem, 1, options=MU)
+    values = problem.hand.values_at(solved.hand, solved.grasp.points)
+    poses = problem.hand.tree.body_poses(values)
+    slides = iter(values["slides"])
+    for (link, tip), point in zip(problem.hand.tips, solved.grasp.points, strict=True):
+        if tip.slides:
+            centre = np.asarray(tip.ball_centre(poses[link], next(slides))).ravel()
+            assert np.linalg.norm(point - centre) == pytest.approx(tip.radius, abs=1e-6)
+    assert ng.analyse(solved, "robustness").robust.mu.lower > 0.0
+    again = ng.solve(problem, 1, options=MU, warm_starts=[solved])
+    assert again.mu.upper >= (1.0 - 1e-3) * solved.mu.lower
 
 
 @pytest.mark.parametrize(

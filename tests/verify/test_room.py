@@ -22,13 +22,14 @@ FIRST = ng.Bounds(0.1, 0.2)
 
 @cache
 def data():
-    """A sphere among three fingertips whose solve gave 2 % of mu for room."""
+    """A sphere among three fingertips whose solve, of an earlier version, gave 2 % of mu for room."""
     solution = ng.GraspSolution.from_dict(honest.fingers(), "f.json")
     hand = three_finger_hand()
     margins, joints = Margins.of(hand, MARGIN), hand.values_of(solution.hand)["joints"]
     each = [dict(zip(margins.names, v.tolist(), strict=True)) for v in (margins.wanted, margins.left(joints))]
     without = ng.Bounds(FIRST.lower / 0.98, FIRST.upper / 0.98)
-    room = JointRoom(MARGIN, *each, 0.03, without, FIRST).to_dict()
+    room = JointRoom(MARGIN, *each, 0.03).to_dict()
+    room |= {"cost": 0.02, "mu_without": {"lower": without.lower, "upper": without.upper}}
 
     def with_room(data):
         data["hand"]["room"], data["best_start"] = room, 0
@@ -41,6 +42,15 @@ def data():
 
 def test_honest_room_passes():
     found = recomputed_file(data(), FOLDER)
+    assert found["price of room"].passed, found["price of room"]
+    assert found["room of joints"].passed, found["room of joints"]
+
+
+def test_honest_room_without_a_cost_passes():
+    def later(data):
+        del data["hand"]["room"]["cost"], data["hand"]["room"]["mu_without"]
+
+    found = recomputed_file(edited(data(), later), FOLDER)
     assert found["price of room"].passed, found["price of room"]
     assert found["room of joints"].passed, found["room of joints"]
 

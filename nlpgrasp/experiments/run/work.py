@@ -143,5 +143,5 @@ def _made(maker: Callable[[], Case], compared: bool) -> Case:
     """Return the case that is made, with options as a solve takes them, refusing one whose result cannot be written."""
     case = maker()
     check_json(case.problem.to_dict())
-    options = case.options.narrow(case.starts)
+    options = case.options.narrow()
     return replace(case, options=replace(options, rank="mu") if compared else options)

@@ -91,6 +91,11 @@ class Tip(ABC):
         """The patch's own coordinate where its ball is at ``centre``: where to begin."""
         return 0.5
 
+    def slide_at(self, point: FloatArray) -> float:
+        """Return the patch's own coordinate of a contact (3,), metres, link frame."""
+        del point
+        return self.first_slide
+
     def ball_centre(self, pose: Expression, slide: Expression) -> Expression | None:
         """Return the centre of the ball behind the contact, body frame, for the link's pose; None without a ball."""
         return None

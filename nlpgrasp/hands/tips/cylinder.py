@@ -64,6 +64,11 @@ class CylinderTip(Tip):
         """True, because the contact may be anywhere along the axis."""
         return True
 
+    def slide_at(self, point: FloatArray) -> float:
+        """Return how far along the axis the contact is, a share of it."""
+        a, b = self.ends
+        return float(np.clip((point - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0))
+
     def ball_centre(self, pose: Expression, slide: Expression) -> Expression:
         """Return the point of the axis behind the contact, body frame."""
         a, b = self.ends

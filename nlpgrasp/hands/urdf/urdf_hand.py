@@ -18,7 +18,7 @@ from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.base import HandVariable
+from nlpgrasp.hands.base import HandVariable, Values
 from nlpgrasp.hands.robot.robot_file import read_robot
 from nlpgrasp.hands.spheres.hand_fits import fits_beside_tips, fits_of
 from nlpgrasp.hands.spheres.link_spheres import SphereFit
@@ -182,6 +182,17 @@ class URDFHand(LinkedHand):
         if slides:
             result.append(HandVariable("slides", np.zeros(slides), np.ones(slides)))
         return result
+
+    def values_at(self, posture: Json, points: FloatArray) -> Values:
+        """Return values of all variables in a posture whose fingertips touch at points (k, 3), metres, body frame."""
+        values = self.values_of(posture)
+        poses = self.tree.body_poses(values)
+        slides = [
+            tip.slide_at((point - poses[link][:3, 3]) @ poses[link][:3, :3])
+            for (link, tip), point in zip(self.tips, points, strict=True)
+            if tip.slides
+        ]
+        return values | {"slides": np.array(slides)} if slides else values
 
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
         """Return: the quaternion's length, each contact on its fingertip, links apart from each other."""

@@ -12,7 +12,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.volume import Volume
 from nlpgrasp.solution.findings import Robustness, WhyNot
-from nlpgrasp.solution.joint_room import room_lines
+from nlpgrasp.solution.joint_room import mu_without, room_lines
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.measures.by_hand import ByHand
 from nlpgrasp.solution.measures.global_bound import GlobalBound
@@ -151,7 +151,7 @@ class Measured(ByHand):
 
     def starts_lines(self) -> list[str]:
         """Return in words how the starts ended, why one with more mu is not the answer, and where IPOPT did not run."""
-        before = 0.0 if self._room is None else float(self._room["mu_without"]["upper"])
+        before = 0.0 if self._room is None else mu_without(self._room)
         by_what_is_left = bool(self.solver.get("options", {}).get("maximise_robust"))
         over = passed_over(self.starts, self.winner, before, self.label, by_what_is_left, self.squeeze is not None)
         return [*starts_lines(self.starts), *over, *ipopt_lines(self.solver)]

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.quality import mu
-from nlpgrasp.solution.joint_room import JointRoom
 from nlpgrasp.solve.after.robust import robustness
 from nlpgrasp.solve.ascent.local_optimum import LocalOptimum, local_optimum, residuals_at
 from nlpgrasp.solve.ascent.state import AscentState
@@ -49,21 +49,35 @@ def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
     placed = best.found.placed
     if np.array_equal(best.ascended.points, placed.points):
         placed = replace(placed, faces=best.ascended.faces)  # which of two triangles a contact on their edge belongs to
-    own, begin = on_triangles(roomy, placed)
-    reason, places = _why_not(bench), [begin.points]
+    own, here = on_triangles(roomy, placed)
+    begin = here
+    reason, places, short = _why_not(bench), [here.points], np.zeros(len(bench.rows.named))
     for _ in range(0 if reason else PASSES):
-        found = local_optimum(own, begin, stop)
+        found = local_optimum(own.with_clearance(short) if short.any() else own, begin, stop)
         if found is None:
             break
         end = _end(bench, best, own, found, stop)
         reason = _why_worse(bench, best, end)
         if not reason:
             return end
-        if end.found.allowed:
+        less = _missing_clearance(bench, end)
+        if found.kkt.is_small:
+            begin = replace(begin, points=found.placed.points, hand=found.placed.hand)
+        if any(row.value < row.lower for row in end.found.beside):
+            places.append(found.placed.points)
+            own, _ = on_triangles(roomy, here, places)
+        elif not less.any() or stop.requested():
             break
-        places.append(found.placed.points)
-        own, _ = on_triangles(roomy, begin, places)
-    return replace(best, kkt=replace(residuals_at(own, begin), reason=reason))
+        short += less
+    return replace(best, kkt=replace(residuals_at(own, here), reason=reason))
+
+
+def _missing_clearance(bench: Workbench, end: StartGrasp) -> FloatArray:
+    """Return by how much links are nearer to the body than they may be, (rows,), metres."""
+    short = np.zeros(len(bench.rows.named))
+    rows = bench.rows.clearances
+    short[rows] = [max(bench.rows.named[i].lower - end.found.values[i], 0.0) for i in rows]
+    return short
 
 
 def _why_not(bench: Workbench) -> str:
@@ -98,7 +112,7 @@ def _is_fragile(start: StartGrasp) -> bool:
 def _with_room(bench: Workbench, best: StartGrasp) -> Workbench:
     """Return the workbench whose limits are narrower by the margins of those joints that have them."""
     hand, margin = bench.problem.hand, bench.options.joint_margin
-    if best.room is None or not isinstance(hand, URDFHand) or margin == 0.0:
+    if not isinstance(hand, URDFHand) or not bench.options.seeks_room:
         return bench
     margins = Margins.of(hand, margin)
     return bench.with_joints(margins.narrowed(~margins.lacking(best.found.placed.hand["joints"])))
@@ -131,16 +145,6 @@ def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum
         spent=best.spent + found.effort,
         ascended=best.ascended,
         robust=robust,
-        room=_room(bench, best, end),
         optimum=found,
         kkt=found.kkt,
     )
-
-
-def _room(bench: Workbench, best: StartGrasp, end: StartGrasp) -> JointRoom | None:
-    """Return the room that the joints have at the end."""
-    hand, room = bench.problem.hand, best.room
-    if room is None or not isinstance(hand, URDFHand):
-        return room
-    left = Margins.of(hand, bench.options.joint_margin).left_by_name(end.found.placed.hand["joints"])
-    return replace(room, left=left, mu=end.record.mu)

@@ -12,7 +12,7 @@ from nlpgrasp.solution.obstructions import of_the_way
 from nlpgrasp.solve.after.final_step import at_local_optimum
 from nlpgrasp.solve.after.pregrasp import pregrasp
 from nlpgrasp.solve.phases.keyframes import keyframes
-from nlpgrasp.solve.posture.roomy import with_room
+from nlpgrasp.solve.posture.margins import Margins
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -47,8 +47,7 @@ def with_free_way(
         for other in sorted(others, key=lambda r: (-r.record.mu.upper, r.record.index)):
             if stop.requested():
                 break
-            roomy = with_room(bench, other, stop) if bench.options.seeks_room else other
-            found = approached(bench, at_local_optimum(bench, roomy, stop))
+            found = approached(bench, at_local_optimum(bench, other, stop))
             if found.solved and not found.record.obstruction:
                 return (found, *blocked)
             blocked.append(found)
@@ -90,8 +89,9 @@ def hand_posture(bench: Workbench, start: StartGrasp) -> dict[str, object] | Non
         data["link_depth"] = start.depth.to_dict()
     if start.tip_gaps:
         data["tip_gaps"] = list(start.tip_gaps)
-    if start.room is not None:
-        data["room"] = start.room.to_dict()
+    if isinstance(hand, URDFHand) and bench.options.seeks_room:
+        margins, options = Margins.of(hand, bench.options.joint_margin), bench.options
+        data["room"] = margins.room(found.placed.hand["joints"], options.joint_margin, options.room_price).to_dict()
     return data
 
 

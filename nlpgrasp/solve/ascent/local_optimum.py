@@ -134,7 +134,7 @@ def _of_whole_inequalities(bench: Workbench, optimum: LocalOptimum, beta: float)
     too: where the program holds one contact's support in place of the largest (``nlpgrasp.nlp.support_function``), a
     row may bind though its inequality does not.
     """
-    binding, kkt = optimum.weights > BINDING, optimum.kkt
+    kkt = _binding(optimum.kkt, optimum.cuts, optimum.weights)
     slack = bench.wrench_set(optimum.placed).support(optimum.cuts)[0] - beta
     apart = float(np.max(optimum.weights * np.abs(slack), initial=0.0)) / max(abs(beta), 1e-300)
     above = (beta - optimum.value) / max(abs(beta), 1e-300)
@@ -142,21 +142,29 @@ def _of_whole_inequalities(bench: Workbench, optimum: LocalOptimum, beta: float)
         kkt,
         feasibility=kkt.feasibility if above <= CLOSE else max(kkt.feasibility, above),
         complementarity=kkt.complementarity if apart <= UNEQUAL else max(kkt.complementarity, apart),
-        directions=tuple(tuple(map(float, direction)) for direction in optimum.cuts[binding]),
-        weights=tuple(optimum.weights[binding].tolist()),
     )
+
+
+def _binding(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
+    """Return residuals with the directions (m, d) that bind, and their weights."""
+    binding = weights > BINDING
+    directions = tuple(tuple(map(float, direction)) for direction in cuts[binding])
+    return replace(kkt, directions=directions, weights=tuple(weights[binding].tolist()))
 
 
 def residuals_at(bench: Workbench, placed: Placed) -> KKT:
     """Return the KKT residuals where contacts and hand are, with the multipliers of the linearised program there."""
-    cuts = weakest_at(bench, placed, np.random.default_rng(0)).directions
-    linear = Linearisation(bench, placed, most_relevant(bench, placed, cuts))
+    cuts = most_relevant(bench, placed, weakest_at(bench, placed, np.random.default_rng(0)).directions)
+    linear = Linearisation(bench, placed, cuts)
     step = linear.quadratic_step(LEAST_NEAR) if len(cuts) and bench.exchange.linearises else None
     rows = linear.rows()
     nothing = np.zeros(len(rows.values)), np.zeros(len(linear.z))
     multipliers = nothing if step is None else (step.multipliers, step.bound_multipliers)
     constraints = rows.values, rows.lower, rows.upper
-    return _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.compiled.program.bounds, multipliers)
+    kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.compiled.program.bounds, multipliers)
+    weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.support(step.multipliers), 0.0)
+    weights /= max(float(weights.sum()), 1e-300)
+    return _binding(kkt, cuts, weights)
 
 
 def _multipliers(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.solution.joint_room import SMALL
+from nlpgrasp.solution.joint_room import SMALL, JointRoom
 
 SHARE = 0.1  # of a joint's range: its margin at most
 
@@ -47,6 +47,12 @@ class Margins:
     def left_by_name(self, joints: FloatArray) -> dict[str, float]:
         """Return how far joints (m,) are from their nearer limits, by their names."""
         return dict(zip(self.names, self.left(joints).tolist(), strict=True))
+
+    def room(self, joints: FloatArray, margin: float, price: float) -> JointRoom:
+        """Return what room joints (m,) have, as files state it beside what was asked for."""
+        return JointRoom(
+            margin, dict(zip(self.names, self.wanted.tolist(), strict=True)), self.left_by_name(joints), price
+        )
 
     def lacking(self, joints: FloatArray) -> NDArray[np.bool_]:
         """Return which joints have less than their margin, (m,)."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from nlpgrasp.common.types import Json
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solution.joint_room import JointRoom
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.link_depth import LinkDepth
 from nlpgrasp.solution.records import ConstraintReport, Origin, StartRecord, Status
@@ -62,8 +61,6 @@ class StartGrasp(StartResult):
         Of the answer, where it is at one.
     kkt : KKT or None
         Residuals of the answer.
-    room : JointRoom or None
-        How far the hand's joints are from their limits, where that was looked at.
     depth : LinkDepth or None
         Penetration of the links, with a hand whose links have shapes.
     tip_gaps : tuple of (float or None)
@@ -79,7 +76,6 @@ class StartGrasp(StartResult):
     ascended: Placed
     optimum: LocalOptimum | None = None
     kkt: KKT | None = None
-    room: JointRoom | None = None
     depth: LinkDepth | None = None
     tip_gaps: tuple[float | None, ...] = ()
     hand: Json | None = None

@@ -79,7 +79,7 @@ def given_of(bench: Workbench, known: WarmStart) -> Given:
     points = on_surface(problem, faces, grasp.points)
     placed, posture = Placed(faces, points), None if isinstance(known, Grasp) else known.hand
     if isinstance(problem.hand, PosedHand) and posture is not None:
-        return Given(replace(placed, hand=problem.hand.values_of(posture)))
+        return Given(replace(placed, hand=problem.hand.values_at(posture, grasp.points)))
     return Given(with_hand(bench, placed))
 
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solve.ascent.refine import Refined, refine
+from nlpgrasp.solve.ascent.refine import Refined
+from nlpgrasp.solve.posture.roomy import refined_with_room
 from nlpgrasp.solve.start.coordinate_exchange import exchanged_nearby
 from nlpgrasp.solve.surface.match import match_on_mesh
 from nlpgrasp.solve.surface.move_hand import hand_onto_mesh
@@ -21,15 +22,16 @@ EXCHANGES, GAIN = 4, 2e-3  # on a mesh; relative: what one has to gain for anoth
 def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
     """Return the local optimum that a placed state leads to, with its grasp of the body itself.
 
-    A hand with a pose is refined around the smooth surface of a mesh, and moved onto the mesh from there.
+    A hand with a pose is refined around the smooth surface of a mesh, and moved onto the mesh from there. Its joints
+    get room to their limits.
     """
     body = bench.problem.body
-    if not isinstance(body, Mesh):
-        return refined_on_triangles(bench, bench.snapped(placed), stop)
-    if bench.follows_contacts:
+    if bench.follows_contacts and isinstance(body, Mesh):
         return _refined_on_mesh(bench, replace(placed, points=body.closest(placed.points)[0]), stop)
-    refined = refine(bench, bench.snapped(placed), stop)
-    return hand_on_mesh(bench, refined.point.placed, refined.point.value, stop), refined
+    if bench.follows_contacts:
+        return refined_on_triangles(bench, bench.snapped(placed), stop)
+    own, refined = refined_with_room(bench, bench.snapped(placed), stop)
+    return on_body(own, refined.point.placed, refined.point.value, stop), refined
 
 
 def _refined_on_mesh(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:

@@ -43,7 +43,7 @@ def on_triangles(bench: Workbench, placed: Placed, places: Sequence[FloatArray] 
     facets = Facets(body, triangles, np.stack([placed.points] if not len(places) else places), problem.margin)
     models = tuple(replace(model, faces=(name,)) for model, name in zip(problem.models, facets.names, strict=True))
     own = problem.unchecked(body=facets, contacts=models)
-    return Workbench(own, bench.options), replace(placed, faces=facets.names)
+    return bench.with_faces(own), replace(placed, faces=facets.names)
 
 
 def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatArray | None = None) -> OnBody:

@@ -134,8 +134,16 @@ class ExchangeProgram:
 
     def within(self, name: str, bounds: FloatArray) -> ExchangeProgram:
         """Return the same, no part of it compiled anew, with other bounds (2, m) of one of the hand's variables."""
+        return self._of(self.compiled.within(name, bounds[0], bounds[1]))
+
+    def raised(self, more: FloatArray) -> ExchangeProgram:
+        """Return the same, no part of it compiled anew, with higher lower limits of rows: see ``Program.raised``."""
+        return self._of(self.compiled.raised(more))
+
+    def _of(self, compiled: CompiledProgram) -> ExchangeProgram:
+        """Return the same with a program that differs in limits alone."""
         result = copy(self)
-        result.compiled = self.compiled.within(name, bounds[0], bounds[1])
+        result.compiled = compiled
         for name in ("confirming", "closing"):
             result.__dict__.pop(name, None)
         return result

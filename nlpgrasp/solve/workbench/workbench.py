@@ -64,10 +64,13 @@ class Workbench:
         self.hand_points = HandPoints(problem)
         self.exchange = ExchangeProgram(problem, options, cuts)
         self._first: dict[int, CompiledProgram] = {}  # by the number of samples
+        self._shared: Workbench | None = None
 
     @cached_property
     def link_depths(self) -> LinkDepths | None:
         """What measures how deep links are in the body and its surroundings; None without a hand that has links."""
+        if self._shared is not None:
+            return self._shared.link_depths
         hand = self.problem.hand
         return LinkDepths(self.problem, hand, self.options.link_tolerance) if isinstance(hand, URDFHand) else None
 
@@ -104,10 +107,27 @@ class Workbench:
             result.virtual_work = self.virtual_work
         return result
 
+    def with_faces(self, problem: GraspProblem) -> Workbench:
+        """Return the workbench of a problem whose body states the same surface by other faces."""
+        result = Workbench(problem, self.options)
+        surface = result.surface
+        result = self._sharing(result)
+        result.surface = surface
+        return result
+
+    def with_clearance(self, more: FloatArray) -> Workbench:
+        """Return the workbench whose programs hold links farther from the body than asked for, by (rows,), metres.
+
+        On a mesh, whose smooth distance they go by, so far as that flatters.
+        """
+        result = self._sharing(Workbench(self.problem, self.options))
+        result.exchange = self.exchange.raised(more / self.scaling.length)
+        return result
+
     def _sharing(self, other: Workbench) -> Workbench:
         """Return another workbench with this one's rows and samples, which neither task nor budget changes."""
         other.rows, other.surface, other.hand_points = self.rows, self.surface, self.hand_points
-        other.link_depths = self.link_depths
+        other._shared = self
         return other
 
     @cached_property

@@ -26,7 +26,6 @@ from nlpgrasp.solve.after.way_in import with_free_way
 from nlpgrasp.solve.analyse import analyses_of, asked, with_analyses
 from nlpgrasp.solve.bounding import bounding, nodes_of
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.posture.roomy import with_room
 from nlpgrasp.solve.start.given import run_given
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.run import run_start
@@ -126,12 +125,6 @@ class Runner:
             return lambda: best
         choosing = self.begin(partial(chosen, results=list(results), stop=stop), [best])
         return lambda: next(iter(choosing()), best)
-
-    def roomy(self, best: StartGrasp | None, stop: Stop) -> StartGrasp | None:
-        """Return the answer with its hand's joints away from their limits, where the options ask for that."""
-        if best is None or not self.options.seeks_room or self.problem.hand is None or stop.requested():
-            return best
-        return next(iter(self.begin(partial(with_room, stop=stop), [best])()), best)
 
     def at_local_optimum(self, best: StartGrasp | None, stop: Stop) -> StartGrasp | None:
         """Return the answer at the local optimum of the program next to it, or as it is, with its KKT residuals."""

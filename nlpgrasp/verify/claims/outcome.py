@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from nlpgrasp.common.shown.words import headroom_words
+from nlpgrasp.solution.joint_room import mu_without
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check
@@ -79,7 +80,7 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
 def _without_room(solution: GraspSolution) -> float:
     """Return the mu that a grasp states it had before its joints got room: ``room_checks`` has a word on it."""
     room = (solution.hand or {}).get("room")
-    return 0.0 if room is None else float(room["mu_without"]["upper"])
+    return 0.0 if room is None else mu_without(room)
 
 
 def _is_steady(solution: GraspSolution) -> bool:

@@ -28,7 +28,8 @@ def room_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check
     if stated is None:
         return []
     wrong = "; ".join(_price(stated, solution))
-    checks = [Check("price of room", not wrong, wrong or f"{stated['cost']:.2%} of mu, {stated['price']:.2%} allowed")]
+    told = f"{stated['cost']:.2%} of mu, " if "cost" in stated else ""
+    checks = [Check("price of room", not wrong, wrong or f"{told}{stated['price']:.2%} allowed")]
     try:
         wrong = "; ".join(_near(stated, solution, hand))
     except NotMadeError as reason:
@@ -38,12 +39,17 @@ def room_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check
 
 
 def _price(stated: Json, solution: GraspSolution) -> Iterator[str]:
-    """Yield what is wrong with the price: other options than the solve's, another cost, more than it allows."""
+    """Yield what is wrong with the price: other options than the solve's.
+
+    Of files of earlier versions, which say what it took: another cost, or more than the price allows.
+    """
     price, margin = number("hand.room.price", stated["price"], at_least=0.0), stated["margin"]
-    options, without = solution.solver.get("options", {}), stated["mu_without"]
+    options, without = solution.solver.get("options", {}), stated.get("mu_without")
     for name, value in (("room_price", price), ("joint_margin", margin)):
         if options.get(name, value) != value:
             yield f"{name} {options[name]} among the options, {value} stated"
+    if without is None:
+        return
     low, high = (number(f"hand.room.mu_without.{end}", without[end], above=0.0) for end in ("lower", "upper"))
     best = solution.winner
     if best is None:
