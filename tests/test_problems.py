@@ -19,7 +19,7 @@ VALUES = {
     "peg_in_hole": (2, 0.1283),
     "pencil": (2, 0.3668),
     "ellipsoid": (2, 0.7319),
-    "screwdriver": (2, 0.03563),
+    "screwdriver": (4, 0.03801),
     "odd_object_on_table": (2, 0.3012),
     "power_grasp": (2, 0.6963),
     "fingers_and_bodies": (2, 0.2693),
@@ -146,8 +146,7 @@ def test_shared_meshes_are_grasped_on_the_mesh_itself(shared_meshes, name):
     assert all(start.mu.lower > 0.0 for start in solution.starts)
     assert solution.mu.upper >= (1.0 - SAME) * value
     assert ng.verify(solution, rtol=0.05)
-    positions, outward, distances = body.closest(solution.grasp.points)
+    positions, _, distances = body.closest(solution.grasp.points)
     assert np.max(distances) <= 1e-9
     np.testing.assert_allclose(positions, solution.grasp.points, atol=1e-9)
-    np.testing.assert_allclose(np.sum(outward * solution.grasp.normals, axis=1), -1.0, atol=1e-6)
-    assert ng.verify(solution, rtol=0.05)
+    assert np.max(body.angles_off_normals(positions, -solution.grasp.normals)) <= 1e-5  # on an edge, in between

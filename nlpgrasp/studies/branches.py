@@ -133,7 +133,7 @@ class Branches:
         tree = next(self._trees)
         if tree is None:
             return False
-        for placed in propose(bench, np.random.default_rng([self._seed, self.steps])):
+        for placed in propose(bench, np.random.default_rng([self._seed, self.steps]), resume=True):
             found = bench.snapped(placed)
             if bench.violation(found) > FEASIBLE:
                 continue

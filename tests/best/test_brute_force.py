@@ -31,7 +31,7 @@ def test_no_grasp_of_brute_force_is_above_the_bound():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:Grasp.normals")
+@pytest.mark.filterwarnings("ignore:Grasp.normals", "ignore:the mesh. the smooth surface")
 def test_no_grasp_of_brute_force_is_above_the_bound_in_many_problems():
     wrong, near = violations(range(MANY))
     assert wrong == []

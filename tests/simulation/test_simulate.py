@@ -269,7 +269,8 @@ def test_bad_input(box, monkeypatch):
         simulate(box, mass=100.0)
     with pytest.raises(InputError, match="mass"):
         simulate(box, mass=0.0)
-    flat = Triangles(box.drawing.body.vertices * [1, 1, 0], box.drawing.body.faces)
+    body = box.drawn().body
+    flat = Triangles(body.vertices * [1, 1, 0], body.faces)
     for shape in (flat, Triangles(np.eye(3), np.array([[0, 1, 2]]))):
         with pytest.raises(InputError, match="enclose no volume"):
             simulate(replace(box, drawing=Drawing(shape)))

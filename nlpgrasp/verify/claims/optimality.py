@@ -20,7 +20,7 @@ from nlpgrasp.verify.placement import Surface
 SUM, BINDING = 1e-5, 1e-5  # of the weights; relative: how unequal inequalities that bind may be
 ABOVE = 2e-3  # relative: the program's beta over mu, at most
 SLOPE = 1e-4  # of mu: what a free contact's way over the body's size may be worth
-STEP, FREE = 1e-5, 1e-3  # of the body's size: of central differences; from an edge, where a contact is free
+STEP, FREE = 1e-6, 1e-3  # of the body's size: of central differences; from an edge, where a contact is free
 
 
 def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: Surface | None, size: float) -> list[Check]:
