@@ -17,11 +17,12 @@ from nlpgrasp.quality.certificate.containment import conditioned
 from nlpgrasp.quality.certificate.minimise import principal_curvatures
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.ascent.steps.linear import Linearisation
-from nlpgrasp.solve.ascent.weakest import in_coordinates, unit_reach
+from nlpgrasp.solve.ascent.weakest import in_coordinates
 
 STEP = 1e-5  # of the differences: solver units, or radians
 ACTIVE = 1e-7  # a multiplier below is zero
 INDEPENDENT = 1e-9  # relative: singular values of dependent rows
+LEAST_REACH = 1e-300  # of a task along a direction that it hardly asks for
 FLAT = 1e-12  # solver units: a curvature that is none
 LEAST = 1e-4  # curvature, solver units, that directions of less are given: along these the step is a short one
 
@@ -76,7 +77,8 @@ def _of_moving(
     axes, curvature = principal_curvatures(problem, u, gradient)
     values, slopes = rows_at(cuts[moving])
     rise = (rows_at((1.0 + STEP) * cuts[moving])[0] - values) / (STEP * ratio)  # of the row, over the ratio's
-    turned = [rows_at(unit_reach(task, (u + STEP * axis) @ problem.matrix))[1] for axis in axes.transpose(1, 0, 2)]
+    tilted = [(u + STEP * axis) @ problem.matrix for axis in axes.transpose(1, 0, 2)]
+    turned = [rows_at(y / np.maximum(task.support(y)[0], LEAST_REACH)[:, None])[1] for y in tilted]
     mixed = (np.array(turned) - slopes) / STEP  # g_yz, (r - 1, m, s)
     steep = rise * curvature.T  # nothing moves along where the row does not change
     weights = np.where(steep > FLAT, multipliers[own] / np.maximum(steep, FLAT), 0.0)

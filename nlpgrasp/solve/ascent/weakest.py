@@ -106,7 +106,7 @@ def weakest_directions(
     """
     problem, proof = conditioned(WrenchSet.of(grasp, budget), task)
     if problem is None:
-        y = np.zeros((0, grasp.dimension)) if proof is None else unit_reach(task, proof[None, :])
+        y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
         return Weakest(0.0, y)
     separating = separating_direction(problem.wrenches) if isinstance(budget, L2Budget) else None
     closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
@@ -135,7 +135,7 @@ def minimisers_near(bench: Workbench, placed: Placed, rng: np.random.Generator, 
     found, values = newton(problem, found[chosen], NEWTON_STEPS)
     order = np.argsort(values)
     chosen = separated(found, order, DIFFERENT, KEEP)
-    return Weakest(float(values[chosen[0]]), unit_reach(bench.problem.task, found[chosen] @ problem.matrix))
+    return Weakest(float(values[chosen[0]]), _unit_reach(bench.problem.task, found[chosen] @ problem.matrix))
 
 
 def disproved(bench: Workbench, placed: Placed, value: float) -> tuple[Weakest | None, Begun | None]:
@@ -166,7 +166,7 @@ def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatA
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
     chosen = separated(found, order, SEPARATION, KEEP)
-    return Weakest(float(values[chosen[0]]), unit_reach(task, found[chosen] @ problem.matrix))
+    return Weakest(float(values[chosen[0]]), _unit_reach(task, found[chosen] @ problem.matrix))
 
 
 def in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray:
@@ -203,7 +203,7 @@ def _hull_directions(problem: Containment, state: Sandwich) -> tuple[FloatArray,
     return found, problem.ratio(found)[0]
 
 
-def unit_reach(task: Task, y: FloatArray) -> FloatArray:
+def _unit_reach(task: Task, y: FloatArray) -> FloatArray:
     """Return those of directions (m, d) that the task asks for, scaled to ``phi_A = 1``."""
     reach = task.support(y)[0]
     return np.asarray(y[reach > 0.0] / reach[reach > 0.0][:, None])
