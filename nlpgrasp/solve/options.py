@@ -13,7 +13,6 @@ from nlpgrasp.nlp.solver import check_ipopt_options
 from nlpgrasp.solution.link_depth import MOST_TOLERANCE
 
 RANKS = ("robust", "mu")
-TRANSCRIPTIONS = ("vertex", "support")
 ANALYSES = {
     "prices": "shadow prices",
     "robustness": "robustness",
@@ -31,18 +30,8 @@ class SolveOptions:
 
     Parameters
     ----------
-    transcription : {"vertex", "support"}
-        Containment in the first program of a start. ``"vertex"`` never ends at a non-grasp.
-    shells : {0, 1, 2}, optional
-        Directions of the first program: the ends of the task's semi-axes, one shell of well-spread directions, or
-        two for a tighter program. When left out: 0 with a hand that has a pose, 1 otherwise.
-    exchange : bool
-        Refine candidates with cutting planes in a trust region until mu itself is locally maximal.
-    exchange_rounds : int
-        Most rounds of it a start.
-    candidates : int
-        Random tuples of surface samples that the coordinate exchange of a start begins from. With a hand that has a
-        pose of its own: a thirty-second of the random poses that a start compares.
+    rounds : int
+        Most rounds of the refinement of a candidate: with 0 candidates stay where they were proposed.
     rtol : float
         Relative gap of each start's certificate.
     final_rtol : float
@@ -89,17 +78,11 @@ class SolveOptions:
         Seconds of wall time for the whole solve; the best grasp so far is returned.
     workers : int, optional
         Processes; one a core when left out, 1 for this process only. The result does not depend on it.
-    max_iterations : int
-        Most iterations of each solve by IPOPT.
     ipopt : mapping
-        Options of IPOPT by their own names, in place of the package's: ``{"linear_solver": "mumps", "tol": 1e-9}``.
+        Options of IPOPT by their own names, in place of the package's: ``{"linear_solver": "mumps", "max_iter": 50}``.
     """
 
-    transcription: str = "vertex"
-    shells: int | None = None
-    exchange: bool = True
-    exchange_rounds: int = 25
-    candidates: int = 16
+    rounds: int = 25
     rtol: float = 0.03
     final_rtol: float = 0.01
     link_tolerance: float = 0.001
@@ -117,18 +100,12 @@ class SolveOptions:
     edge_margin: float | None = None
     time_limit: float | None = None
     workers: int | None = None
-    max_iterations: int = 300
     ipopt: Mapping[str, bool | int | float | str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.transcription, str) or self.transcription not in TRANSCRIPTIONS:
-            raise InputError("SolveOptions.transcription", self.transcription, " or ".join(map(repr, TRANSCRIPTIONS)))
         if not isinstance(self.rank, str) or self.rank not in RANKS:
             raise InputError("SolveOptions.rank", self.rank, " or ".join(map(repr, RANKS)))
-        if self.shells is not None and (type(self.shells) is not int or self.shells not in (0, 1, 2)):
-            raise InputError("SolveOptions.shells", self.shells, "0, 1 or 2")
-        for name in ("exchange_rounds", "candidates", "max_iterations"):
-            object.__setattr__(self, name, integer(f"SolveOptions.{name}", getattr(self, name), at_least=1))
+        object.__setattr__(self, "rounds", integer("SolveOptions.rounds", self.rounds, at_least=0, at_most=1000))
         for name in ("rtol", "final_rtol", "pregrasp_clearance"):
             object.__setattr__(self, name, number(f"SolveOptions.{name}", getattr(self, name), above=0.0))
         for name in ("link_tolerance", "robust_offset", "robust_friction", "joint_margin", "room_price"):
@@ -154,7 +131,7 @@ class SolveOptions:
         object.__setattr__(self, "analyses", check_analyses("SolveOptions.analyses", self.analyses))
         if self.ipopt != {}:
             object.__setattr__(self, "ipopt", check_ipopt_options("SolveOptions.ipopt", self.ipopt))
-        for name in ("exchange", "extras", "maximise_robust", "global_bound"):
+        for name in ("extras", "maximise_robust", "global_bound"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"SolveOptions.{name}", getattr(self, name), "True or False")
 

@@ -14,7 +14,7 @@ from problems.pencil import problem
 
 SOLVES, MANY = 64, 500
 OPTIONS = ng.SolveOptions()
-QUICK = ng.SolveOptions(candidates=8, exchange_rounds=2, rtol=0.1, final_rtol=0.05)
+QUICK = ng.SolveOptions(rounds=2, rtol=0.1, final_rtol=0.05)
 
 
 def square():

@@ -15,9 +15,7 @@ FAR = [700.0, -1000.0, 0.25]
 PLACES = {0.0: [0.0, 0.0, 0.0], 0.7: [1.0, 0.3, 0.0], 1.3: FAR}  # metres, by the angle of a rotation, radians
 POSES = [pose_of(at, angle, mirrored) for angle, at in PLACES.items() for mirrored in (False, True)]
 FORMATS = ("obj", "glb", "ply", "stl")
-QUICK = ng.SolveOptions(
-    workers=1, global_bound=False, exchange_rounds=1, candidates=20, shells=0, rtol=0.05, final_rtol=0.05
-)
+QUICK = ng.SolveOptions(workers=1, global_bound=False, rounds=1, rtol=0.05, final_rtol=0.05)
 NEAR = [0.5, -4.0, 8.0]  # metres: single precision holds the meshes exactly here
 SCANS = {"ycb_012_strawberry.stl": "m", "angle_block.stl": "in", "featuretype.stl": "in"}
 

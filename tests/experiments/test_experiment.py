@@ -21,7 +21,7 @@ def test_a_variation_replaces_fields_of_the_base():
             "both": {"fingers": 3, "friction": 0.9},
             "constrained": {"constraints": (table,)},
             "task": {"task": ng.TaskEllipsoid([2, 1, 1])},
-            "longer": {"starts": 5, "options": {"candidates": 99}},
+            "longer": {"starts": 5, "options": {"rounds": 9}},
             "whole": base(),
         }
     )
@@ -32,7 +32,7 @@ def test_a_variation_replaces_fields_of_the_base():
     assert cases["constrained"].problem.constraints == (table,)
     np.testing.assert_array_equal(np.abs(np.diag(cases["task"].problem.task.axes)), [2, 1, 1])
     assert cases["longer"].starts == 5
-    assert cases["longer"].options.candidates == 99
+    assert cases["longer"].options.rounds == 9
     assert cases["longer"].options.rtol == cases["plain"].options.rtol == 0.1
     assert cases["whole"].problem.to_dict() == cases["plain"].problem.to_dict() == base().to_dict()
 
@@ -116,11 +116,11 @@ def test_combinations_add_constraints_and_options_up():
     made = ng.combinations(
         {"free": {}, "one": {"constraints": [one]}},
         {"x": {"options": {"rtol": 0.1}}, "y": {"constraints": two, "options": {"rtol": 0.2}}},
-        {"z": {"options": {"candidates": 9}}},
+        {"z": {"options": {"rounds": 9}}},
     )
     assert list(made) == ["free, x, z", "free, y, z", "one, x, z", "one, y, z"]
     assert made["one, y, z"]["constraints"] == (one, two)
-    assert made["one, y, z"]["options"] == {"rtol": 0.2, "candidates": 9}
+    assert made["one, y, z"]["options"] == {"rtol": 0.2, "rounds": 9}
     assert experiment(made).case("one, y, z").problem.constraints == (one, two)
 
 

@@ -6,7 +6,7 @@ import pytest
 import nlpgrasp as ng
 
 POOR = ng.SolveOptions(
-    candidates=2, exchange=False, rtol=0.1, final_rtol=0.05, global_bound=False
+    rounds=0, rtol=0.1, final_rtol=0.05, global_bound=False
 )  # one start each, of chance: the order of what the solves find by themselves is chance as well
 ORDER = {  # what each asks for less than
     "rougher": ("base",),

@@ -175,7 +175,7 @@ def test_a_solution_states_the_pose_of_its_grasps(tmp_path):
     hand = ng.ParallelJaw(0.05, finger_length=0.04)
     contact, task = ng.SoftContact(0.6, 0.005), ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     problem = ng.GraspProblem(BODY, contact, task, hand=hand, constraints=[ng.Table(-0.031)])
-    options = ng.SolveOptions(workers=1, exchange=False, final_rtol=0.05)
+    options = ng.SolveOptions(workers=1, rounds=0, final_rtol=0.05)
     solution = ng.solve(problem, starts=1, options=options, keep=3)
     assert solution.success
     for found in solution.grasps:

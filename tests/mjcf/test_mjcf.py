@@ -27,7 +27,7 @@ def box():
         ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         name="a <box> & more",
     )
-    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, exchange=False))
+    return solve_once(problem, starts=1, options=ng.SolveOptions(workers=1, rounds=0))
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 TASK = ng.TaskEllipsoid([1.0, 1.0, 0.5])
-QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, exchange=False)
+QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, rounds=0)
 FACES, POINTS = ("edge0", "edge2"), np.array([[0.3, -1.0], [0.3, 1.0]])
 
 

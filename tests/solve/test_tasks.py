@@ -26,16 +26,10 @@ def problem(task):
     return ng.GraspProblem(ng.Box([0.08, 0.05, 0.04]), [ng.FrictionContact(0.6)] * 4, task, torque_origin=[0, 0, 0])
 
 
-OTHERS = [("polytope", "support"), pytest.param("sum", "support", marks=pytest.mark.slow)]
-
-
-VERTEX = [pytest.param(name, "vertex", marks=[pytest.mark.slow] if name == "sum" else []) for name in KINDS]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "transcription"), [*VERTEX, *OTHERS])
-def test_every_kind_of_task_is_solved_and_verified_from_its_file(name, transcription, tmp_path):
-    options = ng.SolveOptions(workers=1, transcription=transcription, rtol=0.05, final_rtol=0.02)
+@pytest.mark.parametrize("name", KINDS)
+def test_every_kind_of_task_is_solved_and_verified_from_its_file(name, tmp_path):
+    options = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02)
     found = ng.solve(problem(KINDS[name]), 3, options=options)
     assert found.mu.lower > 0.0
     assert ng.verify(found.save(tmp_path / "task.json"), rtol=0.05).passed

@@ -70,7 +70,7 @@ def fingers():
     return stated_file(problem, ["surface"] * 3, radius * outward, -outward, values)
 
 
-QUICK = ng.SolveOptions(workers=1, exchange=False, rtol=0.05, final_rtol=0.02)
+QUICK = ng.SolveOptions(workers=1, rounds=0, rtol=0.05, final_rtol=0.02)
 
 
 @cache

@@ -14,7 +14,7 @@ from tests.verify import honest
 from tests.verify.edits import failures, row
 from tests.verify.stated import edited
 
-OPTIONS = ng.SolveOptions(workers=1, exchange=False, global_bound=False, final_rtol=0.05)
+OPTIONS = ng.SolveOptions(workers=1, rounds=0, global_bound=False, final_rtol=0.05)
 NORMAL, PLANE = "on fingertip left_pad, finger 0, normal x", "on fingertip left_pad, finger 0, plane"
 
 

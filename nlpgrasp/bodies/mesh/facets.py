@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -63,30 +64,83 @@ class Facets(Body):
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return a face for each contact."""
-        corners, outward = np.asarray(self.mesh.mesh.triangles), np.asarray(self.mesh.mesh.face_normals)
-        each = zip(self.names, self.points.transpose(1, 0, 2), self.numbers, strict=True)
-        return tuple(self._face(name, places, corners[number], outward[number]) for name, places, number in each)
+        return tuple(facet.face(name) for name, facet in self._facets.items())
+
+    def evaluate(
+        self, name: str, points: FloatArray, margin: float = 0.0
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return height, ones, outward normals and largest extent, as ``Body.evaluate``; nothing is compiled for it."""
+        return self._facets[name].evaluate(points, margin)
 
     def to_dict(self) -> Json:
         """Return the mesh as JSON data."""
         return self.mesh.to_dict()
 
-    def _face(self, name: str, places: FloatArray, corners: FloatArray, outward: FloatArray) -> Face:
-        beyond = np.cross(np.roll(corners, -1, axis=0) - corners, outward)
-        lines = [(c, b / np.linalg.norm(b)) for c, b in zip(corners, beyond, strict=True) if np.any(b)]
-        edges = np.zeros((0, 2, 3))
-        if self.margin > 0.0:
-            about = [self.mesh.sharp_edges(point, NEAREST) for point in places]
-            edges = np.unique(np.concatenate(about).reshape(-1, 6), axis=0).reshape(-1, 2, 3)
+    @cached_property
+    def _facets(self) -> dict[str, _Facet]:
+        corners, outward = np.asarray(self.mesh.mesh.triangles), np.asarray(self.mesh.mesh.face_normals)
+        each = zip(self.names, self.points.transpose(1, 0, 2), self.numbers, strict=True)
+        return {name: _Facet.of(corners[i], outward[i], self._sharp_edges(places)) for name, places, i in each}
+
+    def _sharp_edges(self, places: FloatArray) -> FloatArray:
+        """Return the ends of the sharp edges about places (n, 3) of a contact, (e, 2, 3); none without a margin."""
+        if self.margin == 0.0:
+            return np.zeros((0, 2, 3))
+        about = [self.mesh.sharp_edges(point, NEAREST) for point in places]
+        return np.unique(np.concatenate(about).reshape(-1, 6), axis=0).reshape(-1, 2, 3)
+
+
+@dataclass(frozen=True)
+class _Facet:
+    """A triangle's plane, its sides, and the sharp edges of the mesh that a contact on it keeps away from.
+
+    Parameters
+    ----------
+    outward : (3,) array
+        Unit normal.
+    corners, away : (m, 3) array
+        A corner on each side, metres, and the unit vector in the plane that points out of the triangle there.
+    edges : (e, 2, 3) array
+        Ends of sharp edges, metres.
+    """
+
+    outward: FloatArray
+    corners: FloatArray
+    away: FloatArray
+    edges: FloatArray
+
+    @classmethod
+    def of(cls, corners: FloatArray, outward: FloatArray, edges: FloatArray) -> _Facet:
+        """Return the facet of a triangle's corners (3, 3), metres, and outward normal."""
+        away = np.cross(np.roll(corners, -1, axis=0) - corners, outward)
+        length = np.linalg.norm(away, axis=1)
+        return cls(outward, corners[length > 0.0], away[length > 0.0] / length[length > 0.0, None], edges)
+
+    def face(self, name: str) -> Face:
+        """Return the same as a face of CasADi expressions."""
+        outward, corner = ca.DM(self.outward), ca.DM(self.corners[0])
+        sides = [(ca.DM(c), ca.DM(a)) for c, a in zip(self.corners, self.away, strict=True)]
 
         def surface(p: Expression) -> Expression:
-            return ca.dot(ca.DM(outward), p - ca.DM(corners[0]))
+            return ca.dot(outward, p - corner)
 
         def extent(p: Expression) -> list[Expression]:
-            own = [ca.dot(ca.DM(away), p - ca.DM(corner)) for corner, away in lines]
-            return own + [-_distance(p, *map(ca.DM, ends)) for ends in edges]
+            own = [ca.dot(a, p - c) for c, a in sides]
+            return own + [-_distance(p, *map(ca.DM, ends)) for ends in self.edges]
 
-        return Face(name, surface, extent, [False] * len(lines) + [True] * len(edges))
+        return Face(name, surface, extent, [False] * len(sides) + [True] * len(self.edges))
+
+    def evaluate(self, points: FloatArray, margin: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return height over the plane, ones, unit outward normals and largest extent at points (m, 3)."""
+        arms = points[:, None] - self.corners
+        beyond = np.max(np.einsum("msi,si->ms", arms, self.away), axis=1, initial=-np.inf)
+        if len(self.edges):
+            along = self.edges[:, 1] - self.edges[:, 0]
+            share = np.einsum("mei,ei->me", points[:, None] - self.edges[:, 0], along) / np.sum(along**2, axis=1)
+            nearest = self.edges[:, 0] + np.clip(share, 0.0, 1.0)[..., None] * along
+            apart = np.linalg.norm(points[:, None] - nearest, axis=2)
+            beyond = np.maximum(beyond, margin - np.min(apart, axis=1))
+        return arms[:, 0] @ self.outward, np.ones(len(points)), np.tile(self.outward, (len(points), 1)), beyond
 
 
 def _distance(p: Expression, start: ca.DM, end: ca.DM) -> Expression:

@@ -84,8 +84,8 @@ def _why_not(bench: Workbench) -> str:
     """Return in words why there is no last step, empty where there is one."""
     if bench.options.maximise_robust:
         return "the contacts are where the worst placement is best, not where mu is"
-    if not bench.options.exchange:
-        return "the search was asked not to refine contacts (exchange=False)"
+    if not bench.options.rounds:
+        return "the search was asked not to refine contacts (rounds=0)"
     if bench.problem.budget.follows_hand:
         return "the program along directions does not hold the torques of a hand's joints"
     return ""

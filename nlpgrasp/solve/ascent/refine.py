@@ -111,9 +111,7 @@ def refine(
     flatter: a polytope looks for directions that they missed, and the search goes on with these, from where it began if
     it was led astray.
     """
-    rng, options = np.random.default_rng(0), bench.options
-    if rounds is None:
-        rounds = options.exchange_rounds if options.exchange else 0
+    rng, rounds = np.random.default_rng(0), bench.options.rounds if rounds is None else rounds
     here = point_at(bench, placed, weakest_at(bench, placed, rng).directions, rng)
     sure = refined = Refined(here, RADIUS, np.zeros(len(bench.rows.named)), (here.value,))
     for _ in range(LOOKS):

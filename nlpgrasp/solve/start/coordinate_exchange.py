@@ -32,7 +32,7 @@ from nlpgrasp.solve.workbench.surface_samples import Cloud
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 KEPT = 8  # candidates that exchanges go on from
-DRAWN = 2048  # random tuples, of which the best join those that exchanges begin from
+DRAWN, BEGUN = 2048, 16  # random tuples; those that exchanges begin from, half of them the best
 SHAKES = 6  # rounds that move contacts of the best tuples at random
 HALF = 3  # of the first search, and of one that goes on from it
 SHAKEN = 8  # candidates made a round
@@ -141,10 +141,9 @@ class CoordinateExchange:
 
     def drawn(self) -> IntArray:
         """Return random tuples, (b, k), half of them the best of many."""
-        count = self._bench.options.candidates
         many = self._tables.random(DRAWN, self._rng)
-        chosen = self.best(many, count // 2)
-        return np.concatenate([chosen, many[: count - len(chosen)]])
+        chosen = self.best(many, BEGUN // 2)
+        return np.concatenate([chosen, many[: BEGUN - len(chosen)]])
 
     def shaken(self, tuples: IntArray) -> IntArray:
         """Return tuples with one or two contacts at random samples, (SHAKEN, k); the best ones first and most often."""

@@ -79,18 +79,11 @@ def _on_mesh(bench: Workbench, placed: Placed) -> Placed:
 
 
 def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
-    """Return the first program's sampled wrenches or directions, (q,), turned at random in the task's own axes.
+    """Return the first program's sampled wrenches, (q,), turned at random in the task's own axes.
 
-    Wrenches are ``factor`` times as far from the task's middle.
+    They are ``factor`` times as far from the task's middle.
     """
-    task, samples = bench.problem.task, bench.task_samples
-    if bench.options.transcription == "vertex":
-        return np.asarray((samples.wrenches(rng, factor)).ravel())
-    y = samples.directions(rng)
-    reach = task.support(y)[0]
-    good = reach > 1e-9
-    y = np.where(good[:, None], y / np.where(good, reach, 1.0)[:, None], 0.0)
-    return np.concatenate([y.ravel(), good.astype(float)])
+    return np.asarray(bench.task_samples.wrenches(rng, factor).ravel())
 
 
 def _score(bench: Workbench, placed: Placed, rng: np.random.Generator) -> float:

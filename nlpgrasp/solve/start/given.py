@@ -65,7 +65,7 @@ def _starts(bench: Workbench, given: Given, index: int, stop: Stop, improve: boo
     if as_it_is.solved:
         yield as_it_is
         index += 1
-    if stop.requested() or not improve or not bench.options.exchange:
+    if stop.requested() or not improve or not bench.options.rounds:
         return
     begun = time.perf_counter()
     try:

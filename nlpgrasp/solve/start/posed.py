@@ -20,7 +20,7 @@ from nlpgrasp.solve.start.touch import best_touching, touching_candidates
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-POSES_A_CANDIDATE = 32  # random poses for each of the candidates that the options ask for
+POSES = 512  # random poses that a start compares
 DRAWN, SCREENED, GOALS = 4096, 512, 64  # random placements; those looked at closer; those that hands reach for
 ORDERS, NEAR, EACH = 24, 8, 12  # ways to share a goal's places among fingers; postures for each; kept for a goal
 LOOKED_AT = 256
@@ -96,11 +96,11 @@ def _order(bench: Workbench, poses: _Poses, against: FloatArray, score: FloatArr
 
 def _at_random(bench: Workbench, rng: np.random.Generator) -> tuple[Values, FloatArray]:
     """Return random poses with the fingertips' middle somewhere in the body, and the fingertips' centres."""
-    count, body = POSES_A_CANDIDATE * bench.options.candidates, bench.problem.body
+    body = bench.problem.body
     everything = np.concatenate(list(bench.surface.faces.values()))
-    target = everything[rng.integers(len(everything), size=count)]
-    around = body.centroid + rng.uniform(0.0, 0.8, (count, 1)) * (target - body.centroid)
-    return bench.hand_points.posed_hand.draw(count, around, rng)
+    target = everything[rng.integers(len(everything), size=POSES)]
+    around = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
+    return bench.hand_points.posed_hand.draw(POSES, around, rng)
 
 
 def _reaching(bench: Workbench, rng: np.random.Generator) -> tuple[Values, FloatArray]:

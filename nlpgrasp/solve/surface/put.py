@@ -39,7 +39,7 @@ def _refined_on_mesh(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBo
     found, refined = refined_on_triangles(bench, placed, stop)
     for _ in range(EXCHANGES):
         value = refined.point.value
-        if stop.requested() or value <= 0.0 or not bench.options.exchange:
+        if stop.requested() or value <= 0.0 or not bench.options.rounds:
             break
         here = refined.point.placed
         moved = exchanged_nearby(bench, here, found.grasp, refined.point.cuts)

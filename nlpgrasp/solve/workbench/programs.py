@@ -27,10 +27,11 @@ from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.placed import Placed
 
 SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes the exchange's program holds
-POSED_ITERATIONS = 150  # most of the first program with a hand's pose: another pose is worth more then
+MOST_ITERATIONS = 300  # of IPOPT
 Ipopt = dict[str, Option]
 # with a hand's pose the first program ends once contacts and hand fit together: the exchange is faster from there
 POSED: Ipopt = {
+    "max_iter": 150,
     "mu_strategy": "adaptive",
     "acceptable_iter": 1,
     "acceptable_tol": 1e5,
@@ -74,10 +75,10 @@ def budget_at(problem: GraspProblem, placed: Placed) -> ForceBudget:
 def first_program(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
     """Return the first program of a start, which looks at so many samples of the task."""
     plain = problem.unchecked(force_budget=closure_budget(problem))
-    program = optimal_grasp_program(plain, options.transcription, samples)
+    program = optimal_grasp_program(plain, "vertex", samples)  # which never ends at a non-grasp
     limits: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
     if not follows_contacts(problem):
-        limits |= POSED | {"max_iter": min(options.max_iterations, POSED_ITERATIONS)}
+        limits |= POSED
     return _compiled(program, options, limits)
 
 
@@ -157,7 +158,7 @@ class ExchangeProgram:
 
 def _compiled(program: Program, options: SolveOptions, limits: Ipopt) -> CompiledProgram:
     # MUMPS scaling 7 avoids the factorizations that take 20 times as long as the rest (measured on scans)
-    most: Ipopt = {"max_iter": options.max_iterations, "mumps_scaling": 7}
+    most: Ipopt = {"max_iter": MOST_ITERATIONS, "mumps_scaling": 7}
     if options.time_limit is not None:
         most["max_wall_time"] = options.time_limit
     return CompiledProgram(program, most | limits | dict(options.ipopt))

@@ -133,10 +133,7 @@ class Workbench:
     @cached_property
     def task_samples(self) -> TaskSamples:
         """The wrenches of the task that the first program samples."""
-        shells = self.options.shells
-        if shells is None:
-            shells = 1 if self.follows_contacts else 0
-        return TaskSamples(self.problem.task, self.scaling.wrench, shells)
+        return TaskSamples(self.problem.task, self.scaling.wrench, 1 if self.follows_contacts else 0)
 
     @property
     def first(self) -> CompiledProgram:

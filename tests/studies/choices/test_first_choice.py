@@ -82,7 +82,7 @@ def test_too_heavy_for_any_hand_is_said():
 @pytest.mark.slow
 def test_its_problem_is_solved_and_says_the_force():
     choice = ng.first_choice(BRICK, mass=0.2, friction=0.5)
-    options = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, exchange=False)
+    options = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, rounds=0)
     solution = ng.solve(choice.problem(), 1, options=options)
     assert solution.success
     force = choice.needed_force(solution)

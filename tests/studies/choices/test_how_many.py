@@ -18,7 +18,7 @@ def square(contacts, size=1.0):
     return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * contacts, ng.TaskEllipsoid([size, size, 0.5 * size]))
 
 
-QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, exchange=False)
+QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, rounds=0)
 
 
 @pytest.fixture(scope="module")

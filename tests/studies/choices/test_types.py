@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.studies.choices.menu import Menu
 
 FAST = ng.SolveOptions(workers=1, rtol=0.02, final_rtol=0.01)
-QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, exchange=False)
+QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, rounds=0)
 SMOOTH, ROUGH, PAD = ng.PointContact(), ng.FrictionContact(0.4), ng.LineContact(0.4, friction=0.4)
 HARD, SOFT = ng.FrictionContact(0.5), ng.SoftContact(0.5, 0.01)
 

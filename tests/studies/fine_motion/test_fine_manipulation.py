@@ -79,7 +79,7 @@ def test_fingers_below_a_body_carry_it(space):
     Three carry less. In space the middle is on the boundary of three fingers at corners, so that the fourth slides.
     """
     nothing_else = {"robust_offset": 0.0, "robust_friction": 0.0}
-    options = ng.SolveOptions(rtol=0.05, final_rtol=0.05, exchange_rounds=5, candidates=8, **nothing_else)
+    options = ng.SolveOptions(rtol=0.05, final_rtol=0.05, rounds=5, **nothing_else)
     pick, goal = (carried_from_below(space, half_width) for half_width in (0.5, 0.8))
     found = ng.fine_manipulation(pick, goal, starts=1, options=options)
     assert found.held_at_stations
