@@ -29,6 +29,8 @@ class Face:
         from its edges, metres.
     sharp : sequence of bool, optional
         Of each extent whether the surface turns by more than 30 degrees at that edge; all of them when left out.
+    edges : callable
+        ``edges(p) -> list`` of expressions: distances of a point from sharp edges that are none of the extents, metres.
     room : float
         The largest margin from sharp edges that leaves something of the face, metres.
     """
@@ -37,16 +39,18 @@ class Face:
     surface: Callable[[Expression], Expression]
     extent: Callable[[Expression], Sequence[Expression]] = lambda p: ()
     sharp: Sequence[bool] | None = None
+    edges: Callable[[Expression], Sequence[Expression]] = lambda p: ()
     room: float = np.inf
 
     def __repr__(self) -> str:
         return f"Face({self.name!r})"
 
     def limits(self, p: Expression, margin: float) -> list[Expression]:
-        """Return the extents of a CasADi point, those of sharp edges drawn back by a margin, metres."""
+        """Return what is at most zero of a CasADi point on the face that is a margin, metres, away from sharp edges."""
         extents = list(self.extent(p))
         sharp = [True] * len(extents) if self.sharp is None else list(self.sharp)
-        return [e + margin * s for e, s in zip(extents, sharp, strict=True)]
+        own = [e + margin * s for e, s in zip(extents, sharp, strict=True)]
+        return own + [margin - distance for distance in self.edges(p)] if margin > 0.0 else own
 
     def compiled(self, p: Expression, margin: float) -> ca.Function:
         """Return the function of a symbol to surface, gradient's size, unit outward normal and limits."""

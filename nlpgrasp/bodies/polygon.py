@@ -154,7 +154,7 @@ def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> 
     room = length / sum(sharp) if any(sharp) else np.inf
     if height is not None:
         sharp, room = [*sharp, True, True], min(room, height / 2.0)
-    return Face(name, surface, extent, sharp, room)
+    return Face(name, surface, extent, sharp, room=room)
 
 
 def inradius(v: FloatArray) -> float:

@@ -20,4 +20,4 @@ def test_closed_forms_are_those_of_the_compiled_faces(margin):
         for one, other in zip(direct, compiled, strict=True):
             np.testing.assert_allclose(one, other, atol=1e-13)
     if margin:
-        assert all(len(facets.face(name).extent(facets.point())) > 3 for name in facets.names)
+        assert all(len(facets.face(name).edges(facets.point())) > 0 for name in facets.names)

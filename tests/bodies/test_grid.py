@@ -1,10 +1,12 @@
 """Distances on a grid: exact near the surface, splines through fewer points elsewhere."""
 
+import casadi as ca
 import numpy as np
 import pytest
 import trimesh
 from scipy.ndimage import gaussian_filter
 
+import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.signed_distance import EXACT_CELLS, _exact, _grid, _near_exact
 from nlpgrasp.common.meshes.search_tree import SearchTree
 
@@ -26,9 +28,9 @@ def test_near_the_surface_it_is_exact_and_after_smoothing_everywhere_close(shape
             [make.box(bounds=[[0, 0, 0], [0.08, 0.02, 0.03]]), make.box(bounds=[[0, 0.02, 0], [0.02, 0.06, 0.03]])]
         ),
     }[shape]()
-    tree = SearchTree(np.array(mesh.vertices, dtype=float), np.array(mesh.faces))
+    distance = SearchTree(np.array(mesh.vertices, dtype=float), np.array(mesh.faces)).signed_distance
     axes, cell = grid_of(mesh, 40)
-    exact, fast = _exact(tree, _grid(axes)), _near_exact(tree, axes, cell, EXACT_CELLS)
+    exact, fast = _exact(distance, _grid(axes)), _near_exact(distance, axes, cell, EXACT_CELLS)
     near = np.abs(exact) < (EXACT_CELLS - 0.8) * cell
     np.testing.assert_array_equal(fast[near], exact[near])
     assert np.max(np.abs(fast - exact)) < cell
@@ -37,11 +39,29 @@ def test_near_the_surface_it_is_exact_and_after_smoothing_everywhere_close(shape
     assert np.max(np.abs(smooth[0] - smooth[1])[np.abs(exact) < cell]) < 0.03 * cell
 
 
-def test_it_asks_the_mesh_about_a_fraction_of_the_points(monkeypatch):
+def test_it_asks_the_mesh_about_a_fraction_of_the_points():
     mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.03)
     tree = SearchTree(np.array(mesh.vertices, dtype=float), np.array(mesh.faces))
     axes, cell = grid_of(mesh, 48)
-    asked, own = [], tree.signed_distance
-    monkeypatch.setattr(tree, "signed_distance", lambda points: asked.append(len(points)) or own(points))
-    _near_exact(tree, axes, cell, EXACT_CELLS)
+    asked = []
+    _near_exact(lambda points: asked.append(len(points)) or tree.signed_distance(points), axes, cell, EXACT_CELLS)
     assert sum(asked) < 0.5 * np.prod([len(axis) for axis in axes])
+
+
+def test_the_distance_from_sharp_edges_is_right_to_a_tenth_of_a_cell_beyond_a_cell():
+    mesh = trimesh.creation.box(extents=[0.08, 0.05, 0.03])
+    body = ng.Mesh(mesh)
+    points, _ = body.surface_samples(2000, np.random.default_rng(0))
+    cell = 0.08 / body.resolution
+    p = body.point()
+    splined = ca.Function("edges", [p], body.face("surface").edges(p)).map(len(points))(points.T).full().ravel()
+    error = (splined - body.edge_distance("surface", points)) / cell
+    near = (splined > cell) & (splined < 3.0 * cell)
+    assert np.quantile(error[near], 0.9) < 0.0  # less a tenth of a cell
+    assert np.max(np.abs(error[near])) < 0.4
+    h = body.evaluate("surface", points, 0.005)[3]
+    np.testing.assert_allclose(h, 0.005 - splined, atol=1e-12)
+    assert np.all(body.evaluate("surface", points)[3] == -np.inf)  # without a margin nothing is asked
+    samples = body.sample("surface", 200, np.random.default_rng(0), 0.005)
+    assert len(samples) == 200
+    assert np.min(body.edge_distance("surface", samples)) >= 0.005

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.bodies.face import SHARP
-from nlpgrasp.common.meshes.search_tree import SearchTree
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -29,9 +29,14 @@ class SharpEdges:
         areas = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)]
         solid = np.min(areas, axis=1, initial=np.inf) > FLAT * float(np.sum(np.ptp(mesh.bounds, axis=0) ** 2))
         turned = np.asarray(mesh.face_adjacency_angles) > SHARP
-        self._edges = np.asarray(mesh.face_adjacency_edges)[solid & turned]
-        self._vertices = np.asarray(mesh.vertices)
+        self._edges: IntArray = np.asarray(mesh.face_adjacency_edges, dtype=np.int64)[solid & turned]
+        self._vertices = np.asarray(mesh.vertices, dtype=float)
         self._tree = SearchTree(self._vertices, self._edges)
+
+    @property
+    def ends(self) -> IntArray:
+        """Numbers of the vertices that each edge is between, (m, 2)."""
+        return self._edges
 
     def __len__(self) -> int:
         """Return how many there are."""

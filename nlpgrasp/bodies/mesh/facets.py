@@ -125,16 +125,18 @@ class _Facet:
             return ca.dot(outward, p - corner)
 
         def extent(p: Expression) -> list[Expression]:
-            own = [ca.dot(a, p - c) for c, a in sides]
-            return own + [-_distance(p, *map(ca.DM, ends)) for ends in self.edges]
+            return [ca.dot(a, p - c) for c, a in sides]
 
-        return Face(name, surface, extent, [False] * len(sides) + [True] * len(self.edges))
+        def edges(p: Expression) -> list[Expression]:
+            return [_distance(p, *map(ca.DM, ends)) for ends in self.edges]
+
+        return Face(name, surface, extent, [False] * len(sides), edges=edges)
 
     def evaluate(self, points: FloatArray, margin: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return height over the plane, ones, unit outward normals and largest extent at points (m, 3)."""
         arms = points[:, None] - self.corners
         beyond = np.max(np.einsum("msi,si->ms", arms, self.away), axis=1, initial=-np.inf)
-        if len(self.edges):
+        if len(self.edges) and margin > 0.0:
             along = self.edges[:, 1] - self.edges[:, 0]
             share = np.einsum("mei,ei->me", points[:, None] - self.edges[:, 0], along) / np.sum(along**2, axis=1)
             nearest = self.edges[:, 0] + np.clip(share, 0.0, 1.0)[..., None] * along

@@ -17,7 +17,7 @@ from nlpgrasp.bodies.mesh.edges import SharpEdges
 from nlpgrasp.bodies.mesh.fineness import FINEST, automatic_fineness
 from nlpgrasp.bodies.mesh.normal_cone import angles_off_normals
 from nlpgrasp.bodies.mesh.offset import SmoothOffset, smooth_offset
-from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, distance_spline
+from nlpgrasp.bodies.mesh.signed_distance import DistanceSpline, distance_spline, edge_distance_spline
 from nlpgrasp.bodies.mesh.walls import wall_thickness
 from nlpgrasp.common.given.lengths import metres_per
 from nlpgrasp.common.meshes.mass import volume_integrals
@@ -31,6 +31,8 @@ from nlpgrasp.common.validation import FloatArray, integer, number
 if TYPE_CHECKING:
     import trimesh
 
+FLATTERS = 0.1  # grid cells: so far nine in ten points about the margin are at most nearer to edges than splined
+OFF_EDGES = 3  # times as many points are drawn where they have to be off sharp edges
 ROOM_SAMPLES = 4000  # points among which the farthest from sharp edges is looked for
 OFFSET_SAMPLES = 300  # points of which it is measured how far the smooth surface is
 CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of links; margin over the size
@@ -165,8 +167,26 @@ class Mesh(Body):
         return True
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the one face, the smoothed spline's zero set."""
-        return (Face("surface", self._spline.expression),)
+        """Return the one face, the smoothed spline's zero set, and how far it is from the mesh's sharp edges."""
+        return (Face("surface", self._spline.expression, edges=self._edge_distances),)
+
+    def _edge_distances(self, p: Expression) -> list[Expression]:
+        """Return the spline's distance from sharp edges, less what it may flatter; nothing where there are none."""
+        if not len(self._edges):
+            return []
+        cell = float(np.max(np.ptp(self.bounds, axis=0))) / self.resolution
+        return [self._edge_spline.expression(p) - FLATTERS * cell]
+
+    @cached_property
+    def _edge_spline(self) -> DistanceSpline:
+        return edge_distance_spline(np.asarray(self.mesh.vertices, dtype=float), self._edges.ends, self.resolution)
+
+    def sample(self, name: str, count: int, rng: np.random.Generator, margin: float = 0.0) -> FloatArray:
+        """Return random points of the smooth surface, the margin away from the mesh's sharp edges; see ``Body``."""
+        if margin == 0.0:
+            return super().sample(name, count, rng)
+        points = super().sample(name, OFF_EDGES * count, rng)
+        return points[self.edge_distance(name, points) >= margin][:count]
 
     def distance(self, p: Expression) -> Expression:
         """Return a spline through the mesh's own signed distance, not smoothed; away from it a lower bound."""

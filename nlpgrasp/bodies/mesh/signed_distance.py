@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.bodies.mesh.fineness import AROUND
 from nlpgrasp.common.meshes.frame import in_frame, local_origin
@@ -14,6 +16,7 @@ from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 
+Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
 EXACT_CELLS, EXACT_UNSMOOTHED = 3, 5  # from the surface, within which distances are exact
 
 
@@ -86,7 +89,36 @@ def distance_spline(
     origin = local_origin(vertices)
     local = in_frame(vertices, origin)
     made_from = [local, faces, np.array([resolution, smoothing, margin])]
-    found = kept("distance", made_from, lambda: _fitted(local, faces, resolution, smoothing, margin))
+    tree, cells = SearchTree(local, faces), EXACT_CELLS if smoothing > 0.0 else EXACT_UNSMOOTHED
+    found = kept(
+        "distance", made_from, lambda: _fitted(tree.signed_distance, local, resolution, cells, smoothing, margin)
+    )
+    return _spline_of(found, origin)
+
+
+def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int) -> DistanceSpline:
+    """Return a spline through the distance from edges (m, 2) of a mesh; over a cell from them right to a tenth of it.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Of the whole mesh, metres.
+    edges : (m, 2) int array
+    resolution : int
+        Grid cells along the longest side of the mesh.
+    """
+    origin = local_origin(vertices)
+    local = in_frame(vertices, origin)
+    tree = SearchTree(local, edges)
+
+    def distance(points: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(tree.nearest(points)[0]))
+
+    made_from = [local, edges, np.array([resolution])]
+    return _spline_of(kept("edges", made_from, lambda: _fitted(distance, local, resolution, EXACT_CELLS)), origin)
+
+
+def _spline_of(found: Mapping[str, NDArray[Any]], origin: FloatArray) -> DistanceSpline:
     knots = tuple(found[f"knots {axis}"].tolist() for axis in range(3))
     return DistanceSpline(knots, found["coefficients"], found["box"], origin)
 
@@ -96,13 +128,13 @@ def _grid(axes: Sequence[FloatArray]) -> FloatArray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def _exact(tree: SearchTree, points: FloatArray) -> FloatArray:
-    """Return the signed distance of points (..., 3)."""
-    return tree.signed_distance(points.reshape(-1, 3)).reshape(points.shape[:-1])
+def _exact(distance: Distance, points: FloatArray) -> FloatArray:
+    """Return the distance of points (..., 3)."""
+    return distance(points.reshape(-1, 3)).reshape(points.shape[:-1])
 
 
-def _near_exact(tree: SearchTree, axes: Sequence[FloatArray], cell: float, cells: int) -> FloatArray:
-    """Return the signed distance on a grid: exact within some cells of the surface, else splines through other points.
+def _near_exact(distance: Distance, axes: Sequence[FloatArray], cell: float, cells: int) -> FloatArray:
+    """Return a distance on a grid: exact within some cells of where it is zero, else splines through other points.
 
     Far points take most of the time: a search tree can leave out little of the mesh for them. What is off there, up to
     a cell where distances have ridges, moves the smoothed surface by less than 0.03 cells.
@@ -110,18 +142,18 @@ def _near_exact(tree: SearchTree, axes: Sequence[FloatArray], cell: float, cells
     from scipy.interpolate import make_interp_spline
 
     coarse = [axis[0] + 2.0 * cell * np.arange(len(axis) // 2 + 1) for axis in axes]
-    field = _exact(tree, _grid(coarse))
+    field = _exact(distance, _grid(coarse))
     for i, (some, every) in enumerate(zip(coarse, axes, strict=True)):
         field = np.asarray(make_interp_spline(some, field, k=3, axis=i)(every))
     near = np.abs(field) < cells * cell
-    field[near] = _exact(tree, _grid(axes)[near])
+    field[near] = _exact(distance, _grid(axes)[near])
     return field
 
 
 def _fitted(
-    vertices: FloatArray, faces: IntArray, resolution: int, smoothing: float, margin: float
+    distance: Distance, vertices: FloatArray, resolution: int, cells: int, smoothing: float = 0.0, margin: float = 0.0
 ) -> dict[str, FloatArray]:
-    """Return knots, coefficients and box of the spline."""
+    """Return knots, coefficients and box of the spline through a distance on a grid about vertices (v, 3)."""
     from scipy.interpolate import make_interp_spline
     from scipy.ndimage import gaussian_filter
 
@@ -132,8 +164,7 @@ def _fitted(
     for low, high in zip(lower, upper, strict=True):
         count = int(np.ceil((high - low) / cell)) + 1 + 2 * around
         axes.append((low + high) / 2.0 + cell * (np.arange(count) - (count - 1) / 2.0))
-    tree = SearchTree(vertices, faces)
-    field = _near_exact(tree, axes, cell, EXACT_CELLS if smoothing > 0.0 else EXACT_UNSMOOTHED)
+    field = _near_exact(distance, axes, cell, cells)
     if smoothing > 0.0:
         field = gaussian_filter(field, smoothing)
     knots: dict[str, FloatArray] = {}
