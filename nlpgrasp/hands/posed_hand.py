@@ -32,26 +32,6 @@ class PosedHand(Hand):
         rng : numpy.random.Generator
         """
 
-    def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return values of the variables with the fingertips near some places, and the fingertips' centres.
-
-        By default they are random ones, in the middle of the places.
-
-        Parameters
-        ----------
-        places : (g, k, space) array
-            Where the centre of each fingertip is to be, metres, body frame.
-        near : int
-            Poses for each of the g goals.
-        rng : numpy.random.Generator
-
-        Returns
-        -------
-        values : dict of str to (g near, m) array
-        tips : (g near, k, space) array
-        """
-        return self.draw(len(places) * near, np.repeat(places.mean(axis=1), near, axis=0), rng)
-
     @abstractmethod
     def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
         """Return a point of each fingertip, (space,) each, metres, body frame."""

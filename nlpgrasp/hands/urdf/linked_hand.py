@@ -15,7 +15,6 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.urdf.link_tree import LinkTree
-from nlpgrasp.hands.urdf.reaching import reach
 
 CARD = ("nlpgrasp.report.hand.card", "card")
 NAMED = 6  # fingertips that a line names
@@ -89,13 +88,6 @@ class LinkedHand(InNotebook, PosedHand):
             The fingertips' centres, metres, body frame.
         """
         return self.tree.draw(count, around, rng)
-
-    def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return palm poses and joints with the fingertips near places, and their centres, (b, k, 3), metres.
-
-        Arguments are those of ``PosedHand.reach``.
-        """
-        return reach(self.tree, places, near, rng)
 
     def describe(self, values: Values) -> Json:
         """Return joint positions by name (those that follow others included) and the palm's pose."""

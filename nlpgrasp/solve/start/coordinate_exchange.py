@@ -182,8 +182,11 @@ class CoordinateExchange:
         order = np.argsort(-self.values(tuples), kind="stable")
         return np.array(list({self._key(t): t for t in tuples[order[::-1]]}.values())[::-1][:count])
 
-    def exchanged(self, tuples: IntArray, tie: float = TIE) -> IntArray:
-        """Return tuples (b, k) after exchanges of one contact at a time to the best sample, side by side."""
+    def exchanged(self, tuples: IntArray, tie: float = TIE, within: Sequence[Sequence[IntArray]] = ()) -> IntArray:
+        """Return tuples (b, k) after exchanges of one contact at a time to the best sample, side by side.
+
+        Where it is given, ``within[b][i]`` are the samples that contact i of tuple b may be at.
+        """
         tuples, k = tuples.copy(), tuples.shape[1]
         own, violation = self._powers_of(tuples), self.violations(tuples)
         since = np.zeros(len(tuples), dtype=int)  # contacts tried since the last exchange
@@ -192,7 +195,10 @@ class CoordinateExchange:
             if not len(going):
                 break
             outside = violation > REPAIRABLE
-            shortlists = [self._shortlist(own[:, b], i, int(tuples[b, i]), bool(outside[b]), tie) for b in going]
+            each = [(int(b), within[b][i] if within else None) for b in going]
+            shortlists = [
+                self._shortlist(own[:, b], i, int(tuples[b, i]), bool(outside[b]), tie, some) for b, some in each
+            ]
             trials = np.repeat(tuples[going], [len(samples) for samples, _ in shortlists], axis=0)
             trials[:, i] = np.concatenate([samples for samples, _ in shortlists])
             broken = self.violations(trials)
@@ -264,17 +270,22 @@ class CoordinateExchange:
         return np.stack([self.powers[table][:, samples] for table, samples in each], axis=2)
 
     def _shortlist(
-        self, own: FloatArray, i: int, current: int, outside: bool, tie: float
+        self, own: FloatArray, i: int, current: int, outside: bool, tie: float, among: IntArray | None = None
     ) -> tuple[IntArray, FloatArray]:
-        """Return samples of contact i that look best beside the others of a tuple (j, k), its own last, and scores."""
+        """Return samples of contact i that look best beside the others of a tuple (j, k), its own last, and scores.
+
+        They are among all samples, or some by number.
+        """
         powers = self.powers[self._tables.of_contact[i]]
         rest = self._tables.combine.reduce(np.delete(own, i, axis=1), axis=1, initial=0.0)
         weak = np.argpartition(rest, WEAK)[:WEAK] if len(rest) > WEAK else np.arange(len(rest))
-        supports = self._tables.combine(rest[weak, None], powers[weak])
+        some = powers[weak] if among is None else powers[np.ix_(weak, among)]
+        supports = self._tables.combine(rest[weak, None], some)
         score = np.min(supports, axis=0) + np.full(len(weak), tie / len(weak), dtype=np.float32) @ supports
         likely = np.argpartition(score, -LIKELY)[-LIKELY:] if len(score) > LIKELY else np.arange(len(score))
         if outside:
             likely = np.concatenate([likely, self._rng.integers(len(score), size=LIKELY)])
+        likely = likely if among is None else among[likely]
         likely = np.append(likely, current)
         every = self._tables.combine(rest[:, None], powers[:, likely])
         return likely, np.min(every, axis=0) + tie * np.mean(every[weak], axis=0)

@@ -1,33 +1,33 @@
-"""Where a start of a hand with a pose of its own begins: poses at random, and poses that reach for good placements."""
+"""Candidates of a hand with a pose of its own: exchanges of contacts over what its fingers reach from many palm poses.
+
+With the palm where it is, each fingertip reaches some surface samples. Fingers have joints of their own, so contacts
+are exchanged one at a time over these as free contacts are over all samples, for many palm poses side by side.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import permutations
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.hands.base import Values
-from nlpgrasp.quality.screening import screen
-from nlpgrasp.solve.start.random_placements import random_placements
+from nlpgrasp.solve.start.coordinate_exchange import LAST_TIE, CoordinateExchange
 from nlpgrasp.solve.start.scores import scores
 from nlpgrasp.solve.start.touch import best_touching, touching_candidates
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workbench.workspace import Reach
 
-POSES = 512  # random poses that a start compares
-DRAWN, SCREENED, GOALS = 4096, 512, 64  # random placements; those looked at closer; those that hands reach for
-ORDERS, NEAR, EACH = 24, 8, 12  # ways to share a goal's places among fingers; postures for each; kept for a goal
-LOOKED_AT = 256
+POSES, MOST_PALMS, PALMS = 1024, 192, 64  # random poses; palms that are looked at; those that exchanges are made for
+DRAWN = 64  # random tuples within reach of a palm, of which the best is exchanged
+ROUNDS, LEARN = 2, 16  # of exchanges; tuples whose weak directions are learned after each
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 BROKEN = 1.0  # weight of what breaks constraints, such as a palm that faces elsewhere: a hand seldom turns around
-# weights of what is in the links' way: by the one the best poses come first, by the other those that are free
-BLOCKED = (0.05, 5.0)
+BLOCKED = 0.4  # weight of what is in the links' way against the share of the best value
 TRIES = 12  # poses that are moved to where all fingertips touch
 MANY, MANY_TRIES = 6, 32  # contacts from which hands hardly ever touch with all, and poses then
 
@@ -53,7 +53,11 @@ class _Poses:
 
     def placed(self, i: int) -> Placed:
         """Return pose i."""
-        return Placed(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
+        return Placed(tuple(self.faces[i]), self.points[i], self.hand(i))
+
+    def hand(self, i: int) -> Values:
+        """Return the hand's variables of pose i."""
+        return {name: v[i] for name, v in self.values.items()}
 
 
 def posed_candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterator[Placed]:
@@ -68,81 +72,73 @@ def posed_candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> 
 
 
 def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
-    """Return the best few of many poses of a hand around the body: random ones, and some that reach for goals.
+    """Return the best few of many poses of a hand around the body.
 
-    Each fingertip's contact is the nearest sample point of the faces it may use. Poses are ranked by how well the
-    contacts exert the task, less how far the fingertips are from them, what constraints they break and how much their
-    links are in the body's and each other's way: half of them by a small weight of the last, half by a large one.
+    Palms whose fingertips are near the body come first, and those that constraints do not turn away. Contacts are
+    exchanged within reach of their fingers, and compared by the least ratio, less what the links would be in the way
+    of. With many contacts, or no palm from which all fingertips reach the body, they are the nearest samples.
     """
-    count = bench.problem.hand.count if bench.problem.hand is not None else 0
-    every = [_at_random(bench, rng)] + ([_reaching(bench, rng)] if count < MANY else [])
-    values = {name: np.concatenate([v[name] for v, _ in every]) for name in every[0][0]}
-    poses = _beside(bench, values, np.concatenate([tips for _, tips in every]))
-    broken = bench.rows.broken(poses.points, poses.normals, poses.values)
-    far = FAR * poses.far / bench.scaling.length + BROKEN * broken
+    poses = _at_random(bench, rng)
+    against = FAR * poses.far / bench.scaling.length + BROKEN * bench.rows.broken(
+        poses.points, poses.normals, poses.values
+    )
+    if len(bench.problem.models) < MANY:
+        found = _exchanged(bench, poses, np.argsort(against, kind="stable"), rng)
+        if found:
+            return found[:TRIES]
     blocked = bench.rows.blocked(poses.points, poses.normals, poses.values)
-    score = scores(bench, poses.points, poses.normals)
-    orders = np.stack([_order(bench, poses, far + weight * blocked, score) for weight in BLOCKED], axis=1)
-    chosen = list(dict.fromkeys(orders.ravel().tolist()))[: TRIES if count < MANY else MANY_TRIES]
-    return [poses.placed(i) for i in chosen]
+    merit = scores(bench, poses.points, poses.normals) - against - 0.05 * blocked
+    return [poses.placed(i) for i in np.argsort(-merit, kind="stable")[:MANY_TRIES].tolist()]
 
 
-def _order(bench: Workbench, poses: _Poses, against: FloatArray, score: FloatArray) -> NDArray[np.intp]:
-    """Return the best poses by number, best first: by upper bounds on mu less what speaks against a pose, (b,)."""
-    some = np.argsort(against - score, kind="stable")[:LOOKED_AT]
-    bounds = _bounds(bench, poses.points[some], poses.normals[some]) * bench.scaling.beta
-    return np.asarray(some[np.argsort(against[some] - bounds, kind="stable")])
+def _exchanged(bench: Workbench, poses: _Poses, order: NDArray[np.intp], rng: np.random.Generator) -> list[Placed]:
+    """Return placements within reach of the first palms from which all fingertips reach the body, best first."""
+    plain, space = bench.without_hand, bench.workspace
+    tables = plain.sample_tables
+    clouds = [tables.samples(i) for i in range(len(bench.problem.models))]
+    hands, reaches = list[Values](), list[Reach]()
+    for i in order[:MOST_PALMS].tolist():
+        reach = space.reach(bench.hand_points.link_tree.palm_frame(poses.hand(i)), clouds)
+        if reach is not None:
+            hands.append(poses.hand(i))
+            reaches.append(reach)
+        if len(hands) == PALMS:
+            break
+    if not hands:
+        return []
+    search, within = CoordinateExchange(plain, tables, rng), [reach.samples for reach in reaches]
+    tuples = np.stack([_drawn(search, reach, rng) for reach in reaches])
+    for _ in range(ROUNDS):
+        tuples = search.exchanged(tuples, within=within)
+        search.learn_from(tuples[np.argsort(-search.values(tuples), kind="stable")[:LEARN]])
+    tuples = search.exchanged(tuples, LAST_TIE, within)
+    joints = np.stack(
+        [space.joints_at(*each) for each in zip(reaches, tuples, [h["joints"] for h in hands], strict=True)]
+    )
+    values = {name: np.stack([hand[name] for hand in hands]) for name in hands[0]} | {"joints": joints}
+    points, normals = tables.places(tuples)
+    blocked = bench.rows.blocked(points, normals, values)
+    value = search.values(tuples)
+    merit = value / max(float(np.max(value)), 1e-300) - BLOCKED * blocked
+    return [
+        replace(search.placed(tuples[b]), hand={name: v[b] for name, v in values.items()})
+        for b in np.argsort(-merit, kind="stable").tolist()
+    ]
 
 
-def _at_random(bench: Workbench, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-    """Return random poses with the fingertips' middle somewhere in the body, and the fingertips' centres."""
+def _drawn(search: CoordinateExchange, reach: Reach, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Return the best of some random tuples of samples within reach, (k,)."""
+    drawn = np.stack([rng.choice(own, DRAWN) for own in reach.samples], axis=1)
+    return np.asarray(drawn[int(np.argmax(search.values(drawn)))])
+
+
+def _at_random(bench: Workbench, rng: np.random.Generator) -> _Poses:
+    """Return random poses with the fingertips' middle somewhere in the body, and the samples nearest to fingertips."""
     body = bench.problem.body
     everything = np.concatenate(list(bench.surface.faces.values()))
     target = everything[rng.integers(len(everything), size=POSES)]
     around = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
-    return bench.hand_points.posed_hand.draw(POSES, around, rng)
-
-
-def _reaching(bench: Workbench, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-    """Return poses that reach for the best of some random placements, and the fingertips' centres."""
-    hand = bench.hand_points.posed_hand
-    points, normals = _goals(bench, rng)
-    orders = np.array(list(permutations(range(hand.count))) if _alike(bench) else [range(hand.count)])
-    if len(orders) > ORDERS:
-        orders = orders[rng.choice(len(orders), ORDERS, replace=False)]
-    radii = np.asarray(hand.tip_radii)[:, None]
-    places = points[:, orders] - radii * normals[:, orders]  # (goals, orders, k, 3)
-    values, tips = hand.reach(places.reshape(-1, *points.shape[1:]), NEAR, rng)
-    missed = np.linalg.norm(tips - np.repeat(places.reshape(-1, *points.shape[1:]), NEAR, axis=0), axis=2).mean(axis=1)
-    each = missed.reshape(len(points), -1)
-    kept = np.argsort(each, axis=1, kind="stable")[:, :EACH] + each.shape[1] * np.arange(len(points))[:, None]
-    return {name: v[kept.ravel()] for name, v in values.items()}, tips[kept.ravel()]
-
-
-def _goals(bench: Workbench, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return points and inward normals of the best of some random placements, (m, k, 3) each."""
-    drawn = random_placements(bench, DRAWN, rng)
-    some = np.argsort(-scores(bench, drawn.points, drawn.normals), kind="stable")[:SCREENED]
-    points, normals = drawn.points[some], drawn.normals[some]
-    best = np.argsort(-_bounds(bench, points, normals), kind="stable")[:GOALS]
-    return points[best], normals[best]
-
-
-def _bounds(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return upper bounds on the mu of placements (b, k, 3), (b,)."""
-    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
-    return screen(stack, bench.problem.task, force_budget=bench.screening_budget)
-
-
-def _alike(bench: Workbench) -> bool:
-    """Return whether any finger may take any contact: all have one model and the same faces."""
-    models = bench.problem.models
-    usable = [bench.surface.usable(i) for i in range(len(models))]
-    return all(m == models[0] for m in models) and all(u == usable[0] for u in usable)
-
-
-def _beside(bench: Workbench, values: Values, tips: FloatArray) -> _Poses:
-    """Return poses with the sample points nearest to their fingertips, (b, k, 3)."""
+    values, tips = bench.hand_points.posed_hand.draw(POSES, around, rng)
     points, normals = np.empty_like(tips), np.empty_like(tips)
     faces = np.empty(tips.shape[:2], dtype=object)
     far = np.zeros(len(tips))

@@ -15,6 +15,8 @@ from nlpgrasp.constraints import Approach
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, PosedHand, URDFHand
 from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.urdf.link_tree import LinkTree
+from nlpgrasp.hands.urdf.linked_hand import LinkedHand
 from nlpgrasp.problem.fields import Distance, distance_to_all, fields_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import jaws_depth
@@ -44,6 +46,13 @@ class HandPoints:
         if not isinstance(self.hand, PosedHand):
             raise InputError("GraspProblem.hand", self.hand, "a hand with a pose of its own, such as ng.URDFHand")
         return self.hand
+
+    @property
+    def link_tree(self) -> LinkTree:
+        """Palm, joints and links of the hand, of a problem with one that has a pose of its own."""
+        if not isinstance(self.hand, LinkedHand):
+            raise InputError("GraspProblem.hand", self.hand, "a hand with a pose of its own, such as ng.URDFHand")
+        return self.hand.tree
 
     @property
     def linked_hand(self) -> URDFHand:
@@ -91,6 +100,12 @@ class HandPoints:
     def mesh_clearances(self, body: Mesh, values: Values) -> FloatArray:
         """Return the links' signed distances to the mesh itself, (m,), one a clearance row, metres."""
         return body.clearance(np.asarray(self._function(*values.values())[1].full()).T)
+
+    def link_places(self, values: Values) -> FloatArray:
+        """Return the centres of the spheres around links, (b, s, 3), for values (b, m) of the hand's variables."""
+        count = len(next(iter(values.values())))
+        found = self._function.map(count)(*[v.T for v in values.values()])[1]
+        return np.asarray(found.full()).reshape(3, count, -1).transpose(1, 2, 0)
 
     @cached_property
     def tip_motion(self) -> ca.Function:

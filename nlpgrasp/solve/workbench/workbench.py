@@ -31,6 +31,7 @@ from nlpgrasp.solve.workbench.programs import (
 from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.solve.workbench.sample_tables import SampleTables
 from nlpgrasp.solve.workbench.surface_samples import SurfaceSamples
+from nlpgrasp.solve.workbench.workspace import Workspace
 
 FEASIBLE = 1e-5  # relative to a row's scale
 
@@ -74,6 +75,11 @@ class Workbench:
         hand = self.problem.hand
         return LinkDepths(self.problem, hand, self.options.link_tolerance) if isinstance(hand, URDFHand) else None
 
+    @cached_property
+    def workspace(self) -> Workspace:
+        """Postures of a hand that has a pose of its own."""
+        return Workspace(self.problem, self.hand_points, self.rows) if self._shared is None else self._shared.workspace
+
     def with_task(self, problem: GraspProblem) -> Workbench:
         """Return the workbench of a problem that differs in its task alone: programs and samples are shared.
 
@@ -93,6 +99,20 @@ class Workbench:
         if isinstance(budget, L2Budget) or budget.follows_hand:
             return None
         return self._sharing(Workbench(problem.unchecked(force_budget=L2Budget()), self.options))
+
+    @cached_property
+    def without_hand(self) -> Workbench:
+        """The workbench of the contacts alone, over the same samples: without the hand and what is asked of it."""
+        problem, of_hand = self.problem, self.rows.dependence[:, -1]
+        kept = [
+            c
+            for c, rows in zip(problem.constraints, self.rows.sources, strict=False)
+            if not np.any(of_hand[list(rows)])
+        ]
+        own = problem.unchecked(hand=None, constraints=tuple(kept), force_budget=self.closure_budget)
+        result = Workbench(own, self.options)
+        result.surface = self.surface
+        return result
 
     def with_joints(self, limits: FloatArray) -> Workbench:
         """Return the workbench of the same problem whose hand, one with links, has other limits of its joints, (2, m).

@@ -1,0 +1,143 @@
+"""Workspace of a hand: where random postures of its joints put fingertips and links, in the palm's frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solve.workbench.hand_points import HandPoints
+from nlpgrasp.solve.workbench.row_values import RowValues
+from nlpgrasp.solve.workbench.sample_tables import IntArray
+from nlpgrasp.solve.workbench.surface_samples import Cloud
+
+POSTURES = 4096
+SHARES = (0.05, 0.95)  # of the joint ranges that postures are drawn from
+CELL, EACH = 0.003, 2  # metres, of a grid over where a fingertip can be; postures looked at in each cell
+NEAR = 0.004  # metres between the middle of a cell and the fingertip of a posture that counts as in it
+INSIDE, PALM_INSIDE = 0.0015, 0.003  # metres that links of a finger, and of the palm, may be too near to the body
+DISTANCES, AROUND = 48, 0.5  # cells along each side of the grid of distances; how far it goes around, over the size
+NONE = -1
+STILL = 1e-9  # metres: what moves less does not move
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What the fingertips reach from a palm pose.
+
+    Parameters
+    ----------
+    samples : list of k (m,) int arrays
+        Surface samples that each fingertip reaches with its finger's links outside the body, by number.
+    postures : list of k int arrays
+        The posture that reaches each sample, of all samples.
+    """
+
+    samples: list[IntArray]
+    postures: list[IntArray]
+
+
+class _Links:
+    """Spheres around links of the palm or of one finger: places (b, s, 3) in the palm's frame, and least distances."""
+
+    def __init__(self, places: FloatArray, least: FloatArray) -> None:
+        self.places, self.least = np.ascontiguousarray(places), least
+
+
+class Workspace:
+    """Postures of a hand's joints, with the places of its fingertips and links.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+        With a hand that has a pose of its own.
+    hand : HandPoints
+        Of the problem.
+    rows : RowValues
+        Of the problem.
+    """
+
+    def __init__(self, problem: GraspProblem, hand: HandPoints, rows: RowValues) -> None:
+        self._hand, self._tree = hand, hand.link_tree
+        lower, upper = self._tree.joint_limits
+        self.joints = lower + np.random.default_rng(0).uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
+        tips = self._tree.palm_tips(self.joints)
+        self._in_cells = [_by_cell(tips[:, i]) for i in range(tips.shape[1])]
+        places = self._link_places(self.joints)
+        middle = 0.5 * (lower + upper)
+        turned = np.concatenate([middle[None], middle + 0.1 * np.diag(upper - lower)])
+        self._moves = _moved(self._tree.palm_tips(turned))
+        links = _moved(self._link_places(turned))
+        alone = [np.any(links & own, axis=1) & ~np.any(links & ~own, axis=1) for own in self._moves]
+        palm = np.flatnonzero(~np.any(links, axis=1))
+        least = np.array([rows.named[i].lower for i in rows.clearances])
+        self._palm = _Links(places[:1, palm], least[palm])
+        self._fingers = [_Links(places[:, own], least[own]) for own in alone]
+        body = problem.body
+        box = body.bounds + AROUND * body.size * np.array([[-1.0], [1.0]])
+        axes = [np.linspace(low, high, DISTANCES) for low, high in box.T]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        distance = body.clearance(grid) if isinstance(body, Mesh) else body.signed_distance(grid)
+        self._distance = distance.reshape([DISTANCES] * 3)
+        self._corner, self._step = box[0], (box[1] - box[0]) / (DISTANCES - 1)
+
+    def reach(self, palm: FloatArray, samples: list[Cloud]) -> Reach | None:
+        """Return what fingertips reach from a palm frame (4, 4), of samples; None where one reaches none of its own."""
+        R, t = palm[:3, :3], palm[:3, 3]
+        if np.min(self._room(self._palm.places, self._palm.least, palm), initial=0.0) < -PALM_INSIDE:
+            return None
+        found, postures = [], []
+        for i, (cloud, radius) in enumerate(zip(samples, self._hand.hand.tip_radii, strict=True)):
+            corner, cells = self._in_cells[i]
+            where = ((cloud.points - radius * cloud.normals - t) @ R - corner) / CELL
+            inside = np.all((where >= 0.0) & (where < cells.shape[:3]), axis=1)
+            posture = np.full((len(where), EACH), NONE)
+            posture[inside] = cells[tuple(where[inside].astype(int).T)]
+            near, links = np.nonzero(posture != NONE), self._fingers[i]
+            room = np.full(posture.shape, -np.inf)
+            room[near] = np.min(self._room(links.places[posture[near]], links.least, palm), axis=1, initial=0.0)
+            roomiest = np.argmax(room, axis=1)
+            found.append(np.flatnonzero(np.max(room, axis=1) >= -INSIDE))
+            postures.append(posture[np.arange(len(posture)), roomiest])
+        return Reach(found, postures) if all(map(len, found)) else None
+
+    def joints_at(self, reach: Reach, samples: IntArray, otherwise: FloatArray) -> FloatArray:
+        """Return the joints (m,) that put the fingertips next to samples (k,): each as its own fingertips ask for.
+
+        A joint that moves several fingertips goes to the mean of what these ask for; one that moves none stays.
+        """
+        asked = np.stack([self.joints[postures[one]] for postures, one in zip(reach.postures, samples, strict=True)])
+        count = np.sum(self._moves, axis=0)
+        return np.where(count > 0, np.sum(asked * self._moves, axis=0) / np.maximum(count, 1), otherwise)
+
+    def _room(self, places: FloatArray, least: FloatArray, palm: FloatArray) -> FloatArray:
+        """Return how much farther from the body than they have to be link spheres at places (b, s, 3) are, (b, s)."""
+        where = (places @ palm[:3, :3].T + palm[:3, 3] - self._corner) / self._step
+        distance = map_coordinates(self._distance, np.moveaxis(where, -1, 0), order=1, cval=np.inf)
+        return np.asarray(distance - least)
+
+    def _link_places(self, joints: FloatArray) -> FloatArray:
+        """Return the centres of the spheres around links in the palm's frame, (b, s, 3), for joints (b, m)."""
+        count = len(joints)
+        palm = {"palm_position": np.zeros((count, 3)), "palm_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))}
+        return self._hand.link_places(palm | {"joints": joints} | self._tree.first_slides(count))
+
+
+def _moved(places: FloatArray) -> NDArray[np.bool_]:
+    """Return which places (s, 3) are moved from the first of (1 + m) by each of the others, (s, m)."""
+    return np.asarray(np.linalg.norm(places[1:] - places[:1], axis=2) > STILL).T
+
+
+def _by_cell(tips: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return the corner (3,) of a grid over places (b, 3), and the nearest few of them to each cell, by number."""
+    corner = tips.min(axis=0) - NEAR
+    count = np.ceil((tips.max(axis=0) + NEAR - corner) / CELL).astype(int)
+    middles = corner + CELL * (np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1) + 0.5)
+    apart, nearest = cKDTree(tips).query(middles, EACH, distance_upper_bound=NEAR)
+    return corner, np.where(np.isfinite(apart), nearest, NONE)
