@@ -71,7 +71,7 @@ def check_again(place, data):
     assert verification.not_made == ()
     stated, found = Proof(data["problem"], data["certificate"], Sources((place,))).bounds
     assert np.max(found - stated) <= 1e-12 * np.max(found)
-    assert np.max(stated - found) <= ABOVE * np.max(found)
+    assert np.max((stated - found)[found > 0.5 * np.max(found)]) <= ABOVE * np.max(found)
     return len(found)
 
 

@@ -71,6 +71,10 @@ class Cell(ABC):
     def to_dict(self) -> Json:
         """Return ``kind`` and the numbers from which anyone can make the rows again."""
 
+    def uncut(self) -> Json:
+        """Return the data of a cell of which no part is needed."""
+        return self.to_dict()
+
 
 class Surface(ABC):
     """A face of the body, by cells that cover it.

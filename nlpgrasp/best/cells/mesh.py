@@ -63,7 +63,7 @@ class MeshCell(Cell):
         return {"kind": self.kind, "halved": list(self.clusters.halved), "order": order}
 
     def uncut(self) -> Json:
-        """Return the data of the whole mesh where no cell is cut: its triangles as they are."""
+        """Return the data of the whole mesh, whose triangles stay as they are."""
         return {"kind": self.kind, "halved": [], "order": None}
 
 

@@ -18,7 +18,6 @@ from nlpgrasp.verify.bound.cells.outlines import Faces, faces_of
 from nlpgrasp.verify.bound.faces import SAME, uncovered
 from nlpgrasp.verify.bound.leaves import Leaves
 from nlpgrasp.verify.bound.places import Places, places
-from nlpgrasp.verify.bound.shared import SharedLeaves
 from nlpgrasp.verify.bound.supports import Budget
 from nlpgrasp.verify.bound.tree import Group, Nodes
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
@@ -173,11 +172,10 @@ class Proof:
         return wrong, f"{len(self.data['motions'])} motions, {len(self.nodes.twins)} twins"
 
     @cached_property
-    def leaves(self) -> Leaves | SharedLeaves:
+    def leaves(self) -> Leaves:
         """What bounds are computed from."""
-        kind = SharedLeaves if "mixtures" in self.data else Leaves
         budget = Budget.of(self.problem["force_budget"])
-        return kind(self.data, self.groups, self.problem["contacts"], self.task, budget)
+        return Leaves(with_mixtures(self.data), self.groups, self.problem["contacts"], self.task, budget)
 
     def _directions(self) -> tuple[str, str]:
         off = float(np.max(np.abs(self.leaves.reach - 1.0), initial=0.0))
@@ -201,6 +199,15 @@ class Proof:
         most = float(np.max(self.bounds[1], initial=0.0))
         detail = f"stated {upper:.12g}, from the leaves {most:.12g}"
         return "" if upper >= most * (1.0 - RECOMPUTED) else detail, detail
+
+
+def with_mixtures(data: Json) -> Json:
+    """Return a certificate whose leaves name mixtures by number, also of an older one whose leaves have their own."""
+    if "mixtures" in data:
+        return data
+    mixtures = [[numbers, weights] for _, numbers, weights, _ in data["leaves"]]
+    leaves = [[cells, i, bound] for i, (cells, _, _, bound) in enumerate(data["leaves"])]
+    return {**data, "mixtures": mixtures, "leaves": leaves}
 
 
 def _check(name: str, part: Callable[[], tuple[str, str]]) -> Check:
