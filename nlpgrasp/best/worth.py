@@ -1,4 +1,4 @@
-"""Where a contact is worth most: the most that it can add to mu, over the surface."""
+"""Marginal bound of a contact over the surface: the most that it can add to mu."""
 
 from __future__ import annotations
 

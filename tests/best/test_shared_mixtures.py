@@ -12,8 +12,7 @@ from nlpgrasp.best.bound.measure import Measure
 from nlpgrasp.best.bound.mesh_corners import Corners
 from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.branch_and_bound import BranchAndBound
-from nlpgrasp.best.cells.clusters import Clusters
-from nlpgrasp.best.cells.mesh import MeshCell
+from nlpgrasp.best.cells.mesh import Clusters, MeshCell
 from nlpgrasp.best.scope.places import relaxed
 from nlpgrasp.budgets import force_budget
 from tests.best.samples import bent_bar, random_hull, rough_triangles

@@ -8,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.best.branch_and_bound import BranchAndBound
-from nlpgrasp.best.cells import clusters
+from nlpgrasp.best.cells import mesh
 from nlpgrasp.verify.bound.cells.mesh import halved
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.sources import Sources
@@ -41,7 +41,7 @@ def few_pieces(place, name):
     """Return the data of a bound file of a mesh of few pieces; each is searched once, for a moment."""
     if name not in _DATA:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(clusters, "ENOUGH", FEW)
+            patch.setattr(mesh, "ENOUGH", FEW)
             _DATA[name] = bound_data(place, name, 1000)
     return json.loads(_DATA[name])
 

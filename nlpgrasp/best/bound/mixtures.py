@@ -1,4 +1,4 @@
-"""The best mixture of directions for a bound: many small linear programs at once.
+"""Mixtures of directions, and the one with the least bound: a batch of small linear programs by interior points.
 
 For supports ``A[i, v, j]`` of contact i at row v along direction j, the least bound over mixtures,
 ``min over lambda of sum_i max_v sum_j lambda_j A[i, v, j]``, is a linear program; its dual spreads each contact over

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.best.bound.closer import mixed_supports, single_supports
+from nlpgrasp.best.bound.curved_supports import mixed_supports, single_supports
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.scope.pieces import Pieces
 from nlpgrasp.common.validation import FloatArray

@@ -1,4 +1,4 @@
-"""Where one contact, or several alike, may be: cells by number, each cut in two when it is asked for."""
+"""Cells that one contact, or several alike, may be in, by number; each is cut in two when its parts are needed."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.cells.allowed import Allowed
 from nlpgrasp.best.cells.base import Cell, IntArray, Surface
 from nlpgrasp.best.cells.bundle import BundleCell
-from nlpgrasp.best.cells.clusters import Clusters
-from nlpgrasp.best.cells.mesh import MeshCell
+from nlpgrasp.best.cells.mesh import Clusters, MeshCell
 
 NONE = -1
 

@@ -1,4 +1,4 @@
-"""What of a problem the bound covers, and what it leaves out."""
+"""Scope of the bound: the relaxed problem that it covers, and what it leaves out."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from nlpgrasp.best.cells.base import Surface
 from nlpgrasp.best.cells.faces import surfaces
 from nlpgrasp.best.scope.pieces import Bundled, ClusterPieces, Pieces, Roots
 from nlpgrasp.best.scope.places import Places, places
-from nlpgrasp.best.scope.symmetry import Symmetry, symmetries
-from nlpgrasp.best.scope.turning import Turned, pinned
+from nlpgrasp.best.scope.symmetry import Symmetry, Turned, pinned, symmetries
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.rows import EDGES
 from nlpgrasp.common.validation import FloatArray

@@ -1,4 +1,4 @@
-"""The checks of a certificate: what it covers, by which symmetries, and what follows for mu."""
+"""Checks of a certificate: what it covers, by which symmetries, and what follows for mu."""
 
 from __future__ import annotations
 
