@@ -6,10 +6,11 @@ bounded is left to a strategy (``Bounding``): a mixture of directions for every 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, combinations_with_replacement, product
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,41 +101,67 @@ class Twin:
     node: Cells
 
 
-class Bounding(Protocol):
-    """Strategy that bounds mu over nodes, and says which are cut where."""
+class Bounding(ABC):
+    """Strategy that bounds mu over nodes, and says which are cut where.
 
-    scope: Scope
-    twists: Twists
-    power: float
-    by_parent: bool
-    """Whether parts of one node are bounded one after another."""
-    mixtures: list[Mixture]
-    placements: list[FractionalPlacement]
-    """Those that the bounds of the latest nodes rest on."""
+    Parameters
+    ----------
+    scope : Scope
+    directions : int
+        Of a node for which a mixture is made.
 
+    Attributes
+    ----------
+    power : float
+        Of mu: bounds of nodes are on mu to this power.
+    by_parent : bool
+        Whether parts of one node are bounded one after another.
+    most_open : int
+        Nodes beyond which a search ends.
+    twists : Twists
+    mixtures : list of Mixture
+    placements : list of FractionalPlacement
+        Those that the bounds of the latest nodes rest on.
+    """
+
+    power: float = 1.0
+    by_parent: ClassVar[bool]
+    most_open: ClassVar[int]
+
+    def __init__(self, scope: Scope, directions: int) -> None:
+        self.scope, self.twists = scope, Twists(scope.task, scope.problem.body.size, directions)
+        self.mixtures, self.placements = list[Mixture](), list[FractionalPlacement]()
+
+    @abstractmethod
     def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
         """Return nodes (n, k) with their bounds, in any order; ``parents`` are those they are parts of.
 
         A bound that is at most the target, on mu, need not be the least.
         """
 
+    @abstractmethod
     def loosest(self, nodes: Nodes, count: int, target: float) -> IntArray:
         """Return which of the open nodes to cut next, in order, after so many nodes in all."""
 
+    @abstractmethod
     def slots(self, nodes: Nodes) -> IntArray:
         """Return the slot whose cell is cut, of each node; ``NONE`` where no cell can be."""
 
+    @abstractmethod
+    def recomputed(self, nodes: Nodes) -> FloatArray:
+        """Return bounds on mu from the mixtures as they are written, by plain arithmetic, (n,)."""
+
     def improve(self, nodes: Nodes, target: float) -> IntArray:
         """Lower the bounds of some open nodes, in place; return which to close: those at most the target, on mu."""
+        return np.flatnonzero(nodes.bounds <= target**self.power)
 
     def is_full(self, count: int) -> bool:
         """Return whether so many open nodes, or the mixtures, are as many as memory is meant for."""
+        return count >= self.most_open
 
     def recorded(self, tree: NodeTree) -> NodeTree:
         """Return the tree that is written as the certificate of a search."""
-
-    def recomputed(self, nodes: Nodes) -> FloatArray:
-        """Return bounds on mu from the mixtures as they are written, by plain arithmetic, (n,)."""
+        return tree
 
 
 class NodeTree:
@@ -182,6 +209,11 @@ class NodeTree:
         return Nodes.joined([*self._closed, self.open]) if self._kept is None else self._kept
 
     @property
+    def size(self) -> int:
+        """How many leaves there are while all nodes are recorded."""
+        return len(self.open) + sum(len(nodes) for nodes in self._closed)
+
+    @property
     def complete(self) -> bool:
         """Whether all nodes are recorded."""
         return self._kept is None
@@ -203,7 +235,7 @@ class NodeTree:
 
     def cut(self, where: IntArray, target: float) -> None:
         """Replace some of the open nodes by their parts; close those that cannot be cut."""
-        if self.complete and len(self.open) + sum(len(nodes) for nodes in self._closed) >= self._most_leaves:
+        if self.complete and self.size >= self._most_leaves:
             self._kept = self.leaves
         nodes = self._take(where)
         slots = self.bounding.slots(nodes)

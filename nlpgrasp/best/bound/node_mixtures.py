@@ -9,14 +9,14 @@ import numpy as np
 
 from nlpgrasp.best.bound.mixtures import Mixture, mixtures, rounded
 from nlpgrasp.best.bound.support_table import MARGIN, SupportTable
-from nlpgrasp.best.bound.twists import Twists
 from nlpgrasp.best.cells.base import IntArray
-from nlpgrasp.best.node_tree import Cells, FractionalPlacement, Nodes, NodeTree
+from nlpgrasp.best.node_tree import Bounding, Cells, FractionalPlacement, Nodes
 from nlpgrasp.best.scope.pieces import NONE
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.common.validation import FloatArray
 
 BATCH = 64
+DIRECTIONS = 16  # of a mixture
 FEWEST, PART = 8, 4  # nodes cut at a time: at least, and of those so far one in so many
 WORK = 500_000  # rows times directions of a batch
 BATCHES = 4  # of such work: nodes that are cut at a time have no more themselves
@@ -28,27 +28,20 @@ SPREAD = 1e-2  # weight of a cell's squared radius beside the variance of a cont
 Best = tuple[FloatArray, FloatArray, IntArray]  # bounds, weights and numbers of directions
 
 
-class NodeMixtures:
+class NodeMixtures(Bounding):
     """The strategy for bodies other than meshes: every node has the best mixture for its own cells.
+
+    Mixtures have as many directions each; a node that its parent's mixture closes shares it.
 
     Parameters
     ----------
     scope : Scope
-
-    Attributes
-    ----------
-    mixtures : list of Mixture
-        Each with as many directions; a node that its parent's mixture closes shares it.
-    placements : list of FractionalPlacement
-        Of the latest nodes whose bounds exceed the target.
     """
 
-    power, by_parent = 1.0, True
+    by_parent, most_open = True, MOST_OPEN
 
     def __init__(self, scope: Scope) -> None:
-        self.scope, self.twists = scope, Twists(scope.task, scope.problem.body.size)
-        self.mixtures: list[Mixture] = []
-        self.placements: list[FractionalPlacement] = []
+        super().__init__(scope, DIRECTIONS)
         self._placement_of: dict[Cells, FractionalPlacement] = {}
 
     def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
@@ -139,18 +132,6 @@ class NodeMixtures:
             if spread > most:
                 best, most = slot, spread
         return best
-
-    def improve(self, nodes: Nodes, target: float) -> IntArray:
-        """Return which nodes have bounds that are at most the target; bounds stay as they are."""
-        return np.flatnonzero(nodes.bounds <= target)
-
-    def is_full(self, count: int) -> bool:
-        """Return whether so many open nodes are as many as memory is meant for."""
-        return count >= MOST_OPEN
-
-    def recorded(self, tree: NodeTree) -> NodeTree:
-        """Return the tree itself."""
-        return tree
 
     def recomputed(self, nodes: Nodes) -> FloatArray:
         """Return bounds from weights as they are written; of one direction alone by the budget's own sum."""

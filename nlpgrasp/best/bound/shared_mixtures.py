@@ -16,7 +16,7 @@ from nlpgrasp.best.bound.mixtures import LEAST, Mixture, mixtures, rounded
 from nlpgrasp.best.bound.support_table import MARGIN
 from nlpgrasp.best.bound.twists import Twists
 from nlpgrasp.best.cells.base import IntArray
-from nlpgrasp.best.node_tree import FractionalPlacement, Nodes, NodeTree, children
+from nlpgrasp.best.node_tree import Bounding, FractionalPlacement, Nodes, NodeTree, children
 from nlpgrasp.best.scope.pieces import NONE, ClusterPieces
 from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.common.validation import FloatArray
@@ -39,7 +39,7 @@ ROUNDING = np.float32(3e-5)  # relative: more than what single precision takes f
 Single = NDArray[np.float32]
 
 
-class SharedMixtures:
+class SharedMixtures(Bounding):
     """The strategy for meshes: the least of all mixtures bounds a node, and it is cut where that lowers bounds most.
 
     Mixtures come from the linear program of ``best.bound.mixtures``, over the rows that known mixtures point to. The
@@ -51,14 +51,11 @@ class SharedMixtures:
         Of contacts that may be on one mesh.
     """
 
-    by_parent = False
+    by_parent, most_open = False, MOST_OPEN
 
     def __init__(self, scope: Scope) -> None:
-        self.scope, self.power = scope, scope.measure.power
-        self.twists = Twists(scope.task, scope.problem.body.size, DIRECTIONS)
-        self.placements: list[FractionalPlacement] = []
-        self.maxima = ClusterMaxima(scope, self.twists)
-        self.mixtures = self.maxima.mixtures
+        super().__init__(scope, DIRECTIONS)
+        self.power, self.maxima = scope.measure.power, ClusterMaxima(scope, self.twists, self.mixtures)
 
     def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
         """Return nodes (n, k) with the least bounds of all mixtures; the first nodes have the first mixtures made."""
@@ -174,7 +171,7 @@ class SharedMixtures:
 
     def is_full(self, count: int) -> bool:
         """Return whether so many open nodes, or the mixtures, are as many as memory is meant for."""
-        return len(self.mixtures) >= MOST_MIXTURES or count >= MOST_OPEN
+        return super().is_full(count) or len(self.mixtures) >= MOST_MIXTURES
 
     def recorded(self, tree: NodeTree) -> NodeTree:
         """Return a new tree, cut until no node's bound exceeds the search's, or there are too many nodes."""
@@ -182,7 +179,7 @@ class SharedMixtures:
         result.begin(0.0)
         goal = np.float32(tree.upper**self.power) * (1 + AGAIN)
         while result.complete and len(loose := np.flatnonzero(result.open.bounds > goal)):
-            left = max(1, MOST_LEAVES - len(result.leaves))
+            left = max(1, MOST_LEAVES - result.size)
             result.cut(loose[np.argsort(-result.open.bounds[loose], kind="stable")[: min(BATCH, left)]], 0.0)
         return result
 
@@ -208,21 +205,22 @@ class ClusterMaxima:
     scope : Scope
         Of which every contact has the same clusters.
     twists : Twists
+    mixtures : list of Mixture
+        Grows by those that are added.
 
     Attributes
     ----------
-    mixtures : list of Mixture
     offsets : (k,) array
         To be added to the cells of nodes: the clusters of contacts that are alike come one group after another.
     """
 
-    def __init__(self, scope: Scope, twists: Twists) -> None:
-        self._scope, self._twists = scope, twists
+    def __init__(self, scope: Scope, twists: Twists, mixtures: list[Mixture]) -> None:
+        self._scope, self._twists, self._mixtures = scope, twists, mixtures
         first = scope.pieces[0]
         if not isinstance(first, ClusterPieces):
             raise TypeError("mixtures are shared over the clusters of a mesh alone")
         self.clusters = clusters = first.clusters
-        self._single, self.mixtures = self._corners(single=True), list[Mixture]()
+        self._single = self._corners(single=True)
         self._group = np.array([i for i, pieces in enumerate(scope.pieces) for _ in pieces.slots], dtype=np.int64)
         self.offsets = clusters.count * self._group
         self._most = np.zeros((clusters.count * len(scope.pieces), FIRST), dtype=np.float32)
@@ -231,7 +229,7 @@ class ClusterMaxima:
 
     def add(self, mixture: Mixture) -> None:
         """Add a mixture."""
-        k, last = len(self.mixtures), self.clusters.last
+        k, last = len(self._mixtures), self.clusters.last
         if k == self._most.shape[1]:
             self._most, self._where = (np.concatenate([a, np.zeros_like(a)], axis=1) for a in (self._most, self._where))
         for i, corners in enumerate(self._single):
@@ -241,7 +239,7 @@ class ClusterMaxima:
             self._where[last * i + self._cluster[hit], k] = hit
             with np.errstate(over="ignore"):  # inf is a bound too
                 self._most[2 * last * i : 2 * last * (i + 1), k] = most.astype(np.float32) * (1 + ROUNDING)
-        self.mixtures.append(mixture)
+        self._mixtures.append(mixture)
 
     def largest(self, mixture: Mixture) -> FloatArray:
         """Return the largest g of a mixture over every cluster, for one group of contacts after another."""
@@ -284,13 +282,13 @@ class ClusterMaxima:
 
     def each(self, node: IntArray) -> Single:
         """Return what every mixture bounds mu to the measure's power by over a node (k,)."""
-        return np.asarray(np.sum(self._most[node + self.offsets, : len(self.mixtures)], axis=0))
+        return np.asarray(np.sum(self._most[node + self.offsets, : len(self._mixtures)], axis=0))
 
     def bounds(self, nodes: IntArray) -> tuple[Single, IntArray]:
         """Return the least bounds over nodes (n, k), (n,), on mu to the measure's power, and of which mixtures."""
         least, best = np.empty(len(nodes), dtype=np.float32), np.empty(len(nodes), dtype=np.int64)
-        most, own = self._most[:, : len(self.mixtures)], nodes + self.offsets
-        step = max(1, WORK // len(self.mixtures))
+        most, own = self._most[:, : len(self._mixtures)], nodes + self.offsets
+        step = max(1, WORK // len(self._mixtures))
         for begin in range(0, len(nodes), step):
             some = own[begin : begin + step]
             total = most[some[:, 0]]

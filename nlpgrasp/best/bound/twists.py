@@ -35,7 +35,7 @@ class Twists:
         Directions of a node.
     """
 
-    def __init__(self, task: Task, size: float, per_node: int = 16) -> None:
+    def __init__(self, task: Task, size: float, per_node: int) -> None:
         self.task, self.per_node = task, per_node
         self._rng = np.random.default_rng(0)
         d = task.dimension
