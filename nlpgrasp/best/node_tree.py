@@ -250,9 +250,11 @@ class NodeTree:
 
     def _take(self, where: IntArray) -> Nodes:
         """Return some of the open nodes, which are open no more."""
-        taken, rest = self.open[where], np.ones(len(self.open), dtype=bool)
-        rest[where] = False
-        self.open = self.open[rest]
+        taken = self.open[where]
+        if len(taken):
+            rest = np.ones(len(self.open), dtype=bool)
+            rest[where] = False
+            self.open = self.open[rest]
         return taken
 
     def _close(self, nodes: Nodes) -> None:

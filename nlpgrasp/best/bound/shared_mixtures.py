@@ -58,7 +58,7 @@ class SharedMixtures(Bounding):
         self.power, self.maxima = scope.measure.power, ClusterMaxima(scope, self.twists, self.mixtures)
 
     def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
-        """Return nodes (n, k) with the least bounds of all mixtures; the first nodes have the first mixtures made."""
+        """Return nodes (n, k) with the least bounds of all mixtures; where there are none yet, make some for these."""
         del target
         if not self.mixtures:
             first = self.twists.first()
@@ -97,7 +97,7 @@ class SharedMixtures(Bounding):
             if not len(own):
                 continue
             parts, parent = children(self.scope.groups, nodes.cells[own], np.full(len(own), slot))
-            found = np.maximum(self.bounded(parts, nodes[own[parent]], 0.0).bounds, 0.0)
+            found = np.maximum(np.minimum(self.maxima.bounds(parts)[0], nodes.bounds[own[parent]]), 0.0)
             mean = np.bincount(parent, found, len(own)) / np.maximum(np.bincount(parent, minlength=len(own)), 1)
             better = mean < score[own]
             score[own[better]], chosen[own[better]] = mean[better], slot

@@ -17,8 +17,8 @@ from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.bound.cells.cell import Rows, Sheet
 from nlpgrasp.verify.bound.cells.mesh import MeshCell
+from nlpgrasp.verify.bound.node_cover import Group
 from nlpgrasp.verify.bound.supports import Budget, Contact
-from nlpgrasp.verify.bound.tree import Group
 
 MARGIN = 1e-9  # relative: what rounding may take from a bound, added to every one
 MATTERS = 0.5  # of the largest bound of a leaf

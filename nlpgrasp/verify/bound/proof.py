@@ -12,14 +12,14 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.verify.bodies.mesh import MeshSurface
 from nlpgrasp.verify.bodies.triangles import TriangleSurface
-from nlpgrasp.verify.bound import motions, turned
+from nlpgrasp.verify.bound import continuous_symmetry, motions
 from nlpgrasp.verify.bound.cells.mesh import MeshCell
 from nlpgrasp.verify.bound.cells.outlines import Faces, faces_of
 from nlpgrasp.verify.bound.faces import SAME, uncovered
 from nlpgrasp.verify.bound.leaves import Leaves
+from nlpgrasp.verify.bound.node_cover import Group, Nodes
 from nlpgrasp.verify.bound.places import Places, places
 from nlpgrasp.verify.bound.supports import Budget
-from nlpgrasp.verify.bound.tree import Group, Nodes
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
 from nlpgrasp.verify.placement import Surface
 from nlpgrasp.verify.registry import BODIES
@@ -145,9 +145,9 @@ class Proof:
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
 
     def _turned(self) -> tuple[str, str]:
-        turning = turned.Turning(self.problem["body"], self.task, self.origin, self.size)
+        turning = continuous_symmetry.Turning(self.problem["body"], self.task, self.origin, self.size)
         ways = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
-        wrong = turned.wrong_with(self.data["groups"], turning, self.faces, self.asked[0])
+        wrong = continuous_symmetry.wrong_with(self.data["groups"], turning, self.faces, self.asked[0])
         return wrong, ", ".join(ways) if ways else "no contact is turned to a line"
 
     def _cuts(self) -> tuple[str, str]:
