@@ -1,4 +1,4 @@
-"""Branch and bound over all placements of a problem's contacts: an upper bound on mu, closer node by node."""
+"""Search over all placements of a problem's contacts by branch and bound: an upper bound on mu, closer node by node."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ AS_CLOSE = 0.1  # relative: how far the bound of a whole mesh may be above that 
 
 
 def tree_of(scope: Scope) -> NodeTree:
-    """Return the tree of a problem, with mixtures that nodes share on a mesh: that has thousands of small cells."""
+    """Return a problem's tree before its first node; on a mesh, with its thousands of cells, nodes share mixtures."""
     if isinstance(scope.problem.body, Mesh):
         return NodeTree(SharedMixtures(scope), 0)
     return NodeTree(NodeMixtures(scope), MOST_LEAVES)
 
 
 class BranchAndBound:
-    """A tree of nodes with one cell of the surface for each contact, each bounded; the loosest are cut first.
+    """Branch and bound over all placements: an upper bound on mu at any time, with its certificate.
 
     Parameters
     ----------

@@ -165,9 +165,9 @@ def keeps(task: Task, matrix: FloatArray) -> bool:
     if isinstance(task, TaskEllipsoid):
         shape = task.axes.T @ task.axes
         scale = np.sqrt(np.maximum(np.diag(shape), 0.0)) + np.abs(task.center)
-        turned = matrix @ shape @ matrix.T
-        near = np.all(np.abs(turned - shape) <= SAME * _sizes(scale, matrix))
-        return bool(near and np.all(np.abs(matrix @ task.center - task.center) <= SAME * np.max(_blocks(scale))))
+        turned, blocks = matrix @ shape @ matrix.T, _blocks(scale)
+        near = np.all(np.abs(turned - shape) <= SAME * np.outer(blocks, blocks))
+        return bool(near and np.all(np.abs(matrix @ task.center - task.center) <= SAME * np.max(blocks)))
     if isinstance(task, TaskPolytope):
         scale = _blocks(np.max(np.abs(task.wrenches), axis=0))
         images, given = (w / scale for w in (task.wrenches @ matrix.T, task.wrenches))
@@ -182,12 +182,6 @@ def _blocks(scale: FloatArray) -> FloatArray:
     force, moment = float(np.max(scale[:space])), float(np.max(scale[space:]))
     sizes = np.array([force] * space + [moment] * (len(scale) - space))
     return np.where(sizes > 0.0, sizes, 1.0)
-
-
-def _sizes(scale: FloatArray, matrix: FloatArray) -> FloatArray:
-    del matrix
-    blocks = _blocks(scale)
-    return np.outer(blocks, blocks)
 
 
 def motions_of(body: Body) -> list[tuple[FloatArray, FloatArray]]:
