@@ -1,4 +1,4 @@
-"""Branch and bound over all placements of a problem's contacts: an upper bound on mu, closer node by node."""
+"""Search over all placements of a problem's contacts by branch and bound: an upper bound on mu, closer node by node."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from nlpgrasp.best.bound.node_mixtures import MOST_LEAVES, NodeMixtures
+from nlpgrasp.best.bound.shared_mixtures import SharedMixtures
 from nlpgrasp.best.bound.weakest import normalised
-from nlpgrasp.best.pool.certificate import pool_certificate
-from nlpgrasp.best.pool.tree import PoolTree
-from nlpgrasp.best.scope.scope import scope_of
-from nlpgrasp.best.tree.certificate import certificate
-from nlpgrasp.best.tree.nodes import Node
-from nlpgrasp.best.trees import tree_of
+from nlpgrasp.best.certificate import certificate
+from nlpgrasp.best.node_tree import NodeTree
+from nlpgrasp.best.scope.scope import Scope, scope_of
+from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.problem.problem import GraspProblem
@@ -22,8 +22,15 @@ SHARE = 0.8  # of a gap asked for, that the tree closes: recorded leaves and the
 AS_CLOSE = 0.1  # relative: how far the bound of a whole mesh may be above that of its parts
 
 
+def tree_of(scope: Scope) -> NodeTree:
+    """Return a problem's tree before its first node; on a mesh, with its thousands of cells, nodes share mixtures."""
+    if isinstance(scope.problem.body, Mesh):
+        return NodeTree(SharedMixtures(scope), 0)
+    return NodeTree(NodeMixtures(scope), MOST_LEAVES)
+
+
 class BranchAndBound:
-    """A tree of nodes with one cell of the surface for each contact, each bounded; the loosest are cut first.
+    """Branch and bound over all placements: an upper bound on mu at any time, with its certificate.
 
     Parameters
     ----------
@@ -47,7 +54,6 @@ class BranchAndBound:
         self._tree = tree_of(self.scope)
         self._whole: tuple[float, Json] | None = None  # the certificate of a whole mesh
         self._begun = False
-        self._latest: list[Node] = []
 
     @property
     def nodes(self) -> int:
@@ -67,7 +73,11 @@ class BranchAndBound:
     @property
     def searched(self) -> bool:
         """Whether there is nothing more to look at: the gap is closed, or memory is full."""
-        return self.closed or (self._begun and (self._tree.top <= self._target or self._tree.full))
+        return self.closed or (self._begun and (self._tree.top <= self._target or self._full))
+
+    @property
+    def _full(self) -> bool:
+        return self._tree.bounding.is_full(len(self._tree.open))
 
     @property
     def _target(self) -> float:
@@ -81,7 +91,7 @@ class BranchAndBound:
         """
         self.known = max(self.known, mu)
         if weak is not None and len(weak):
-            self._tree.twists.remember(normalised(self.scope.task, weak))
+            self._tree.bounding.twists.remember(normalised(self.scope.task, weak))
 
     def grow(self, nodes: int, stopped: Callable[[], bool] = lambda: False) -> None:
         """Cut the loosest nodes until there are so many more, nothing is left to look at, or ``stopped``.
@@ -90,28 +100,23 @@ class BranchAndBound:
         """
         last = self.nodes + nodes
         if not self._begun:
-            self._latest, self._begun = self._tree.begin(self._target), True
-            if isinstance(self._tree, PoolTree):
-                self._whole = pool_certificate(self._tree)
+            self._tree.begin(self._target)
+            self._begun = True
+            if isinstance(self.scope.problem.body, Mesh):
+                self._whole = certificate(self._tree)
         while self.nodes < last and not self.searched and not stopped():
-            self._latest = self._tree.grow(self._target)
+            self._tree.grow(self._target)
 
     def relaxed_placements(self, count: int) -> list[FloatArray]:
         """Return contact positions (k, space) that the latest nodes' bounds rest on most, the loosest nodes first."""
-        found = []
-        order = np.argsort(self.scope.slots)
-        for node in sorted(self._latest)[:count]:
-            rows = node.rows[np.arange(len(node.rows)), np.argmax(node.design, axis=1)] if node.rows.size else []
-            each = zip(self.scope.group_of, rows, strict=True) if len(rows) else ()
-            points = [pieces.supports.points[row] for (pieces, _), row in each]
-            if points:
-                found.append(np.stack(points)[order])
-        return found
+        order, groups = np.argsort(self.scope.slots), self.scope.group_of
+        loosest = sorted(self._tree.bounding.placements, key=lambda placement: -placement.bound)[:count]
+        rows = [zip(groups, placement.heaviest().tolist(), strict=True) for placement in loosest]
+        return [np.stack([pieces.supports.points[row] for (pieces, _), row in each])[order] for each in rows]
 
     def certificate(self) -> tuple[float, Json]:
         """Return the bound that follows from what is recorded of the search, and the record (docs/how_close.md)."""
-        tree = self._tree
-        upper, proof = pool_certificate(tree) if isinstance(tree, PoolTree) else certificate(tree)
+        upper, proof = certificate(self._tree)
         return upper, {"asked": self.gap, **proof}
 
     def bound(self) -> GlobalBound:

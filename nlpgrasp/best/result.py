@@ -1,4 +1,4 @@
-"""What a global search found: a bound on mu over all placements, and the best grasp met."""
+"""Result of a global search: a bound on mu over all placements, and the best grasp found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a contact is worth most: the most that it can add to mu, over the surface."""
+"""Marginal bound of a contact over the surface: the most that it can add to mu."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.best.pool.tree import PoolTree
+from nlpgrasp.best.branch_and_bound import tree_of
 from nlpgrasp.best.scope.scope import Scope, whole_of
-from nlpgrasp.best.trees import tree_of
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.problem.problem import GraspProblem
@@ -47,12 +46,9 @@ class ContactWorth:
         """
         scope = whole_of(problem)
         tree = tree_of(scope)
-        node = tree.begin(0.0)[0]
-        numbers, weights = node.twists, node.weights
-        if isinstance(tree, PoolTree):
-            whole = np.array([node.cells])
-            numbers, weights = tree.pool.mixtures[int(tree.pool.bounds(whole)[1][0])]
-        return cls(scope, tree.twists[numbers], weights / np.sum(weights))
+        tree.begin(0.0)
+        numbers, weights = tree.bounding.mixtures[int(tree.leaves.mixtures[0])]
+        return cls(scope, tree.bounding.twists[numbers], weights / np.sum(weights))
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return g at points of the surface with inward normals, (m, 3) each: the most of any contact, (m,).

@@ -3,14 +3,11 @@
 import numpy as np
 import trimesh
 
-from nlpgrasp.best.cells.clusters import Clusters
-from nlpgrasp.best.cells.curved.ellipsoid import EllipsoidCell
-from nlpgrasp.best.cells.curved.revolved import RevolvedCell
-from nlpgrasp.best.cells.curved.spherical import Spherical
-from nlpgrasp.best.cells.curved.turned import Revolved
 from nlpgrasp.best.cells.disc import SectorCell
-from nlpgrasp.best.cells.mesh import MeshCell
+from nlpgrasp.best.cells.ellipsoid import EllipsoidCell, Spherical
+from nlpgrasp.best.cells.mesh import Clusters, MeshCell
 from nlpgrasp.best.cells.polygon import PolygonCell
+from nlpgrasp.best.cells.revolved import Revolved, RevolvedCell
 from nlpgrasp.common.spatial import tangents
 
 

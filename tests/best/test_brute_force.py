@@ -65,7 +65,7 @@ def _with_upper(data, factor):
 def _with_leaves(data, factor):
     data["upper"] *= factor
     for leaf in data["certificate"]["leaves"]:
-        leaf[3] *= factor
+        leaf[2] *= factor
 
 
 @pytest.mark.parametrize("number", range(12))

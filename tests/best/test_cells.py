@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.best.bound.closer import mixed_supports, single_supports
+from nlpgrasp.best.bound.curved_supports import mixed_supports, single_supports
 from nlpgrasp.best.bound.measure import Measure
 from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.budgets import force_budget

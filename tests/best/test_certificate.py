@@ -6,7 +6,7 @@ import json
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.best.tree import proof
+from nlpgrasp.best import branch_and_bound
 
 SQUARE = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
@@ -27,17 +27,17 @@ def test_a_file_holds_the_whole_bound(tmp_path):
 
 def test_the_bound_claimed_is_the_largest_of_the_leaves():
     best = bound()
-    assert best.upper == max(leaf[3] for leaf in best.certificate["leaves"])
+    assert best.upper == max(leaf[2] for leaf in best.certificate["leaves"])
     assert best.certificate["complete"]
 
 
 def test_a_search_with_more_leaves_than_are_kept_claims_what_follows_from_those(monkeypatch):
     fine = bound(gap=0.0005)
-    monkeypatch.setattr(proof, "MOST_LEAVES", 3)
+    monkeypatch.setattr(branch_and_bound, "MOST_LEAVES", 3)
     coarse = bound(gap=0.0005)
     assert not coarse.certificate["complete"]
     assert len(coarse.certificate["leaves"]) < len(fine.certificate["leaves"])
-    assert coarse.upper == max(leaf[3] for leaf in coarse.certificate["leaves"]) > fine.upper
+    assert coarse.upper == max(leaf[2] for leaf in coarse.certificate["leaves"]) > fine.upper
     assert not coarse.closed
 
 
@@ -61,5 +61,21 @@ def test_what_is_no_bound_file_is_refused_in_a_sentence(tmp_path, text):
 
 def test_weights_have_few_digits():
     best = bound()
-    text = json.dumps([leaf[2] for leaf in best.certificate["leaves"]])
+    text = json.dumps([weights for _, weights in best.certificate["mixtures"]])
     assert max(len(word) for word in text.replace("[", "").replace("]", "").split(", ")) <= 10
+
+
+def test_mixtures_and_directions_are_listed_once_and_used():
+    search = branch_and_bound.BranchAndBound(cylinder(), 0.02)
+    search.grow(150)
+    data = search.certificate()[1]
+    assert len(data["mixtures"]) < len(data["leaves"])
+    assert {leaf[1] for leaf in data["leaves"]} == set(range(len(data["mixtures"])))
+    assert len({json.dumps(mixture) for mixture in data["mixtures"]}) == len(data["mixtures"])
+    assert {i for numbers, _ in data["mixtures"] for i in numbers} == set(range(len(data["directions"])))
+    cut = {nodes[slot] for nodes, slot in data["splits"]}
+    assert {cell for group in data["groups"] for cell, *_ in group["cuts"]} == cut
+
+
+def cylinder():
+    return ng.GraspProblem(ng.Cylinder(1.0, 2.0), [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0] * 6))

@@ -12,7 +12,7 @@ from nlpgrasp.best.bound.twists import Twists
 def test_a_direction_without_work_is_never_among_them():
     """Along it every support would be zero, and with it the bound."""
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    twists = Twists(task, 0.1)
+    twists = Twists(task, 0.1, 16)
     numbers = twists.add(np.stack([np.zeros(6), np.array([2.0, 0, 0, 0, 0, 0]) / 2.0]))
     work = task.support(twists[numbers])[0]
     assert np.all((work >= 1.0) & (work <= 1.0 + 1e-9))
@@ -23,7 +23,7 @@ def test_a_direction_without_work_is_never_among_them():
 def test_directions_have_few_digits_and_no_less_than_unit_work(center):
     """Their file is a third smaller, and a bound that takes the work for 1 is no lower than it should be."""
     task = ng.TaskEllipsoid([1.0, 0.7, 0.5, 0.03, 0.02, 0.01], center=center)
-    twists = Twists(task, 0.05)
+    twists = Twists(task, 0.05, 16)
     y = np.random.default_rng(0).standard_normal((500, 6)) * [1, 1, 1, 40, 40, 40]
     y = y[task.support(y)[0] > 0.1]
     y /= task.support(y)[0][:, None]

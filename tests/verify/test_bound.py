@@ -84,7 +84,7 @@ def bound_text(name):
     if not path.exists():
         seconds = None if name in ("square", "square, limited", "square, hand") else 0.6
         data = ng.best_possible(PROBLEMS[name], gap=0.02, time_limit=seconds).to_dict()
-        data["certificate"]["leaves"].sort(key=lambda leaf: -leaf[3])  # the first is what the bound rests on
+        data["certificate"]["leaves"].sort(key=lambda leaf: -leaf[2])  # the first is what the bound rests on
         write_text(path, json.dumps(data))
     return path.read_text()
 
@@ -118,7 +118,7 @@ def test_a_bound_is_computed_again_as_it_is_claimed(name, tmp_path):
 def test_a_lower_bound_over_curved_cells_fails(name, tmp_path):
     data = bound_data(name)
     least = np.max(Proof(data["problem"], data["certificate"], Sources()).bounds[1])
-    data["certificate"]["leaves"][0][3] = data["upper"] = 0.93 * min(least, data["upper"])
+    data["certificate"]["leaves"][0][2] = data["upper"] = 0.93 * min(least, data["upper"])
     verification = verified(data, tmp_path)
     assert {"leaves", "upper"} <= {check.name for check in verification.checks if check.failed}, str(verification)
 
@@ -162,19 +162,31 @@ def other_twin(data):
     twins[0][2] = leaves[0][0] if leaves[0][0] != twins[0][2] else leaves[1][0]
 
 
-def leaf(i, value):
-    def edit(data):
-        loosest = max(data["certificate"]["leaves"], key=lambda own: own[3])
-        put((i, *([] if i == 3 else [0])), value)(loosest)
+def loosest(data):
+    return max(data["certificate"]["leaves"], key=lambda leaf: leaf[2])
 
-    return edit
+
+def leaf(i, value):
+    return lambda data: put((i,), value)(loosest(data))
+
+
+def mixture(i, value):
+    return lambda data: put((i, 0), value)(data["certificate"]["mixtures"][loosest(data)[1]])
+
+
+def without_mixtures(data):
+    del data["certificate"]["mixtures"]
 
 
 SQUARE_EDITS = {
     "the bound is lower": (put(("upper",), share(0.999)), "upper"),
-    "a leaf's bound is lower": (leaf(3, share(0.999)), "leaves"),
-    "a weight": (leaf(2, lambda weight: weight + 0.1), "leaves"),
-    "a weight below zero": (leaf(2, share(-1.0)), "leaves"),
+    "a leaf's bound is lower": (leaf(2, share(0.999)), "leaves"),
+    "a mixture's number": (leaf(1, lambda i: i + 1000), "leaves"),
+    "a mixture's number below zero": (leaf(1, -1), "leaves"),
+    "a weight": (mixture(1, lambda weight: weight + 0.1), "leaves"),
+    "a weight below zero": (mixture(1, share(-1.0)), "leaves"),
+    "a direction's number": (mixture(0, lambda i: i + 1), "leaves"),
+    "no mixtures": (without_mixtures, "leaves"),
     "a direction": (put(("certificate", "directions", 0, 0), share(1.01)), "directions"),
     "a vertex of a cell": (
         put(("certificate", "groups", 0, "roots", 0, 1, "vertices", 0, 0), share(0.99)),
@@ -256,6 +268,30 @@ def test_an_edit_of_another_problem_fails_at_its_check(name, tmp_path):
     edit(data)
     verification = verified(data, tmp_path)
     assert check in [c.name for c in verification.checks if c.failed], str(verification)
+
+
+OLDER = Path(__file__).with_name("older.bound.json")  # of the square: each leaf has directions and weights of its own
+
+
+def test_a_file_of_the_older_form_is_verified(tmp_path):
+    data = json.loads(OLDER.read_text())
+    assert "mixtures" not in data["certificate"]
+    verification = verified(data, tmp_path)
+    assert verification.passed, str(verification)
+    assert verification.not_made == ()
+    found = Proof(data["problem"], data["certificate"], Sources()).bounds[1]
+    assert data["upper"] * (1.0 - ABOVE) <= np.max(found) <= data["upper"]
+
+
+@pytest.mark.parametrize(
+    ("part", "value"),
+    [(1, [0, 1]), (2, lambda weights: [2.0 * weights[0], *weights[1:]]), (2, []), (3, share(0.999)), (3, None)],
+)
+def test_an_edit_of_the_older_form_fails(part, value, tmp_path):
+    data = json.loads(OLDER.read_text())
+    put((part,), value)(max(data["certificate"]["leaves"], key=lambda own: own[3]))
+    verification = verified(data, tmp_path)
+    assert "leaves" in [check.name for check in verification.checks if check.failed], str(verification)
 
 
 def test_a_bound_that_nothing_recomputes_is_not_verified(tmp_path):

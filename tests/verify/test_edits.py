@@ -52,8 +52,8 @@ def certificate(change):
 
     def edit(data):
         leaves = data["quality"]["best_possible"]["certificate"]["leaves"]
-        leaf = max(leaves, key=lambda item: item[3])
-        leaf[3] = change(leaf[3])
+        leaf = max(leaves, key=lambda item: item[2])
+        leaf[2] = change(leaf[2])
 
     return edit
 

@@ -1,1 +1,1 @@
-"""Bounds on mu from mixtures of directions."""
+"""Bounds on mu over cells of the surface, from mixtures of directions."""

@@ -1,4 +1,4 @@
-"""How the supports of single contacts add up to that of a grasp: what a force budget means for the bound."""
+"""Sum of the supports of single contacts to that of a grasp, by force budget."""
 
 from __future__ import annotations
 

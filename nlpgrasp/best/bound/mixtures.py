@@ -1,4 +1,4 @@
-"""The best mixture of directions for a bound: many small linear programs at once.
+"""Mixtures of directions, and the one with the least bound: a batch of small linear programs by interior points.
 
 For supports ``A[i, v, j]`` of contact i at row v along direction j, the least bound over mixtures,
 ``min over lambda of sum_i max_v sum_j lambda_j A[i, v, j]``, is a linear program; its dual spreads each contact over
@@ -8,8 +8,11 @@ point of equal weights (Wright, "Primal-dual interior-point methods", 1997, doi:
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.common.validation import FloatArray
 
 ITERATIONS = 14
@@ -18,6 +21,26 @@ ENOUGH = 1e-6  # mean complementarity, relative to the largest support
 INSIDE = 0.95  # share of the way to the boundary
 REGULAR = 1e-9
 LIGHT = 1e-3  # weight below which a direction is left out
+DIGITS = 8  # of weights as they are written
+LEAST = 1e-5  # weights below are not written
+
+
+class Mixture(NamedTuple):
+    """Directions by number, (j,), and their weights, (j,), at least zero."""
+
+    numbers: IntArray
+    weights: FloatArray
+
+    def written(self) -> Mixture:
+        """Return the mixture as it is written: weights of few digits, without those that hardly count."""
+        weights = rounded(self.weights)
+        return Mixture(self.numbers[weights > 0.0], weights[weights > 0.0])
+
+
+def rounded(weights: FloatArray) -> FloatArray:
+    """Return weights (j,) as they are written; zero for those that are not."""
+    result = np.where(weights < LEAST, 0.0, np.round(weights, DIGITS))
+    return np.asarray(np.round(result / np.sum(result), DIGITS)) if np.count_nonzero(result) == 1 else result
 
 
 def mixtures(A: FloatArray) -> tuple[FloatArray, FloatArray]:

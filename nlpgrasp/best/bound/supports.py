@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.best.bound.measure import Measure
-from nlpgrasp.best.cells.base import Cell, IntArray, Rows
-from nlpgrasp.best.cells.curved.patches import Curved, Patches
+from nlpgrasp.best.cells.base import Cell, Curved, IntArray, Patches, Rows
 from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from nlpgrasp.best.bound.weakest import normalised
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.best.bound.weakest import Design, descended, normalised
 from nlpgrasp.best.cells.base import IntArray
+from nlpgrasp.best.scope.pieces import Pieces
 from nlpgrasp.common.directions import directions
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task
@@ -13,6 +17,9 @@ from nlpgrasp.tasks import Task
 RANDOM, RECENT = 200, 60  # directions at random beside the lattice, and latest ones
 TRIED = 300  # along which a design is tried
 FLAT = 1e-9
+FRESH = 4  # directions of a node that are replaced: one of so many
+STARTS = 3  # of the node's own directions that descents begin from, or between, beside the weakest of those tried
+ALIKE = 0.999  # cosine of directions that are the same
 DIGITS, ABOVE, UNIT = 11, 5e-10, 9e-10  # of directions; how far a unit of work is exceeded, about and at most
 
 
@@ -28,7 +35,7 @@ class Twists:
         Directions of a node.
     """
 
-    def __init__(self, task: Task, size: float, per_node: int = 16) -> None:
+    def __init__(self, task: Task, size: float, per_node: int) -> None:
         self.task, self.per_node = task, per_node
         self._rng = np.random.default_rng(0)
         d = task.dimension
@@ -75,6 +82,60 @@ class Twists:
         """Keep some of the directions (m, d) that were found weak."""
         some = twists[self._rng.permutation(len(twists))[: RECENT // 4]]
         self._recent = np.concatenate([some, self._recent])[:RECENT]
+
+    def renewed(
+        self,
+        groups: Sequence[tuple[Pieces, slice]],
+        numbers: IntArray,
+        weights: FloatArray,
+        rows: IntArray,
+        shares: FloatArray,
+    ) -> IntArray:
+        """Return directions of some nodes, the least useful replaced by those in which spread-out contacts are weakest.
+
+        Parameters
+        ----------
+        groups : sequence of (Pieces, slice)
+            Contacts that are alike, and their slots.
+        numbers, weights : (b, j) arrays
+            Of each node's directions.
+        rows, shares : (b, k, m) arrays
+            Where each contact is spread, and how much of it is there.
+        """
+        designs = []
+        for pieces, where in groups:
+            b, c, m = rows[:, where].shape
+            places, spread = rows[:, where].reshape(b, c * m), shares[:, where].reshape(b, c * m)
+            designs.append(Design.over(pieces.supports, places, spread, 3 * c))
+        few = numbers.shape[1] // FRESH
+        copied = _repeated(self[numbers], -weights)
+        heavy = np.argsort(np.where(copied, 0.0, -weights), axis=1)[:, :STARTS]
+        own = self[np.take_along_axis(numbers, heavy, axis=1)]
+        between = normalised(self.task, own + np.roll(own, 1, axis=1))  # what descents that stay at corners miss
+        stuck = np.any(copied & (weights > 0.0), axis=1)[:, None, None]
+        begin = np.where(stuck & np.any(between != 0.0, axis=2, keepdims=True), between, own)
+        tried = self.tried()
+        every = np.broadcast_to(tried, (len(weights), *tried.shape))
+        value = sum(d.value(every) for d in designs)
+        weakest = tried[np.argsort(value, axis=1)[:, :few]]
+        found, ratios = descended(designs, self.task, np.concatenate([begin, weakest], axis=1))
+        order = np.argsort(np.where(_repeated(found, ratios), np.inf, ratios), axis=1)[:, :few]
+        fresh = np.take_along_axis(found, order[..., None], axis=1)
+        added = self.add(fresh.reshape(-1, fresh.shape[2])).reshape(fresh.shape[:2])
+        self.remember(fresh[:, 0])
+        result = numbers.copy()
+        least = np.where(copied, -1.0, weights)  # copies share the weight of one of them
+        np.put_along_axis(result, np.argsort(least, axis=1)[:, :few], added, axis=1)
+        return result
+
+
+def _repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
+    """Return which directions (b, m, d) are nearly those of others with smaller ratios (b, m)."""
+    unit = twists / np.maximum(np.max(np.abs(twists), axis=1, keepdims=True), 1e-300)
+    unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), 1e-300)
+    near = unit @ unit.transpose(0, 2, 1) > ALIKE
+    first = np.argsort(np.argsort(ratios, axis=1), axis=1)
+    return np.asarray(np.any(near & (first[:, None] < first[:, :, None]), axis=2))
 
 
 def _short(task: Task, twists: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The weakest directions of designs: where contacts that are spread over their cells do least against the task."""
+"""Weakest directions of designs (contacts spread over their cells): least quality over directions, by descent."""
 
 from __future__ import annotations
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from nlpgrasp.best.cells.base import Surface
-from nlpgrasp.best.cells.curved.ellipsoid import EllipsoidFace
-from nlpgrasp.best.cells.curved.revolved import RevolvedFace
 from nlpgrasp.best.cells.disc import DiscFace
+from nlpgrasp.best.cells.ellipsoid import EllipsoidFace
 from nlpgrasp.best.cells.mesh import MeshFace
 from nlpgrasp.best.cells.polygon import FlatFace, clipped
+from nlpgrasp.best.cells.revolved import RevolvedFace
 from nlpgrasp.bodies import Body, Box, Cylinder, Ellipsoid, Mesh, Polygon, Prism, Sphere, Torus
 from nlpgrasp.bodies.face import SHARP, turning
 from nlpgrasp.common.validation import FloatArray

@@ -1,1 +1,1 @@
-"""What of a problem a bound covers: which contact may be where, and which placements are images of others."""
+"""The part of a problem that the bound covers: places of contacts, cells, symmetries."""

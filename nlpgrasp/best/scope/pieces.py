@@ -1,17 +1,19 @@
-"""Where one contact, or several alike, may be: cells by number, each cut in two when it is asked for."""
+"""Cells that one contact, or several alike, may be in, by number; each is cut in two when its parts are needed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
 from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.cells.allowed import Allowed
-from nlpgrasp.best.cells.base import Cell, Surface
+from nlpgrasp.best.cells.base import Cell, IntArray, Surface
 from nlpgrasp.best.cells.bundle import BundleCell
+from nlpgrasp.best.cells.mesh import Clusters, MeshCell
 
 NONE = -1
 
@@ -91,6 +93,16 @@ class Pieces:
                 self._children[cell] = tuple(part for part in made if part != NONE)
         return self._children[cell]
 
+    def cell(self, number: int) -> Cell:
+        """Return the cell of a number."""
+        return self.cells[number]
+
+    def halves(self, cells: IntArray) -> IntArray:
+        """Return the numbers of both parts of cells (n,) that can be cut, ``NONE`` of one that is excluded, (n, 2)."""
+        for cell in cells.tolist():
+            self.children(cell)
+        return np.array([self.parts[cell] for cell in cells.tolist()], dtype=np.int64).reshape(-1, 2)
+
     def like(self, cell: int, points: np.ndarray, candidates: Sequence[int], tolerance: float) -> int:
         """Return which candidate has these anchors, in any order, or ``NONE``."""
         for other in candidates:
@@ -100,6 +112,42 @@ class Pieces:
                 if np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance:
                     return other
         return NONE
+
+
+class ClusterPieces(Pieces):
+    """The clusters of a mesh that some contacts may use, with their numbers in the tree of clusters.
+
+    Their rows are those of ``supports``: the corners of all pieces of the mesh, in order.
+    """
+
+    def __init__(self, slots: Sequence[int], roots: Roots, allowed: Allowed, supports: Supports, size: float) -> None:
+        super().__init__(slots, roots, allowed, supports, size)
+        self.roots = self.roots and (1,)
+
+    @property
+    def clusters(self) -> Clusters:
+        """The mesh's."""
+        whole = self.cells[0]
+        if not isinstance(whole, MeshCell):
+            raise TypeError(f"a {whole.kind}, no cell of a mesh")
+        return whole.clusters
+
+    def cell(self, number: int) -> Cell:
+        """Return a cluster."""
+        return MeshCell(self.clusters, number)
+
+    @cached_property
+    def _numbers(self) -> IntArray:
+        """The number of each cluster, ``NONE`` of those that constraints leave nothing of."""
+        numbers = np.arange(self.clusters.count)
+        if self.allowed.limited:
+            excluded = [self.allowed.excludes(self.cell(number)) for number in range(1, len(numbers))]
+            numbers[1:][excluded] = NONE
+        return numbers
+
+    def halves(self, cells: IntArray) -> IntArray:
+        """Return the numbers of both halves of clusters (n,), none of the last level."""
+        return np.asarray(self._numbers[2 * cells[:, None] + np.arange(2)])
 
 
 def _bundles(left: Sequence[tuple[Surface, Cell]], bundled: Bundled, size: float) -> list[Cell]:

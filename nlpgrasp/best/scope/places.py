@@ -1,4 +1,4 @@
-"""Where each contact may be by the constraints on it alone; what else is asked is left out and named."""
+"""Allowed places of each contact, by the constraints on it alone; the others are left out and named."""
 
 from __future__ import annotations
 

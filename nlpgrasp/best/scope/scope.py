@@ -1,4 +1,4 @@
-"""What of a problem the bound covers, and what it leaves out."""
+"""Scope of the bound: the relaxed problem that it covers, and what it leaves out."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ from nlpgrasp.best.bound.measure import Measure
 from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.cells.base import Surface
 from nlpgrasp.best.cells.faces import surfaces
-from nlpgrasp.best.scope.pieces import Bundled, Pieces, Roots
+from nlpgrasp.best.scope.pieces import Bundled, ClusterPieces, Pieces, Roots
 from nlpgrasp.best.scope.places import Places, places
-from nlpgrasp.best.scope.symmetry import Symmetry, symmetries
-from nlpgrasp.best.scope.turning import Turned, pinned
+from nlpgrasp.best.scope.symmetry import Symmetry, Turned, pinned, symmetries
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.rows import EDGES
 from nlpgrasp.common.validation import FloatArray
@@ -145,7 +144,7 @@ def _made(
     turned: Sequence[Turned],
 ) -> list[Pieces]:
     """Return the pieces of contacts that are alike; each that can be turned to a line has its own."""
-    made: list[Pieces] = []
+    made, kind = list[Pieces](), ClusterPieces if isinstance(problem.body, Mesh) else Pieces
     for slots in alike(problem, own):
         given = [([slot], Roots(turned[slot][1], turned[slot][0])) for slot in slots if slot < len(turned)]
         rest = [slot for slot in slots if slot >= len(turned)]
@@ -154,7 +153,7 @@ def _made(
             given.append((rest, Roots({face: face.cells() for face in left if face is not None}, None, bundled)))
         for some, roots in given:
             supports = Supports(problem.models[some[0]], measure, problem.origin)
-            made.append(Pieces(some, roots, own[some[0]].allowed, supports, problem.body.size))
+            made.append(kind(some, roots, own[some[0]].allowed, supports, problem.body.size))
             if not made[-1].roots:
                 allowed = "constraints that leave every contact some part of the body"
                 raise InputError("GraspProblem.constraints", f"no place left for contact {some[0]}", allowed)

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nlpgrasp.best.scope.symmetry import keeps, motions_of, wrench_map
-from nlpgrasp.best.scope.turning import turn_about
+from nlpgrasp.best.scope.symmetry import keeps, motions_of, turn_about, wrench_map
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.start.random_placements import random_placements

@@ -1,4 +1,4 @@
-"""Whether the cells that a certificate begins with cover the faces that a contact may use."""
+"""Check that the first cells of a certificate cover the faces that a contact may use."""
 
 from __future__ import annotations
 

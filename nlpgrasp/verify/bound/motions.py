@@ -1,4 +1,4 @@
-"""Whether a rigid motion or reflection maps all that is asked onto itself: body, task, constraints, torque origin."""
+"""Check that a rigid motion or reflection is a symmetry of body, task, constraints and torque origin."""
 
 from __future__ import annotations
 

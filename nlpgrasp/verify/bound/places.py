@@ -1,4 +1,4 @@
-"""Where constraints allow one contact to be, and what of a problem says nothing of one contact alone."""
+"""Allowed places of one contact by constraints on it alone, and what of a problem the bound leaves out."""
 
 from __future__ import annotations
 

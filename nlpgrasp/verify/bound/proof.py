@@ -1,4 +1,4 @@
-"""The checks of a certificate: what it covers, by which symmetries, and what follows for mu."""
+"""Checks of a certificate: what it covers, by which symmetries, and what follows for mu."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.verify.bodies.mesh import MeshSurface
 from nlpgrasp.verify.bodies.triangles import TriangleSurface
-from nlpgrasp.verify.bound import motions, turned
+from nlpgrasp.verify.bound import continuous_symmetry, motions
 from nlpgrasp.verify.bound.cells.mesh import MeshCell
 from nlpgrasp.verify.bound.cells.outlines import Faces, faces_of
 from nlpgrasp.verify.bound.faces import SAME, uncovered
 from nlpgrasp.verify.bound.leaves import Leaves
+from nlpgrasp.verify.bound.node_cover import Group, Nodes
 from nlpgrasp.verify.bound.places import Places, places
-from nlpgrasp.verify.bound.shared import SharedLeaves
 from nlpgrasp.verify.bound.supports import Budget
-from nlpgrasp.verify.bound.tree import Group, Nodes
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
 from nlpgrasp.verify.placement import Surface
 from nlpgrasp.verify.registry import BODIES
@@ -146,9 +145,9 @@ class Proof:
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
 
     def _turned(self) -> tuple[str, str]:
-        turning = turned.Turning(self.problem["body"], self.task, self.origin, self.size)
+        turning = continuous_symmetry.Turning(self.problem["body"], self.task, self.origin, self.size)
         ways = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
-        wrong = turned.wrong_with(self.data["groups"], turning, self.faces, self.asked[0])
+        wrong = continuous_symmetry.wrong_with(self.data["groups"], turning, self.faces, self.asked[0])
         return wrong, ", ".join(ways) if ways else "no contact is turned to a line"
 
     def _cuts(self) -> tuple[str, str]:
@@ -173,11 +172,10 @@ class Proof:
         return wrong, f"{len(self.data['motions'])} motions, {len(self.nodes.twins)} twins"
 
     @cached_property
-    def leaves(self) -> Leaves | SharedLeaves:
+    def leaves(self) -> Leaves:
         """What bounds are computed from."""
-        kind = SharedLeaves if "mixtures" in self.data else Leaves
         budget = Budget.of(self.problem["force_budget"])
-        return kind(self.data, self.groups, self.problem["contacts"], self.task, budget)
+        return Leaves(with_mixtures(self.data), self.groups, self.problem["contacts"], self.task, budget)
 
     def _directions(self) -> tuple[str, str]:
         off = float(np.max(np.abs(self.leaves.reach - 1.0), initial=0.0))
@@ -201,6 +199,15 @@ class Proof:
         most = float(np.max(self.bounds[1], initial=0.0))
         detail = f"stated {upper:.12g}, from the leaves {most:.12g}"
         return "" if upper >= most * (1.0 - RECOMPUTED) else detail, detail
+
+
+def with_mixtures(data: Json) -> Json:
+    """Return a certificate whose leaves name mixtures by number, also of an older one whose leaves have their own."""
+    if "mixtures" in data:
+        return data
+    mixtures = [[numbers, weights] for _, numbers, weights, _ in data["leaves"]]
+    leaves = [[cells, i, bound] for i, (cells, _, _, bound) in enumerate(data["leaves"])]
+    return {**data, "mixtures": mixtures, "leaves": leaves}
 
 
 def _check(name: str, part: Callable[[], tuple[str, str]]) -> Check:

@@ -1,4 +1,4 @@
-"""How much work one contact does along a twist at most, by formulas of this room's own.
+"""Support of one contact: the most work that it does along a twist, by formulas other than the search's.
 
 For the velocity v of a contact point and the twist's turning tau, a force with normal part n does the work
 ``n v_n + f_t . v_t + m tau_n``. Its largest value needs the sizes a = |v_t| and |tau_n| alone, each with a

@@ -1,4 +1,4 @@
-"""What a cell says of itself: contacts that stand for it, its parts, and where it is."""
+"""Interface of a certificate's cells: contacts that stand for one, its parts, and where it is."""
 
 from __future__ import annotations
 

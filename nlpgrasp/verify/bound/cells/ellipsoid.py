@@ -11,9 +11,106 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.verify.bodies.smooth import positive
 from nlpgrasp.verify.bound.cells.cell import Cut, Rows, Sheet, one_of
-from nlpgrasp.verify.bound.cells.ellipsoid_sheet import EllipsoidSheet, between
 
+SPACING = 0.3  # radians: sides of the parts to begin with
+MOST = 3  # times that sides are halved for it
 UNIT = 1e-9
+
+
+@dataclass(frozen=True)
+class EllipsoidSheet:
+    """The image under ``diag(axes)`` of the part of the unit sphere between corners.
+
+    Parameters
+    ----------
+    corners : (c, 3) array
+        Unit; coordinates of a place are its unit vector.
+    axes : (3,) array
+        Metres.
+    """
+
+    corners: FloatArray
+    axes: FloatArray
+
+    def start(self) -> FloatArray:
+        """Return small triangles or arcs."""
+        found = self.corners[None]
+        for _ in range(MOST):
+            if float(np.max(_sides(found))) <= SPACING:
+                break
+            found = self.halved(found)
+        return found
+
+    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points and inward normals at unit vectors (m, 3)."""
+        inward = -places / self.axes
+        return places * self.axes, inward / np.linalg.norm(inward, axis=1, keepdims=True)
+
+    def bends(self, parts: FloatArray) -> FloatArray:
+        """Return the bends of small parts (m, c, 3), (m, 2, 3).
+
+        On a great circle of unit speed the normal ``A^-1 u / g``, ``g = |A^-1 u|``, turns at ``w <= |A^-1| / g``, and
+        the turning itself changes by at most ``2 w |u'^T A^-2 u| / g^2``.
+        """
+        long, short = float(self.axes.max()), float(self.axes.min())
+        side = _sides(parts)
+        centre = np.sum(parts, axis=1)
+        centre /= np.linalg.norm(centre, axis=1, keepdims=True)
+        reach = np.max(between(parts, centre[:, None]), axis=1)
+        g = np.maximum(np.linalg.norm(centre / self.axes, axis=1) - reach / short, 1.0 / long)
+        w = 1.0 / (short * g)
+        squared = centre / self.axes**2
+        slope = np.linalg.norm(squared - centre * np.sum(centre * squared, axis=1, keepdims=True), axis=1)
+        steepest = 0.5 * (1.0 / short**2 - 1.0 / long**2)
+        quick = w**2 + 2.0 * w * np.minimum(steepest, slope + 3.0 * steepest * reach) / g**2
+        if long == short:
+            arm = np.full(len(parts), 2.0 * long)
+        else:
+            farthest = np.minimum(long, np.linalg.norm(centre * self.axes, axis=1) + long * reach)
+            arm = farthest + (long / short + short / long) / g
+        bowed = 0.5 * _radius(parts) ** 2
+        off = np.column_stack([quick, arm + quick * long * side, quick]) * bowed[:, None]
+        more = np.column_stack([w, long + w * long * side, w]) * side[:, None]
+        return np.stack([off, more], axis=1)
+
+    def halved(self, parts: FloatArray) -> FloatArray:
+        """Return four triangles for each (n, 3, 3), two arcs for each (n, 2, 3)."""
+        middles = parts + np.roll(parts, -1, axis=1)
+        middles /= np.linalg.norm(middles, axis=2, keepdims=True)
+        if parts.shape[1] == 2:
+            ends = [(parts[:, 0], middles[:, 0]), (middles[:, 0], parts[:, 1])]
+            made = [np.stack(pair, axis=1) for pair in ends]
+        else:
+            made = [np.stack([parts[:, i], middles[:, i], middles[:, (i + 2) % 3]], axis=1) for i in range(3)]
+            made.append(middles)
+        return np.stack(made, axis=1).reshape(-1, *parts.shape[1:])
+
+
+def _sides(parts: FloatArray) -> FloatArray:
+    """Return the longest side of each part, radians, (n,)."""
+    return np.asarray(np.max(between(parts, np.roll(parts, -1, axis=1)), axis=1))
+
+
+def _radius(parts: FloatArray) -> FloatArray:
+    """Return the radius of a circle around each part, drawn flat from any of its points, (m,).
+
+    A part that is drawn along great circles from one of its points has sides at most ``t / sin t`` times as long,
+    t the longest: for an acute triangle that leaves the circle through its corners, for others half its longest
+    side.
+    """
+    ends = between(parts, np.roll(parts, -1, axis=1))
+    long = np.max(ends, axis=1)
+    if parts.shape[1] < 3:
+        return np.asarray(0.5 * long)
+    c, b, a = np.sort(ends * (long / np.sin(long))[:, None], axis=1).T
+    cosine = (b**2 + c**2 - a**2) / (2.0 * b * c)  # of the largest angle
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    return np.asarray(np.where((cosine > 0.0) & (sine > 0.0), 0.5 * a / np.where(sine > 0.0, sine, 1.0), 0.5 * a))
+
+
+def between(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return angles between unit vectors, radians."""
+    return np.asarray(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(u - v, axis=-1))))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Whether the nodes of a certificate leave no placement out: every one is cut, a twin of another, or a leaf."""
+"""Check that the nodes of a certificate leave no placement out: each is cut, a twin of another, or a leaf."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The largest mixed support over cells with curved parts: a closer look at those parts that may hold it.
+"""Largest mixed support over curved cells, by refinement of those parts that may hold it.
 
 Between the corners of a part the work z of a contact is off a linear interpolation of theirs by at most Z, and off any
-corner's by at most X (``best.cells.curved``). ``s^p`` is convex in z, and steep by at most ``p M^(p-1) L`` where no
+corner's by at most X (``cells.base.Patches``). ``s^p`` is convex in z, and steep by at most ``p M^(p-1) L`` where no
 support exceeds M, with L the length of the largest force of one unit. So over a part
 
     s^p  <=  max over corners of  min(s^p + p (s + L X)^(p-1) L Z, (s + L X)^p) .
@@ -16,8 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlpgrasp.best.bound.supports import Between, Supports
-from nlpgrasp.best.cells.base import IntArray
-from nlpgrasp.best.cells.curved.patches import Patches
+from nlpgrasp.best.cells.base import IntArray, Patches
 from nlpgrasp.common.validation import FloatArray
 
 ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance: at least, and for cells as large as those a search begins with

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.best.bound.closer import mixed_supports, single_supports
+from nlpgrasp.best.bound.curved_supports import mixed_supports, single_supports
 from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.scope.pieces import Pieces
 from nlpgrasp.common.validation import FloatArray
@@ -17,7 +17,7 @@ MARGIN = 1e-9  # relative: what rounding may take from a bound
 
 
 @dataclass(frozen=True)
-class Part:
+class GroupTable:
     """Powers of supports for the slots of some pieces, each distinct pair of node and cell once.
 
     Parameters
@@ -44,7 +44,7 @@ class Part:
     back: IntArray
 
     @classmethod
-    def of(cls, pieces: Pieces, cells: IntArray, twists: FloatArray) -> Part:
+    def of(cls, pieces: Pieces, cells: IntArray, twists: FloatArray) -> GroupTable:
         """Return the powers over cells (b, s) along each node's twists (b, j, d)."""
         pairs = np.arange(len(cells))[:, None] * len(pieces.cells) + cells
         once, back = np.unique(pairs, return_inverse=True)
@@ -88,7 +88,7 @@ def _padded(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [np.pad(part, [(0, 0), (0, 0), (0, most - part.shape[2])] + [(0, 0)] * (part.ndim - 3)) for part in parts]
 
 
-class Table:
+class SupportTable:
     """Powers of supports for some nodes: by slot, row of its cell, and direction.
 
     Parameters
@@ -102,7 +102,7 @@ class Table:
 
     def __init__(self, groups: Sequence[tuple[Pieces, slice]], cells: IntArray, twists: FloatArray) -> None:
         self._measure = groups[0][0].supports.measure
-        self._parts = [Part.of(pieces, cells[:, where], twists) for pieces, where in groups]
+        self._parts = [GroupTable.of(pieces, cells[:, where], twists) for pieces, where in groups]
         self.rows = np.zeros((0, 0, 0), dtype=np.int64)
         self.chosen = np.zeros((0, 0, 0, 0))
 

@@ -1,4 +1,4 @@
-"""Whether contacts may be looked for on a line alone, because every placement can be turned to have them there."""
+"""Check that every placement can be turned so that some contacts are on a line, where they alone are looked for."""
 
 from __future__ import annotations
 

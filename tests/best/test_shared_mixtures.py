@@ -7,13 +7,12 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.best.bound import shared_mixtures
 from nlpgrasp.best.bound.measure import Measure
+from nlpgrasp.best.bound.mesh_corners import Corners
 from nlpgrasp.best.bound.supports import Supports
 from nlpgrasp.best.branch_and_bound import BranchAndBound
-from nlpgrasp.best.cells.clusters import Clusters
-from nlpgrasp.best.cells.mesh import MeshCell
-from nlpgrasp.best.pool import certificate
-from nlpgrasp.best.pool.corners import Corners
+from nlpgrasp.best.cells.mesh import Clusters, MeshCell
 from nlpgrasp.best.scope.places import relaxed
 from nlpgrasp.budgets import force_budget
 from tests.best.samples import bent_bar, random_hull, rough_triangles
@@ -93,11 +92,11 @@ def test_no_placement_is_above_the_bound_of_a_mesh(make, contacts, more, seed):
     upper, data = search.certificate()
     assert upper <= search.upper * (1 + 1e-5)
     assert upper == max(leaf[2] for leaf in data["leaves"])
-    rows, values = best_of_many(asked, search._tree.pool.clusters, rng)
+    rows, values = best_of_many(asked, search._tree.bounding.maxima.clusters, rng)
     assert np.max(values) > 0.5 * search.known > 0.0
     assert np.max(values) <= upper
     for placement, value in zip(rows, values, strict=True):
-        assert leaf_bound(data, search._tree.pool.clusters, placement) >= value
+        assert leaf_bound(data, search._tree.bounding.maxima.clusters, placement) >= value
 
 
 def best_of_many(asked, clusters, rng, count=2000, kept=3):
@@ -143,7 +142,7 @@ def test_more_search_and_more_room_bring_the_bound_down(monkeypatch):
     asked = problem(random_hull(np.random.default_rng(4)), [ng.FrictionContact(0.5)] * 3)
     short, long = searched(asked, 50), searched(asked, 1500)
     assert long.certificate()[0] < short.certificate()[0]
-    monkeypatch.setattr(certificate, "MOST_LEAVES", 40)
+    monkeypatch.setattr(shared_mixtures, "MOST_LEAVES", 40)
     upper, data = long.certificate()
     assert not data["complete"]
     assert long.upper < upper

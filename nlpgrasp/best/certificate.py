@@ -1,0 +1,108 @@
+"""Certificate of a bound: JSON data from which it can be computed again by plain arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.best.bound.mixtures import Mixture
+from nlpgrasp.best.cells.base import IntArray
+from nlpgrasp.best.node_tree import NodeTree
+from nlpgrasp.best.scope.pieces import NONE, Pieces
+from nlpgrasp.best.scope.scope import Scope
+from nlpgrasp.common.types import Json
+
+TURN_DIGITS = 9  # to which motions are the same
+
+
+def certificate(search: NodeTree) -> tuple[float, Json]:
+    """Return the bound that follows from what is recorded of a search, and the record.
+
+    The bound is the largest of the leaves', each computed from its mixture as it is written.
+
+    Returns
+    -------
+    upper : float
+        0 where no node is left.
+    data : mapping
+        As of docs/how_close.md: ``origin`` (metres), ``groups`` of contacts with the cells that they may be in,
+        ``directions``, ``mixtures``, ``motions``, ``splits``, ``twins`` and ``leaves``.
+    """
+    tree = search.bounding.recorded(search)
+    bounding, scope, leaves = tree.bounding, tree.scope, tree.leaves
+    bounds, motions = bounding.recomputed(leaves), _Motions(scope)
+    used, mixture = np.unique(leaves.mixtures, return_inverse=True)
+    mixtures, number = _once([bounding.mixtures[i].written() for i in used.tolist()])
+    directions = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own.numbers for own in mixtures)]))
+    data = {
+        "origin": scope.origin.tolist(),
+        "complete": tree.complete,
+        "groups": [_group(pieces, _cut_cells(tree, own)) for pieces, own in scope.groups],
+        "directions": bounding.twists[directions].tolist(),
+        "mixtures": [[np.searchsorted(directions, own.numbers).tolist(), own.weights.tolist()] for own in mixtures],
+        "motions": motions.made,
+        "splits": [[*split] for some in tree.splits for split in zip(*(a.tolist() for a in some), strict=True)],
+        "twins": [[list(c), motions.number(t.forward, t.back), list(t.node)] for c, t in tree.twins.items()],
+        "leaves": [
+            [*leaf] for leaf in zip(leaves.cells.tolist(), number[mixture].tolist(), bounds.tolist(), strict=True)
+        ],
+    }
+    return float(np.max(bounds, initial=0.0)), data
+
+
+def _once(mixtures: Sequence[Mixture]) -> tuple[list[Mixture], IntArray]:
+    """Return the different ones of some mixtures, and the number of each among these."""
+    keys = [(own.numbers.tobytes(), own.weights.tobytes()) for own in mixtures]
+    once = dict(zip(keys, mixtures, strict=True))
+    places = {key: i for i, key in enumerate(once)}
+    return list(once.values()), np.array([places[key] for key in keys], dtype=np.int64)
+
+
+def _cut_cells(tree: NodeTree, group: slice) -> IntArray:
+    """Return the numbers of the cells that were cut of contacts that are alike, parts after what they are parts of."""
+    found = [np.zeros(0, dtype=np.int64)]
+    for nodes, slots in tree.splits:
+        own = np.flatnonzero((slots >= group.start) & (slots < group.stop))
+        found.append(nodes[own, slots[own]])
+    return np.unique(np.concatenate(found))
+
+
+def _group(pieces: Pieces, cut: IntArray) -> Json:
+    """Return contacts that are alike and the cells that they may be in: the first ones, and how some were cut."""
+    parts = [[None if part == NONE else part for part in both] for both in pieces.halves(cut).tolist()]
+    return {
+        "contacts": list(pieces.slots),
+        "turned": pieces.turned,
+        "roots": [[i, pieces.cell(i).to_dict() if len(cut) else pieces.cell(i).uncut()] for i in pieces.roots],
+        "cuts": [[i, pieces.cell(i).cut(), *both] for i, both in zip(cut.tolist(), parts, strict=True)],
+    }
+
+
+class _Motions:
+    """Rigid motions and reflections by number, each once."""
+
+    def __init__(self, scope: Scope) -> None:
+        space = len(scope.origin)
+        one = np.eye(space), np.zeros(space)
+        self._of = {NONE: one} | {i: (s.rotation, s.translation) for i, s in enumerate(scope.symmetries)}
+        self._size = scope.problem.body.size
+        self._known: dict[tuple[int, int], int] = {}
+        self._numbers: dict[bytes, int] = {}
+        self.made: list[Json] = []
+
+    def number(self, forward: int, back: int) -> int:
+        """Return the number of a motion that goes forward by one symmetry and back by another."""
+        if (forward, back) not in self._known:
+            self._known[forward, back] = self._find(forward, back)
+        return self._known[forward, back]
+
+    def _find(self, forward: int, back: int) -> int:
+        (R, t), (Q, s) = self._of[forward], self._of[back]
+        rotation, translation = Q.T @ R, Q.T @ (t - s)
+        whole = np.append(rotation, translation / self._size)
+        key = (np.round(whole, TURN_DIGITS) + 0.0).tobytes()
+        if key not in self._numbers:
+            self._numbers[key] = len(self.made)
+            self.made.append({"rotation": rotation.tolist(), "translation": translation.tolist()})
+        return self._numbers[key]

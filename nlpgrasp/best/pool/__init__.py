@@ -1,1 +1,0 @@
-"""Branch and bound over clusters of a mesh, with mixtures that all nodes share."""
