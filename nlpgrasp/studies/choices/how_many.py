@@ -9,10 +9,9 @@ import numpy as np
 from nlpgrasp.common.validation import integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.ongoing import Ongoing
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.studies.choices.curve import ContactCurve
-from nlpgrasp.studies.choices.family import Family, scouts_of
+from nlpgrasp.studies.choices.family import solve_family
 from nlpgrasp.studies.choices.more_contacts import OtherNumber
 
 
@@ -67,11 +66,10 @@ def how_many_contacts(
     problems = [problem_with(k) for k in numbers]
     for k, problem in zip(numbers, problems, strict=True):
         _check(k, problem, problems[0])
-    solves = [Ongoing(problem, starts, seed, options) for problem in problems]
-    Family(solves, [(i, i + 1) for i in range(len(solves) - 1)], OtherNumber(), scouts_of(starts)).run()
-    found = tuple((k, solve.finish()) for k, solve in zip(numbers, solves, strict=True))
-    reached = {k: solve.reached for k, solve in zip(numbers, solves, strict=True)}
-    return ContactCurve(found, reached, bounds)
+    pairs = [(i, i + 1) for i in range(len(problems) - 1)]
+    found = dict(zip(numbers, solve_family(problems, pairs, OtherNumber(), starts, seed, options), strict=True))
+    solutions = tuple((k, solution) for k, (solution, _) in found.items())
+    return ContactCurve(solutions, {k: reached for k, (_, reached) in found.items()}, bounds)
 
 
 def _check(k: int, problem: GraspProblem, first: GraspProblem) -> None:
