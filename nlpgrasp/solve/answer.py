@@ -14,7 +14,6 @@ import scipy
 from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import mu
 from nlpgrasp.solution.findings import WhyNot
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
@@ -102,19 +101,15 @@ def _without_grasp(search: Search, why_not: WhyNot | None) -> GraspSolution:
 def _of_best(search: Search, best: StartGrasp) -> GraspSolution:
     """Return the best start's grasp; where time is short, with mu alone."""
     problem, found, grasp = search.problem, best.found, best.found.grasp
-    limit = search.stop.certificate_deadline(FINAL_GRACE)
     budget = budget_at(problem, found.placed)
-    rtol, bounds = search.options.final_rtol, best.record.mu
-    if bounds.gap > rtol:
-        bounds = mu(grasp, problem.task, rtol, force_budget=budget, seed=search.seed, deadline=limit)
-    lower, upper = max(bounds.lower, best.record.mu.lower), min(bounds.upper, best.record.mu.upper)
-    certified = replace(bounds, lower=lower, upper=upper)
+    limit = search.stop.certificate_deadline(FINAL_GRACE)
+    certified = best.certified(problem, search.options.final_rtol, search.seed, limit).record.mu
     search.clock.mark("certificate")
     exerted = least_forces(problem, grasp, budget, certified)
     search.clock.mark("forces")
-    bound = search.bound_above(lower)
+    bound = search.bound_above(certified.lower)
     solution = GraspSolution(
-        status=search.cut_short or _status(search.options, bound, lower, best),
+        status=search.cut_short or _status(search.options, bound, certified.lower, best),
         name=problem.name,
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,

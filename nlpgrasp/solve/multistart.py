@@ -24,11 +24,12 @@ from nlpgrasp.solve.after.why_not import diagnosis
 from nlpgrasp.solve.analyse import analyses_of, asked, with_analyses
 from nlpgrasp.solve.answer import Search, answer, solver_record
 from nlpgrasp.solve.ascent.state import Effort
-from nlpgrasp.solve.bounding import bounding, close_gap, nodes_of, why_not_bounded
+from nlpgrasp.solve.bounding import OFFERED, STRIDE, bounding, nodes_of, why_not_bounded
 from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.progress import Progress
 from nlpgrasp.solve.squeeze import with_squeezes
 from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
+from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.start.warm_starts import KnownGrasp, WarmStart, run_warm_start
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -77,7 +78,8 @@ class Multistart:
         self._keeping, self._progress = keeping, progress
         self._others: Collection | None = None
         self._tree = bounding(runner.problem, runner.options)
-        self._earlier: GraspSolution | None = None
+        self._known_bound: GlobalBound | None = None
+        self._spent = Effort()
 
     @classmethod
     def resumed(cls, runner: Runner, solution: GraspSolution, seed: int) -> Multistart:
@@ -87,7 +89,18 @@ class Multistart:
         """
         search = cls(runner, seed)
         search.results = [StartResult(record) for record in solution.starts]
-        search._tree, search._earlier = None, solution
+        search._tree = None
+        if solution.bound is not None:
+            search._known_bound = replace(solution.bound, stated_gap=None)  # the gap was to another grasp
+        record, seconds = solution.solver, solution.solver.get("seconds", {})
+        search._begun -= float(seconds.get("total", 0.0))
+        search._spent = Effort(
+            int(record.get("iterations", 0)),
+            float(seconds.get("ipopt", 0.0)),
+            float(seconds.get("functions", 0.0)),
+            int(record.get("ipopt_calls", 0)),
+            dict(record.get("ipopt_failures", {})),
+        )
         return search
 
     @property
@@ -135,16 +148,30 @@ class Multistart:
         best = self.best
         return best is not None and (before is None or best.record.mu.lower > before.record.mu.upper)
 
-    def replace(self, *starts: StartGrasp) -> None:
+    def update(self, *starts: StartGrasp) -> None:
         """Put starts in the places of the results with their numbers."""
         by_index = {start.record.index: start for start in starts}
         self.results = [by_index.get(result.record.index, result) for result in self.results]
 
     def close_gap(self) -> None:
-        """Go on with bound and starts until the gap asked for is closed, where one is."""
-        if self.runner.options.gap is not None and self._tree is not None:
-            close_gap(self.runner.bench, self._tree, self.results, self.seed, self.stop)
-            self._clock.mark("closing the gap")
+        """Search all placements until the best grasp is within the gap asked for of the bound, or a stop.
+
+        Starts go on meanwhile, also from the placements that the bound rests on.
+        """
+        tree, stop = self._tree, self.stop
+        if tree is None or self.runner.options.gap is None:
+            return
+        bench = self.runner.bench
+        while not stop.requested():
+            best = self.best
+            tree.expect(0.0 if best is None else best.record.mu.lower)
+            tree.grow(STRIDE, stop.requested)
+            if tree.searched:
+                break
+            if bench.follows_contacts and not stop.requested():
+                relaxed = tree.relaxed_placements(OFFERED)
+                self.results.append(run_start(bench, self.next_index, self.seed, stop, relaxed))
+        self._clock.mark("closing the gap")
 
     def choose(self) -> None:
         """Choose the answer among the starts, at the local optimum next to it, and with a free way of its hand."""
@@ -159,11 +186,11 @@ class Multistart:
         self._clock.mark("choice")
         if not stop.requested():
             best = runner.run(partial(at_local_optimum, stop=stop), best) or best
-        self.replace(best)
+        self.update(best)
         self._clock.mark("last step")
         if runner.problem.hand is not None and not stop.requested():
             best, *blocked = runner.run(partial(with_free_way, results=self.results, stop=stop), best) or (best,)
-            self.replace(best, *blocked)
+            self.update(best, *blocked)
         self._clock.mark("way in")
         self.chosen = best
 
@@ -171,7 +198,7 @@ class Multistart:
         """Take a start as the answer where it is, with the way in of its hand."""
         with one_thread():
             self.chosen = replace(best, hand=approached(self.runner.bench, best).hand)
-        self.replace(self.chosen)
+        self.update(self.chosen)
 
     def answer(self) -> GraspSolution:
         """Bound, certify and analyse the answer, and return the solution."""
@@ -192,7 +219,11 @@ class Multistart:
         if self._others is not None:
             solution = with_squeezes(replace(solution, others=self._others.grasps()), runner.problem.hand)
             clock.mark("other grasps")
-        return self._recorded(solution, search.effort)
+        effort, seconds = search.effort + self._spent, time.monotonic() - self._begun
+        record = solver_record(runner.options, self.seed, effort, seconds, clock.seconds)
+        if self._keeping.count > 1:
+            record |= {"keep": self._keeping.count, "distinct": self._keeping.distinct}
+        return replace(solution, solver=record)
 
     @property
     def _cut_short(self) -> Status | None:
@@ -209,8 +240,7 @@ class Multistart:
         Where a gap is asked for it is as it was left, and that of an earlier solution as it states it.
         """
         if self._tree is None:
-            known = None if self._earlier is None else self._earlier.bound
-            return None if known is None else replace(known, stated_gap=None)  # the gap was to another grasp
+            return self._known_bound
         if best is not None:
             weak = np.array(best.kkt.directions) if best.kkt is not None and best.kkt.directions else None
             self._tree.expect(best.record.mu.lower, weak)
@@ -227,21 +257,3 @@ class Multistart:
         found, seconds = runner.run(partial(analyses_of, names=names, stop=stop), best) or ({}, {})
         self._clock.mark_with(seconds, "programs")
         return with_analyses(solution, found, runner.problem.hand)
-
-    def _recorded(self, solution: GraspSolution, effort: Effort) -> GraspSolution:
-        """Return the solution with the record of how it was found, its earlier search included."""
-        seconds = time.monotonic() - self._begun
-        if self._earlier is not None:
-            before, stages = self._earlier.solver, self._earlier.solver.get("seconds", {})
-            effort += Effort(
-                int(before.get("iterations", 0)),
-                float(stages.get("ipopt", 0.0)),
-                float(stages.get("functions", 0.0)),
-                int(before.get("ipopt_calls", 0)),
-                dict(before.get("ipopt_failures", {})),
-            )
-            seconds += float(stages.get("total", 0.0))
-        record = solver_record(self.runner.options, self.seed, effort, seconds, self._clock.seconds)
-        if self._keeping.count > 1:
-            record |= {"keep": self._keeping.count, "distinct": self._keeping.distinct}
-        return replace(solution, solver=record)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from nlpgrasp.common.stopping.interrupt import Interrupt
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError, NoGraspError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.smooth_surface import warn_of_smoothing
@@ -18,7 +17,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.analyse import check_hand
 from nlpgrasp.solve.many.collection import ONE, Keeping
 from nlpgrasp.solve.multistart import Multistart
-from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.options import SolveOptions, check_search
 from nlpgrasp.solve.progress import Progress, told
 from nlpgrasp.solve.start.warm_starts import KnownGrasp, check_warm_starts
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -99,11 +98,7 @@ def solve(
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, NO_PROBLEM)
-    starts = integer("starts", starts, at_least=1, at_most=10**6)
-    seed = integer("seed", seed, at_least=0, at_most=10**15)
-    options = SolveOptions() if options is None else options
-    if not isinstance(options, SolveOptions):
-        raise InputError("options", options, "a SolveOptions, such as ng.SolveOptions(gap=0.02)")
+    starts, seed, options = check_search(starts, seed, options)
     if options.edge_margin is not None:
         problem = replace(problem, edge_margin=options.edge_margin)
     check_json(problem.to_dict())

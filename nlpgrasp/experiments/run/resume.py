@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.quality import Bounds, mu, screen
+from nlpgrasp.quality import Bounds, screen
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.multistart import Multistart
@@ -92,13 +91,10 @@ def _best(
 
 def _certified_apart(bench: Workbench, found: StartGrasp, least: float) -> StartGrasp:
     """Return a grasp certified so finely that its lower bound is above that of a worse one."""
-    known, placed = found.record.mu, found.found.placed
     rtol = bench.options.final_rtol
     if least > 0.0:
-        rtol = min(rtol, max(0.5 * (known.upper / least - 1.0), FINEST))
-    fine = mu(found.found.grasp, bench.problem.task, rtol, force_budget=bench.budget(placed))
-    bounds = Bounds(max(known.lower, fine.lower), min(known.upper, fine.upper), fine.worst_direction)
-    return replace(found, record=replace(found.record, mu=bounds))
+        rtol = min(rtol, max(0.5 * (found.record.mu.upper / least - 1.0), FINEST))
+    return found.certified(bench.problem, rtol)
 
 
 def _promising(bench: Workbench, offers: Mapping[str, FoundGrasp], least: float) -> Iterator[tuple[WarmStart, Bounds]]:

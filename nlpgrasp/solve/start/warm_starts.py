@@ -17,12 +17,10 @@ from nlpgrasp.best.worth import nearest_faces
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.files import as_read
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.cones.wider import placed_in
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
@@ -69,15 +67,22 @@ class WarmStart:
     origin: str = ""
 
     @classmethod
-    def of(cls, bench: Workbench, known: KnownGrasp) -> WarmStart:
-        """Return a checked grasp as a warm start: on the surface, with the body's normals whatever it states."""
+    def of(cls, bench: Workbench, known: KnownGrasp, normals: FloatArray | None = None) -> WarmStart:
+        """Return a grasp with the problem's contacts as a warm start: on the surface, with its hand.
+
+        Its normals (k, space) are the body's there, whatever it states, unless they are given.
+        """
         problem, grasp = bench.problem, _grasp_of(known)
+        hand, posture = problem.hand, None if isinstance(known, Grasp) else known.hand
         faces = _faces_of(problem, known, grasp)
         placed = Placed(faces, on_surface(problem, faces, grasp.points))
-        posture = None if isinstance(known, Grasp) else known.hand
-        if isinstance(problem.hand, PosedHand) and posture is not None:
-            return cls(replace(placed, hand=_hand_values(problem, problem.hand, posture, grasp.points)))
-        return cls(with_hand(bench, placed))
+        if isinstance(hand, PosedHand) and posture is not None:
+            values = hand.values_at(posture, grasp.points)
+            ordered = {v.name: values[v.name] for v in hand.variables(problem.body.bounds)}  # as in the program
+            placed = replace(placed, hand=ordered)
+        else:
+            placed = with_hand(bench, placed, normals)
+        return cls(placed) if normals is None else cls(placed, normals)
 
 
 def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[KnownGrasp, ...]:
@@ -144,31 +149,18 @@ def _faces_of(problem: GraspProblem, known: KnownGrasp, grasp: Grasp) -> tuple[s
     return tuple(map(str, nearest_faces(problem.body, grasp.points, grasp.normals, ON)))
 
 
-def _hand_values(problem: GraspProblem, hand: PosedHand, posture: Json, points: FloatArray) -> Values:
-    """Return the values of a hand's variables in a posture with contacts (k, 3), in the program's order."""
-    values = hand.values_at(posture, points)
-    return {variable.name: values[variable.name] for variable in hand.variables(problem.body.bounds)}
-
-
 def adapted(bench: Workbench, known: FoundGrasp, origin: str) -> WarmStart | None:
     """Return a grasp of another problem with the same body as a warm start; None where contacts or hand do not fit.
 
     It may have fewer contacts, or contacts contained in the problem's; of as many contacts any kind, as it is.
     """
-    grasp, hand = known.grasp, bench.problem.hand
-    warm = None if isinstance(hand, PosedHand) else with_more_contacts(bench, grasp, known.faces)
-    if warm is None and len(grasp) == len(bench.problem.models):
-        if not isinstance(hand, PosedHand):
-            follows = bench.hand_points.start(grasp.points[None], grasp.normals[None])
-            values = {name: value[0] for name, value in follows.items()}
-        elif known.hand is None:
+    grasp, posed = known.grasp, isinstance(bench.problem.hand, PosedHand)
+    warm = None if posed else with_more_contacts(bench, grasp, known.faces)
+    if warm is None and len(grasp) == len(bench.problem.models) and (known.hand is not None or not posed):
+        try:
+            warm = WarmStart.of(bench, known, grasp.normals)
+        except InputError:  # the posture of another hand
             return None
-        else:
-            try:
-                values = _hand_values(bench.problem, hand, known.hand, grasp.points)
-            except InputError:
-                return None
-        warm = WarmStart(Placed(known.faces, grasp.points, values), grasp.normals)
     return None if warm is None else replace(warm, origin=origin)
 
 

@@ -126,9 +126,11 @@ class Runner:
                     break
 
 
-def _work(parcel: Parcel[LazyBench[_Asked]], index: int, seed: int, stop: Stop) -> StartResult | None:
-    """Run one start in a worker; None where it is too late to begin."""
-    return None if stop.requested() else run_start(parcel.unpacked().bench, index, seed, stop)
+def _work(parcel: Parcel[LazyBench[_Asked]], index: int, seed: int, stop: Stop) -> StartResult:
+    """Run one start in a worker, unless it is too late to begin."""
+    if stop.requested():
+        return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
+    return run_start(parcel.unpacked().bench, index, seed, stop)
 
 
 def _warm(bench: Workbench, item: tuple[int, KnownGrasp], stop: Stop) -> list[StartGrasp]:
@@ -149,12 +151,9 @@ def _done(futures: Sequence[Future[Found]]) -> list[Found]:
         return []
 
 
-def _result(future: Future[StartResult | None], index: int) -> StartResult:
+def _result(future: Future[StartResult], index: int) -> StartResult:
     try:
-        result = future.result()
+        return future.result()
     except (BrokenProcessPool, CancelledError, OSError, SystemExit, ImportError) as error:
         text = f"the worker process ended: {type(error).__name__}: {error}".splitlines()[0]
         return StartResult(StartRecord(index, Status.FAILED, message=text))
-    if result is None:
-        return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
-    return result

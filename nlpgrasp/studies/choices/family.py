@@ -20,7 +20,6 @@ from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.registry import body_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.multistart import Multistart
 from nlpgrasp.solve.options import SolveOptions
@@ -40,7 +39,7 @@ class Step(Protocol):
     """Conversion of grasps between two problems of a family."""
 
     def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
-        """Return a grasp of the smaller problem as one of the larger, with what it promises; None where it is none."""
+        """Return a grasp of the smaller problem as one of the larger; None where it is none."""
 
     def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
         """Return a grasp of the larger problem as a start for the smaller; None where there is none."""
@@ -110,16 +109,24 @@ class _Family:
         if best is None or (source, target, best.record.index) in self._carried:
             return False
         self._carried.add((source, target, best.record.index))
-        warm = (self._step.down if down else self._step.up)(best, giver.runner.bench, taker.runner.bench)
+        if down:
+            warm = self._step.down(best, giver.runner.bench, taker.runner.bench)
+        else:
+            warm = self._raised(best, giver, taker)
         hopeful = known is None or best.record.mu.upper >= HOPEFUL * known.record.mu.lower
         return warm is not None and taker.add(warm, improve=down or hopeful)
+
+    def _raised(self, best: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
+        """Return a grasp of a smaller problem as a warm start of a larger one, with its certified bound there."""
+        warm = self._step.up(best, small.runner.bench, large.runner.bench)
+        return warm and replace(warm, floor=promised(best, small.runner.problem, large.runner.problem))
 
     def _keep_promises(self) -> None:
         """Certify the best grasps as tightly as the answers, and hand on what these certificates promise."""
         for j, large in enumerate(self._searches):
             for small in (self._searches[a] for a, b in self._up if b == j):
                 best, known = small.chosen, large.best
-                warm = None if best is None else self._step.up(best, small.runner.bench, large.runner.bench)
+                warm = None if best is None else self._raised(best, small, large)
                 if warm is not None and warm.floor > (0.0 if known is None else known.record.mu.lower):
                     large.add(warm, improve=False)
             _choose(large)
@@ -135,14 +142,9 @@ def _scout(search: Multistart) -> None:
 
 def _choose(search: Multistart) -> None:
     """Choose the best grasp, certified as tightly as the answer will be, for what it promises to others."""
-    best, bench = search.best, search.runner.bench
-    if best is None:
-        return
-    budget, rtol = bench.budget(best.found.placed), bench.options.final_rtol
-    tight = mu(best.found.grasp, bench.problem.task, rtol, force_budget=budget, seed=search.seed)
-    known = best.record.mu
-    bounds = Bounds(max(tight.lower, known.lower), min(tight.upper, known.upper), tight.worst_direction)
-    search.keep(replace(best, record=replace(best.record, mu=bounds)))
+    best, runner = search.best, search.runner
+    if best is not None:
+        search.keep(best.certified(runner.problem, runner.options.final_rtol, search.seed))
 
 
 def _reached(search: Multistart) -> int:

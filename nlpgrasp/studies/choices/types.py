@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from nlpgrasp.common.validation import integer, number
+from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.options import SolveOptions, check_search
 from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.start.warm_starts import WarmStart
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.studies.choices.family import promised, solve_family
+from nlpgrasp.studies.choices.family import solve_family
 from nlpgrasp.studies.choices.menu import Menu, Names, Types
 from nlpgrasp.studies.choices.type_choice import TypeAssignment, TypeChoice, Upgrade
 
@@ -59,10 +59,7 @@ def choose_contact_types(
         are missing or below zero.
     """
     menu = Menu.of(problem, types)
-    starts, seed = integer("starts", starts, at_least=1), integer("seed", seed, at_least=0)
-    options = SolveOptions() if options is None else options
-    if not isinstance(options, SolveOptions):
-        raise InputError("options", options, "a SolveOptions")
+    starts, seed, options = check_search(starts, seed, options)
     prices = _prices(menu, costs)
     names, pairs = menu.ordered()
     problems = [menu.problem_with(own) for own in names]
@@ -97,22 +94,22 @@ class OtherTypes:
         if places is None:
             return None
         back = [places.index(j) for j in range(len(places))]
-        return _reordered(found, back, promised(found, small.problem, large.problem))
+        return _reordered(found, back)
 
     def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
         """Return the grasp with the poorer contacts, of which nothing is promised."""
         places = self._places(small, large)
-        return None if places is None else _reordered(found, places, 0.0)
+        return None if places is None else _reordered(found, places)
 
     def _places(self, small: Workbench, large: Workbench) -> list[int] | None:
         return self._menu.places(self._names[small.problem.models], self._names[large.problem.models])
 
 
-def _reordered(found: StartGrasp, order: list[int], floor: float) -> WarmStart:
+def _reordered(found: StartGrasp, order: list[int]) -> WarmStart:
     """Return the grasp with its contacts in another order."""
     placed, grasp = found.found.placed, found.found.grasp
     faces = tuple(placed.faces[i] for i in order)
-    return WarmStart(Placed(faces, grasp.points[order], placed.hand), grasp.normals[order], floor)
+    return WarmStart(Placed(faces, grasp.points[order], placed.hand), grasp.normals[order])
 
 
 def _prices(menu: Menu, costs: Mapping[str, float] | None) -> dict[str, float]:
