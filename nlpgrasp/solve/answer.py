@@ -102,8 +102,10 @@ def _of_best(search: Search, best: StartGrasp) -> GraspSolution:
     """Return the best start's grasp; where time is short, with mu alone."""
     problem, found, grasp = search.problem, best.found, best.found.grasp
     budget = budget_at(problem, found.placed)
-    limit = search.stop.certificate_deadline(FINAL_GRACE)
-    certified = best.certified(problem, search.options.final_rtol, search.seed, limit).record.mu
+    rtol, certified = search.options.final_rtol, best.record.mu
+    if certified.gap > rtol:
+        limit = search.stop.certificate_deadline(FINAL_GRACE)
+        certified = best.certified(problem, rtol, search.seed, limit).record.mu
     search.clock.mark("certificate")
     exerted = least_forces(problem, grasp, budget, certified)
     search.clock.mark("forces")

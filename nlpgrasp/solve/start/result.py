@@ -131,10 +131,8 @@ class StartGrasp(StartResult):
         return self.record.mu if self.robust is None else self.robust.mu
 
     def certified(self, problem: GraspProblem, rtol: float, seed: int = 0, deadline: float | None = None) -> StartGrasp:
-        """Return the start with certified bounds on mu of this relative gap, never wider than before."""
+        """Return the start certified anew, to this relative gap, with bounds on mu no wider than before."""
         known, placed = self.record.mu, self.found.placed
-        if known.gap <= rtol:
-            return self
         budget = budget_at(problem, placed)
         fine = mu(self.found.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
         bounds = replace(fine, lower=max(fine.lower, known.lower), upper=min(fine.upper, known.upper))

@@ -133,6 +133,12 @@ def test_a_grasp_with_fewer_contacts_bounds_every_larger_number():
     assert all(ng.verify(solution) for _, solution in found.solutions)
 
 
+def test_a_gap_that_is_asked_for_is_closed_for_each_number():
+    found = ng.how_many_contacts(square, (2,), starts=1, options=ng.SolveOptions(workers=1, gap=0.05))
+    assert found.solutions[0][1].status is ng.Status.OPTIMAL
+    assert found.gap(2) <= 0.05
+
+
 @pytest.mark.slow
 def test_the_pencil_with_three_fingers_does_not_depend_on_luck():
     """Two starts alone find 0.28, with which four fingers would be the fewest for 3.5 N."""
