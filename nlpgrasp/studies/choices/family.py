@@ -141,10 +141,18 @@ def _scout(search: Multistart) -> None:
 
 
 def _choose(search: Multistart) -> None:
-    """Choose the best grasp, certified as tightly as the answer will be, for what it promises to others."""
-    best, runner = search.best, search.runner
+    """Choose the best grasp, certified as tightly as the answer will be, for what it promises to others.
+
+    A tight certificate may show that another grasp is better, which is certified as tightly then.
+    """
+    runner, tight = search.runner, set[int]()
+    while (best := search.best) is not None and best.record.index not in tight:
+        best = best.certified(runner.problem, runner.options.final_rtol, search.seed)
+        search.update(best)
+        search.floor = max(search.floor, best.record.mu.lower)
+        tight.add(best.record.index)
     if best is not None:
-        search.keep(best.certified(runner.problem, runner.options.final_rtol, search.seed))
+        search.keep(best)
 
 
 def _reached(search: Multistart) -> int:
