@@ -129,7 +129,7 @@ class _Family:
                 warm = None if best is None else self._raised(best, small, large)
                 if warm is not None and warm.floor > (0.0 if known is None else known.record.mu.lower):
                     large.add(warm, improve=False)
-            _choose(large)
+            choose_tightly(large)
 
 
 def _scout(search: Multistart) -> None:
@@ -140,7 +140,7 @@ def _scout(search: Multistart) -> None:
         search.add(WarmStart(placed))
 
 
-def _choose(search: Multistart) -> None:
+def choose_tightly(search: Multistart) -> None:
     """Choose the best grasp, certified as tightly as the answer will be, for what it promises to others.
 
     A tight certificate may show that another grasp is better, which is certified as tightly then.
