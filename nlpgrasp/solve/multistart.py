@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nlpgrasp.best.branch_and_bound import BranchAndBound
 from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.quality import Bounds
@@ -77,7 +78,7 @@ class Multistart:
         self.stop = Stop(None if limit is None else self._begun + limit, flag)
         self._keeping, self._progress = keeping, progress
         self._others: Collection | None = None
-        self._tree = bounding(runner.problem, runner.options)
+        self._tree: BranchAndBound | None = None
         self._known_bound: GlobalBound | None = None
         self._spent = Effort()
 
@@ -89,7 +90,6 @@ class Multistart:
         """
         search = cls(runner, seed)
         search.results = [StartResult(record) for record in solution.starts]
-        search._tree = None
         if solution.bound is not None:
             search._known_bound = replace(solution.bound, stated_gap=None)  # the gap was to another grasp
         record, seconds = solution.solver, solution.solver.get("seconds", {})
@@ -123,6 +123,7 @@ class Multistart:
         """
         self._clock.restart()
         runner, stop = self.runner, self.stop
+        self._tree = bounding(runner.problem, runner.options)
         if self._tree is not None:
             self._tree.grow(0)
         elif runner.options.gap is not None:
