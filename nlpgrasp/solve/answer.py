@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -13,8 +12,8 @@ import numpy as np
 import scipy
 
 from nlpgrasp.common.shown.said import warn
+from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import mu
 from nlpgrasp.solution.findings import WhyNot
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
@@ -22,11 +21,10 @@ from nlpgrasp.solution.schema.types import SolverData
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.starts import ipopt_lines
 from nlpgrasp.solve.after.least_forces import least_forces
-from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.squeeze import with_squeeze
-from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
+from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.version import __version__
@@ -46,14 +44,14 @@ class Search:
     results : sequence of StartResult
     cut_short : Status or None
         Why it ended before all starts were done.
-    deadline : float or None
-        ``time.monotonic()`` value of the time limit.
+    stop : Stop
+        The time limit.
     bound : GlobalBound or None
         On mu over all placements.
     clock : Clock
         Of the solve.
     chosen : StartGrasp or None
-        The start that is the answer; the best one where none is named.
+        The start that is the answer; None where none found a grasp.
     """
 
     problem: GraspProblem
@@ -61,7 +59,7 @@ class Search:
     seed: int
     results: Sequence[StartResult]
     cut_short: Status | None = None
-    deadline: float | None = None
+    stop: Stop = field(default_factory=Stop)
     bound: GlobalBound | None = None
     clock: Clock = field(default_factory=Clock)
     chosen: StartGrasp | None = None
@@ -80,17 +78,10 @@ class Search:
         """Return the bound beside a grasp of this certified quality, which it may be below by rounding alone."""
         return None if self.bound is None else replace(self.bound, upper=max(self.bound.upper, lower))
 
-    def certificate_deadline(self) -> float | None:
-        """Return when the answer's certificate has to be done; None where there is time."""
-        if self.deadline is None and self.cut_short is None:
-            return None
-        return max(self.deadline or 0.0, time.monotonic() + FINAL_GRACE)
 
-
-def answer(search: Search, after: Aftermath) -> GraspSolution:
-    """Return the best start's grasp with its certificate, measures and forces, or what there is without one."""
-    best = search.chosen or best_of(search.results)
-    return _without_grasp(search, after.why_not) if best is None else _of_best(search, best, after)
+def answer(search: Search, why_not: WhyNot | None) -> GraspSolution:
+    """Return the chosen start's grasp with its certificate, measures and forces, or what there is without one."""
+    return _without_grasp(search, why_not) if search.chosen is None else _of_best(search, search.chosen)
 
 
 def _without_grasp(search: Search, why_not: WhyNot | None) -> GraspSolution:
@@ -107,22 +98,20 @@ def _without_grasp(search: Search, why_not: WhyNot | None) -> GraspSolution:
     )
 
 
-def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolution:
+def _of_best(search: Search, best: StartGrasp) -> GraspSolution:
     """Return the best start's grasp; where time is short, with mu alone."""
     problem, found, grasp = search.problem, best.found, best.found.grasp
-    limit = search.certificate_deadline()
     budget = budget_at(problem, found.placed)
-    rtol, bounds = search.options.final_rtol, best.record.mu
-    if bounds.gap > rtol:
-        bounds = mu(grasp, problem.task, rtol, force_budget=budget, seed=search.seed, deadline=limit)
-    lower, upper = max(bounds.lower, best.record.mu.lower), min(bounds.upper, best.record.mu.upper)
-    certified = replace(bounds, lower=lower, upper=upper)
+    rtol, certified = search.options.final_rtol, best.record.mu
+    if certified.gap > rtol:
+        limit = search.stop.certificate_deadline(FINAL_GRACE)
+        certified = best.certified(problem, rtol, search.seed, limit).record.mu
     search.clock.mark("certificate")
     exerted = least_forces(problem, grasp, budget, certified)
     search.clock.mark("forces")
-    bound = search.bound_above(lower)
+    bound = search.bound_above(certified.lower)
     solution = GraspSolution(
-        status=search.cut_short or _status(search.options, bound, lower, best),
+        status=search.cut_short or _status(search.options, bound, certified.lower, best),
         name=problem.name,
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,
@@ -136,7 +125,7 @@ def _of_best(search: Search, best: StartGrasp, after: Aftermath) -> GraspSolutio
         robust=None if best.robust is None else best.robust.beside(certified),
         bound=bound,
         kkt=best.kkt,
-        hand=best.hand or after.hand,
+        hand=best.hand,
         surface=found.surface,
         starts=search.records,
         best_start=best.record.index,

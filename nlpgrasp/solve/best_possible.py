@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 from nlpgrasp.best.branch_and_bound import BranchAndBound
@@ -16,7 +15,7 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import number, share
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.quality import Bounds
 from nlpgrasp.solve.bounding import OFFERED
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
@@ -115,7 +114,5 @@ def _better(bench: Workbench, best: StartGrasp | None, found: StartResult, gap: 
     known = found.record.mu
     if best is not None and known.upper <= (1.0 + BETTER) * best.record.mu.upper:
         return best
-    fine = mu(found.found.grasp, bench.problem.task, FINE * gap, force_budget=bench.problem.budget)
-    bounds = replace(fine, lower=max(fine.lower, known.lower), upper=min(fine.upper, known.upper))
-    better = replace(found, record=replace(found.record, mu=bounds))
-    return better if best is None or bounds.lower > best.record.mu.lower else best
+    better = found.certified(bench.problem, FINE * gap)
+    return better if best is None or better.record.mu.lower > best.record.mu.lower else best

@@ -6,14 +6,10 @@ from nlpgrasp.best.branch_and_bound import BranchAndBound
 from nlpgrasp.best.scope.scope import scope_of
 from nlpgrasp.bodies import Box, Mesh, Prism
 from nlpgrasp.budgets import L2Budget
-from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start.result import StartResult, best_of
-from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.programs import follows_contacts
-from nlpgrasp.solve.workbench.workbench import Workbench
 
 NODES, OF_FLAT, OF_MESH = 400, 1000, 160  # of many starts' bound; where faces are flat a node takes less
 BESIDE_A_HAND = 100
@@ -42,22 +38,6 @@ def nodes_of(problem: GraspProblem, starts: int) -> int:
         return int(share * (OF_MESH if mesh else OF_FLAT if flat else NODES))
     smooth = flat or isinstance(problem.budget, L2Budget)
     return int(share * BESIDE_A_HAND) if smooth and not mesh else 0
-
-
-def close_gap(bench: Workbench, tree: BranchAndBound, results: list[StartResult], seed: int, stop: Stop) -> None:
-    """Search all placements until the best grasp is within the gap of the bound, or a stop.
-
-    Starts go on meanwhile, also from the placements that the bound rests on; ``results`` grows by them.
-    """
-    while not stop.requested():
-        best = best_of(results)
-        tree.expect(0.0 if best is None else best.record.mu.lower)
-        tree.grow(STRIDE, stop.requested)
-        if tree.searched:
-            return
-        if bench.follows_contacts and not stop.requested():
-            index = max((r.record.index for r in results), default=-1) + 1
-            results.append(run_start(bench, index, seed, stop, tree.relaxed_placements(OFFERED)))
 
 
 def why_not_bounded(problem: GraspProblem) -> str:

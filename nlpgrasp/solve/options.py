@@ -156,6 +156,22 @@ class SolveOptions:
         return data if self.ipopt else {name: value for name, value in data.items() if name != "ipopt"}
 
 
+def check_search(starts: int, seed: int, options: SolveOptions | None) -> tuple[int, int, SolveOptions]:
+    """Return number of starts, seed and options of a solve, the default ones where they are left out.
+
+    Raises
+    ------
+    InputError
+        On numbers out of range, and on other options than a SolveOptions.
+    """
+    starts = integer("starts", starts, at_least=1, at_most=10**6)
+    seed = integer("seed", seed, at_least=0, at_most=10**15)
+    options = SolveOptions() if options is None else options
+    if not isinstance(options, SolveOptions):
+        raise InputError("options", options, "a SolveOptions, such as ng.SolveOptions(gap=0.02)")
+    return starts, seed, options
+
+
 def check_analyses(field: str, names: object) -> tuple[str, ...]:
     """Return names of analyses, each once, or raise ``InputError`` that lists those there are."""
     allowed = ", ".join(f'"{name}"' for name in ANALYSES)

@@ -1,40 +1,28 @@
-"""From a problem to its solution: starts, what is worth knowing after them, the answer."""
+"""Solve of a problem: propose, refine and certify starts, close the gap, choose, bound and analyse the answer."""
 
 from __future__ import annotations
 
 import json
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 
-from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.stopping.interrupt import Interrupt
-from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError, NoGraspError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.smooth_surface import warn_of_smoothing
-from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.after.look_back import Aftermath
 from nlpgrasp.solve.analyse import check_hand
-from nlpgrasp.solve.answer import Search, answer, solver_record
-from nlpgrasp.solve.bounding import close_gap, why_not_bounded
-from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
-from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.many.collection import ONE, Keeping
+from nlpgrasp.solve.multistart import Multistart
+from nlpgrasp.solve.options import SolveOptions, check_search
 from nlpgrasp.solve.progress import Progress, told
-from nlpgrasp.solve.squeeze import with_squeezes
-from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
-from nlpgrasp.solve.start.warm_starts import WarmStart, check_warm_starts
-from nlpgrasp.solve.workbench.clock import Clock
+from nlpgrasp.solve.start.warm_starts import KnownGrasp, check_warm_starts
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
-from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
+from nlpgrasp.solve.workers.pool import Runner
 
 NO_PROBLEM = "a GraspProblem, such as ng.GraspProblem(body, contacts, task); nlpgrasp solve runs scripts"
 
@@ -47,7 +35,7 @@ def solve(
     *,
     keep: int = 1,
     distinct: float = 0.1,
-    warm_starts: Sequence[WarmStart] = (),
+    warm_starts: Sequence[KnownGrasp] = (),
     progress: Progress | bool | None = None,
     throw: bool = False,
 ) -> GraspSolution:
@@ -110,11 +98,7 @@ def solve(
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, NO_PROBLEM)
-    starts = integer("starts", starts, at_least=1, at_most=10**6)
-    seed = integer("seed", seed, at_least=0, at_most=10**15)
-    options = SolveOptions() if options is None else options
-    if not isinstance(options, SolveOptions):
-        raise InputError("options", options, "a SolveOptions, such as ng.SolveOptions(gap=0.02)")
+    starts, seed, options = check_search(starts, seed, options)
     if options.edge_margin is not None:
         problem = replace(problem, edge_margin=options.edge_margin)
     check_json(problem.to_dict())
@@ -131,75 +115,24 @@ def solve(
 
 def solve_again(bench: Workbench, starts: int, seed: int, keeping: Keeping = ONE) -> GraspSolution:
     """Solve the problem of a workbench in this process: what ``solve`` does, without building programs anew."""
-    return _run(Runner(bench.problem, bench.options, starts, bench), seed, keeping, None)
+    return _run(Runner(bench.problem, bench.options, starts, bench), seed, keeping)
 
 
 def _run(
-    runner: Runner, seed: int, keeping: Keeping, progress: Progress | None, known: Sequence[WarmStart] = ()
+    runner: Runner,
+    seed: int,
+    keeping: Keeping,
+    progress: Progress | None = None,
+    warm_starts: Sequence[KnownGrasp] = (),
 ) -> GraspSolution:
-    """Run the starts, look back at them and put the answer together."""
-    options = runner.options
-    begun, clock = time.monotonic(), Clock()
-    deadline = None if options.time_limit is None else begun + options.time_limit
-    results: list[StartResult] = []
+    """Run all stages of a search; Ctrl-C keeps what was found."""
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
-        stop = Stop(deadline, Path(folder) / "stop")
-        with Interrupt(stop) as interrupt, one_thread():
-            if runner.tree is not None:
-                runner.tree.grow(0)
-            elif options.gap is not None:
-                warn(f"gap: {why_not_bounded(runner.problem)}; the answer is the best of its starts")
-            clock.mark("bound")
-            for result in chain(runner.starts(seed, stop), runner.warm_starts(known, stop)):
-                results.append(result)
-                if progress is not None:
-                    best = best_of(results)
-                    progress(result.record, Bounds(0.0, float("inf")) if best is None else best.record.mu)
-            results.sort(key=lambda r: r.record.index)
-            begun_all = len(results) >= runner.count and all(r.record.message != NOT_BEGUN for r in results)
-            clock.mark("starts")
-            if options.gap is not None and runner.tree is not None:
-                close_gap(runner.bench, runner.tree, results, seed, stop)
-                clock.mark("closing the gap")
-            cut_short = Status.INTERRUPTED if interrupt.caught else None if begun_all else Status.TIME_LIMIT
-            best = best_of(results)
-            choosing = runner.choose(best, results, stop)
-            collection = Collection(runner, keeping, stop) if best is not None and keeping.count > 1 else None
-            best = choosing()
-            clock.mark("choice")
-            best = _in_place(runner.at_local_optimum(best, stop), results)
-            clock.mark("last step")
-            best = runner.reachable(best, results, stop)
-            clock.mark("way in")
-            bound = runner.bound(best, stop)
-            search = Search(runner.problem, options, seed, results, cut_short, deadline, bound, clock, best)
-            clock.mark("bound")
-            after = Aftermath()
-            if not stop.requested() and any(isinstance(r, StartGrasp) for r in results):
-                after = runner.look_back(best, results, seed, stop)
-            clock.mark_with(after.seconds, "programs")
-            if collection is not None and best is not None:
-                collection.begin(best, results)
-                clock.mark("other grasps")
-            solution = answer(search, after)
-            clock.mark("answer")
-            solution, seconds = runner.analysed(solution, best, stop)
-            clock.mark_with(seconds, "programs")
-            if collection is not None:
-                solution = replace(solution, others=collection.grasps())
-                solution = with_squeezes(solution, runner.problem.hand)
-                clock.mark("other grasps")
-    record = solver_record(options, seed, search.effort, time.monotonic() - begun, clock.seconds)
-    if keeping.count > 1:
-        record |= {"keep": keeping.count, "distinct": keeping.distinct}
-    return replace(solution, solver=record)
-
-
-def _in_place(best: StartGrasp | None, results: list[StartResult]) -> StartGrasp | None:
-    """Return the answer, put in the place of its start's result."""
-    if best is not None:
-        results[:] = [best if r.record.index == best.record.index else r for r in results]
-    return best
+        search = Multistart(runner, seed, keeping, progress, Path(folder) / "stop")
+        with Interrupt(search.stop), one_thread():
+            search.run_starts(warm_starts)
+            search.close_gap()
+            search.choose()
+            return search.answer()
 
 
 def check_json(data: Json) -> None:

@@ -13,10 +13,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.validation import array, integer, number
+from nlpgrasp.common.validation import array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.options import SolveOptions, check_search
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.studies.dynamic_grasp import DynamicGrasp
@@ -67,14 +67,11 @@ def follow_task(
     """
     if not callable(problem_at):
         raise InputError("problem_at", problem_at, "a function of the parameter")
-    if options is not None and not isinstance(options, SolveOptions):
-        raise InputError("options", options, "a SolveOptions")
+    starts, seed, options = check_search(starts, seed, options)
     values = array("parameters", parameters, (None,))
     if len(values) < 2:
         raise InputError("parameters", f"{len(values)} values", "at least 2")
-    starts, seed = integer("starts", starts, at_least=1), integer("seed", seed, at_least=0)
     gain = number("regrasp_gain", regrasp_gain, at_least=0.0)
-    options = SolveOptions() if options is None else options
     problems = [_problem(problem_at, value) for value in values.tolist()]
     for problem, value in zip(problems[1:], values[1:].tolist(), strict=True):
         _check_same(problems[0], problem, value)

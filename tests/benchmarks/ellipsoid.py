@@ -3,7 +3,7 @@
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.solve.answer import best_of
+from nlpgrasp.solve.start.result import best_of
 from tests.benchmarks.starts import function_share, run_starts, stage_medians
 
 BEST_KNOWN = {4: 0.7309, 3: 0.4870}

@@ -10,8 +10,8 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.experiments.found.digest import body_of
 from nlpgrasp.experiments.run.folder import HANDED_ON, OWN
+from nlpgrasp.experiments.run.resume import improved
 from nlpgrasp.solution.measures.global_bound import GlobalBound
-from nlpgrasp.solve.handed import Offer, improved_by
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.experiments.small import QUICK, base, experiment
 from tests.hands.urdf import four_finger_hand
@@ -139,8 +139,8 @@ def test_the_gap_is_that_of_the_grasp_taken(handed):
     own = ng.GraspSolution.load(handed.folder / OWN / "rough--seed0.json")
     own = replace(own, bound=GlobalBound(5.0, 1, stated_gap=np.inf))
     smooth = handed.solution("smooth")
-    offer = Offer("from variation smooth, seed 0", smooth.require_grasp(), smooth.faces, None, smooth.mu)
-    taken = improved_by(Workbench(case.problem, case.options), own, 0, [offer], improve=False)
+    offers = {"from variation smooth, seed 0": smooth.grasps[0]}
+    taken = improved(Workbench(case.problem, case.options), 1, own, 0, offers, improve=False)
     assert taken.to_dict()["quality"]["best_possible"]["gap"] == pytest.approx(5.0 / taken.mu.lower - 1.0)
     assert taken.mu.upper >= smooth.mu.lower
 
@@ -173,8 +173,8 @@ def test_a_grasp_that_is_taken_has_the_analyses_asked_for(handed):
     case = experiment(VARIATIONS, seeds=[0], **OPTIONS).case("rough")
     own = ng.GraspSolution.load(handed.folder / OWN / "rough--seed0.json")
     smooth = handed.solution("smooth")
-    offer = Offer("from variation smooth, seed 0", smooth.require_grasp(), smooth.faces, None, smooth.mu)
+    offers = {"from variation smooth, seed 0": smooth.grasps[0]}
     bench = Workbench(case.problem, replace(case.options, analyses=("delta",), time_limit=None))
-    taken = improved_by(bench, replace(own, bound=None), 0, [offer], improve=False)
+    taken = improved(bench, 1, replace(own, bound=None), 0, offers, improve=False)
     assert taken.delta.lower > 0.0
     assert taken.nu is None

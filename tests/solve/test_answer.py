@@ -6,9 +6,8 @@ import nlpgrasp as ng
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.records import StartRecord, Status
-from nlpgrasp.solve.answer import best_of
 from nlpgrasp.solve.ascent.state import Effort
-from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from tests.quick import first
 
 

@@ -14,16 +14,10 @@ class Interrupt:
     """While active, Ctrl-C raises the stop flag instead of an exception: the solve winds down and returns.
 
     Pressing it again changes nothing; a solve that has been told to stop returns within seconds.
-
-    Attributes
-    ----------
-    caught : bool
-        Whether the user interrupted.
     """
 
     def __init__(self, stop: Stop) -> None:
         self.stop = stop
-        self.caught = False
         self._previous: Callable[[int, FrameType | None], object] | int | None = None
 
     def __enter__(self) -> Interrupt:
@@ -37,6 +31,5 @@ class Interrupt:
             signal.signal(signal.SIGINT, self._previous)
 
     def _handle(self, *_: object) -> None:
-        self.caught = True
         if self.stop.flag is not None:
             self.stop.flag.touch()

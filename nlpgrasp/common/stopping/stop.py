@@ -28,11 +28,15 @@ class Stop:
         """Return whether to finish now."""
         if self.deadline is not None and time.monotonic() >= self.deadline:
             return True
+        return self.interrupted()
+
+    def interrupted(self) -> bool:
+        """Return whether the user has interrupted the solve."""
         return self.flag is not None and self.flag.exists()
 
-    def certificate_deadline(self) -> float | None:
-        """Return when a certificate has to be done: a second from now once a stop was requested."""
+    def certificate_deadline(self, grace: float = GRACE) -> float | None:
+        """Return when a certificate has to be done: so many seconds from now once a stop was requested."""
         now = time.monotonic()
         if self.requested():
-            return now + GRACE
-        return None if self.deadline is None else max(self.deadline, now + GRACE)
+            return now + grace
+        return None if self.deadline is None else max(self.deadline, now + grace)

@@ -1,4 +1,4 @@
-"""Grasps handed on between the variations of an experiment, once their own solves are done.
+"""Warm starts between the variations of an experiment: grasps handed on once all solves are done.
 
 A grasp of one variation may be one of another too: the same body with less friction, a larger task, more constraints
 or fewer contacts asks for more. Each grasp found is certified under every other variation that it fits, and taken
@@ -19,8 +19,8 @@ from nlpgrasp.experiments.found.digest import body_of
 from nlpgrasp.experiments.found.record import HANDED, SolveRecord
 from nlpgrasp.experiments.run.folder import Folder
 from nlpgrasp.experiments.run.work import HandedOn, Job, Outcome, Packer
+from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.handed import Offer
 from nlpgrasp.version import __version__
 
 Run = Callable[[Sequence[SolveId], Callable[[SolveId], Job]], Generator[tuple[SolveId, Outcome], None, None]]
@@ -124,10 +124,10 @@ class Handing:
     def _rank(found: GraspSolution) -> tuple[float, float]:
         return (found.mu.upper, found.mu.lower) if found.success else (0.0, 0.0)
 
-    def _offers(self, name: str, best: SolveId, groups: dict[str, str]) -> tuple[Offer, ...]:
+    def _offers(self, name: str, best: SolveId, groups: dict[str, str]) -> dict[str, FoundGrasp]:
         """Return the grasps of other variations with the same body that a variation has not seen yet."""
         contacts = len(self._now[best].problem["contacts"])
-        offers = []
+        offers = dict[str, FoundGrasp]()
         for solve, found in self._now.items():
             other, seen = solve.variation, (name, solve, self._version[solve])
             if other == name or groups.get(other) != groups[name] or seen in self._told:
@@ -135,5 +135,5 @@ class Handing:
             if found.success and len(found.require_grasp()) <= contacts:
                 self._told.add(seen)
                 origin = f"{HANDED}{other}, seed {solve.seed}"
-                offers.append(Offer(origin, found.require_grasp(), found.faces, found.hand, found.mu))
-        return tuple(offers)
+                offers[origin] = FoundGrasp(found.require_grasp(), found.faces, found.mu, hand=found.hand)
+        return offers

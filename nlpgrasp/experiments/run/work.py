@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,10 +12,11 @@ from nlpgrasp.common.shown.text import one_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import Experiment, SolveId
 from nlpgrasp.experiments.ask.variation import Case
+from nlpgrasp.experiments.run.resume import improved
 from nlpgrasp.solution.file import text_of
+from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.handed import Offer, improved_by
 from nlpgrasp.solve.solve import check_json, solve_again
 from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
 
@@ -24,22 +25,22 @@ _one_at_a_time = threading.Lock()  # IPOPT's linear solver is not for threads
 
 @dataclass(frozen=True)
 class HandedOn:
-    """What a solve that is done already is to look at.
+    """Finished solve and grasps of other variations as its warm starts.
 
     Parameters
     ----------
     own : GraspSolution
         Of the solve.
-    offers : tuple of Offer
-        Grasps of other variations.
+    offers : mapping of str to FoundGrasp
+        Grasps of other variations, by their origin in words.
     improve : bool
-        Whether to go on with the exchange from the best of them.
+        Whether to refine the best of them.
     turn : int
         How often grasps were handed on before.
     """
 
     own: GraspSolution
-    offers: tuple[Offer, ...]
+    offers: Mapping[str, FoundGrasp]
     improve: bool
     turn: int
 
@@ -129,7 +130,8 @@ def work(job: Job) -> Outcome:
         try:
             asked, handed = job.parcel.unpacked(), job.handed
             if handed is not None:
-                better = improved_by(asked.bench, handed.own, job.solve.seed, handed.offers, handed.improve)
+                starts, seed = asked.case.starts, job.solve.seed
+                better = improved(asked.bench, starts, handed.own, seed, handed.offers, handed.improve)
                 return Outcome() if better is None else Outcome(text_of(better.to_dict()))
             solution = solve_again(asked.bench, asked.case.starts, job.solve.seed, asked.case.keeping)
             if solution.status is Status.INTERRUPTED:

@@ -14,7 +14,6 @@ from nlpgrasp.solve.after.pregrasp import pregrasp
 from nlpgrasp.solve.phases.keyframes import keyframes
 from nlpgrasp.solve.posture.margins import Margins
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
-from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
@@ -54,23 +53,20 @@ def with_free_way(
         return tuple(blocked)
 
 
-def approached(bench: Workbench, start: StartGrasp, clock: Clock | None = None) -> StartGrasp:
+def approached(bench: Workbench, start: StartGrasp) -> StartGrasp:
     """Return a start with its hand as files state it: posture, pregrasp, phases, penetration of its links."""
-    clock = clock or Clock()
     problem, placed = bench.problem, start.found.placed
     hand = hand_posture(bench, start)
     if hand is None:
         return start
     if not bench.follows_contacts:
         opened = attempted(lambda: pregrasp(bench, start.found, bench.options.pregrasp_clearance))
-        clock.mark("pregrasp")
         model, links = problem.hand, bench.link_depths
         if opened is not None and model is not None:
             hand["pregrasp"] = {"clearance": opened.clearance, **model.describe(opened.hand)}
         if isinstance(model, URDFHand) and links is not None:
             before = None if opened is None else opened.hand
             hand |= attempted(lambda: keyframes(problem, model, placed.hand, before, links)) or {}
-        clock.mark("phases")
     if start.record.obstruction:
         return replace(start, hand=hand)
     return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(of_the_way(hand))))

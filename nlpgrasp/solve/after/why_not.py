@@ -19,6 +19,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.findings import WhyNot
+from nlpgrasp.solve.after.way_in import attempted
 from nlpgrasp.solve.after.wording import conflict_of
 from nlpgrasp.solve.ascent.cuts import no_cuts
 from nlpgrasp.solve.ascent.quadratic import Linearised, shortest_step, step_bounds
@@ -28,6 +29,7 @@ from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.one_thread import one_thread
 
 STARTS, STEPS = 6, 40
 FIRST_RADIUS, LAST_RADIUS = 0.3, 1e-3  # solver units
@@ -55,6 +57,12 @@ class Relaxed:
 
     total: float
     worst: dict[str, tuple[float, int, float]]
+
+
+def diagnosis(bench: Workbench, results: Sequence[StartResult], seed: int, stop: Stop) -> WhyNot | None:
+    """Return the diagnosis of a problem whose starts found no grasp; None where it fails numerically."""
+    with one_thread():
+        return attempted(lambda: why_not(bench, results, seed, stop))
 
 
 def why_not(bench: Workbench, results: Sequence[StartResult], seed: int, stop: Stop) -> WhyNot:

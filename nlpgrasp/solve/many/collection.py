@@ -20,8 +20,8 @@ from nlpgrasp.solve.many.distinct import Distinct
 from nlpgrasp.solve.many.likeness import Likeness
 from nlpgrasp.solve.many.neighbours import neighbours
 from nlpgrasp.solve.start.coordinate_exchange import propose
-from nlpgrasp.solve.start.given import Given, run_given
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
+from nlpgrasp.solve.start.warm_starts import WarmStart, certify_as_is
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -136,8 +136,8 @@ def _met(runner: Runner, kept: Distinct, stop: Stop) -> Iterator[Placed]:
 
 def _as_it_is(bench: Workbench, placed: Placed, least: float, stop: Stop) -> _Filled | None:
     """Return a placement on the body itself, certified and finished; None where it is not allowed or mu is less."""
-    found = next(iter(run_given(bench, Given(placed), 0, Stop(), improve=False)), None)
-    if not (isinstance(found, StartGrasp) and found.solved and found.record.mu.lower >= least):
+    found = certify_as_is(bench, WarmStart(placed), 0)
+    if found is None or found.record.mu.lower < least:
         return None
     return found, replace(_finished(bench, found, stop), start=None)
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.quality import Bounds
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.findings import Robustness
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.link_depth import LinkDepth
@@ -16,6 +17,7 @@ from nlpgrasp.solve.ascent.state import AscentState, Effort
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.reports import constraint_reports
 from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
@@ -127,6 +129,14 @@ class StartGrasp(StartResult):
     def rank(self) -> Bounds:
         """What starts are compared by: mu, or what is left of it at the worst placement."""
         return self.record.mu if self.robust is None else self.robust.mu
+
+    def certified(self, problem: GraspProblem, rtol: float, seed: int = 0, deadline: float | None = None) -> StartGrasp:
+        """Return the start certified anew, to this relative gap, with bounds on mu no wider than before."""
+        known, placed = self.record.mu, self.found.placed
+        budget = budget_at(problem, placed)
+        fine = mu(self.found.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
+        bounds = replace(fine, lower=max(fine.lower, known.lower), upper=min(fine.upper, known.upper))
+        return replace(self, record=replace(self.record, mu=bounds))
 
 
 def best_of(results: Sequence[StartResult]) -> StartGrasp | None:

@@ -46,9 +46,13 @@ def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Sequen
     return replace(found, record=replace(found.record, seconds=clock.seconds))
 
 
-def with_hand(bench: Workbench, placed: Placed) -> Placed:
-    """Return a placement with the values that a hand whose variables follow from the contacts has there."""
-    hand = bench.hand_points.start(placed.points[None], bench.inward_normals(placed)[None])
+def with_hand(bench: Workbench, placed: Placed, normals: FloatArray | None = None) -> Placed:
+    """Return a placement with the values that a hand whose variables follow from the contacts has there.
+
+    Inward normals (k, space) are the body's where none are given.
+    """
+    inward = bench.inward_normals(placed) if normals is None else normals
+    hand = bench.hand_points.start(placed.points[None], inward[None])
     return Placed(placed.faces, placed.points, {name: value[0] for name, value in hand.items()})
 
 

@@ -19,6 +19,10 @@ class Clock:
         self.seconds: dict[str, float] = {}
         self._last = time.perf_counter()
 
+    def restart(self) -> None:
+        """Count the time since the last mark to no stage."""
+        self._last = time.perf_counter()
+
     def mark(self, stage: str) -> None:
         """Count the time since the last mark to a stage."""
         now = time.perf_counter()

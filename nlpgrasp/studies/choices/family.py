@@ -1,4 +1,4 @@
-"""Problems that differ in their contacts, solved with each other's grasps.
+"""Solves of problems that differ in their contacts, with each other's grasps as warm starts.
 
 A grasp found with fewer or poorer contacts is one of every larger problem, and never a worse one: with forces x of its
 own contacts and none of the others, ``G' x' = G x``. So ``G (B n K)`` is inside ``G' (B' n K')`` wherever the larger
@@ -11,16 +11,24 @@ the larger problem is a start for the smaller one, without any such promise.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Protocol
+
+import numpy as np
 
 from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.registry import body_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.ongoing import Ongoing
-from nlpgrasp.solve.start.given import Given
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solve.multistart import Multistart
+from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.start.coordinate_exchange import propose
 from nlpgrasp.solve.start.result import StartGrasp
+from nlpgrasp.solve.start.warm_starts import WarmStart
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workers.one_thread import one_thread
+from nlpgrasp.solve.workers.pool import Runner
 
 CARRIES = ("l2", "per_finger", "per_finger_size", "shared", "hand_torques")  # budgets of which the promise holds
 HOPEFUL = 0.5  # of the larger problem's best: a smaller one's grasp is improved there from this share
@@ -28,83 +36,131 @@ SWEEPS = 3  # down and up again, at most
 
 
 class Step(Protocol):
-    """How grasps go from a problem to another one."""
+    """Conversion of grasps between two problems of a family."""
 
-    def up(self, found: StartGrasp, small: Ongoing, large: Ongoing) -> Given | None:
-        """Return a grasp of the smaller problem as one of the larger, with what it promises; None where it is none."""
+    def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
+        """Return a grasp of the smaller problem as one of the larger; None where it is none."""
 
-    def down(self, found: StartGrasp, large: Ongoing, small: Ongoing) -> Given | None:
+    def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
         """Return a grasp of the larger problem as a start for the smaller; None where there is none."""
 
 
-@dataclass(frozen=True)
-class Family:
-    """Solves that help each other.
+def solve_family(
+    problems: Sequence[GraspProblem],
+    pairs: Sequence[tuple[int, int]],
+    step: Step,
+    starts: int,
+    seed: int,
+    options: SolveOptions,
+) -> list[tuple[GraspSolution, int]]:
+    """Solve problems with each other's grasps as warm starts; return solutions and how many starts came near each.
+
+    Near is within 2 % of the best. What is promised from one to another is mu: no certified lower bound is below that
+    of a smaller problem whose grasps are grasps of the larger.
 
     Parameters
     ----------
-    solves : sequence of Ongoing
+    problems : sequence of GraspProblem
         The smaller before the larger.
     pairs : sequence of (int, int)
         Places of a smaller and of a larger one.
     step : Step
-    scouts : int
-        How many of the best of many random placements each begins from as well.
+    starts, seed, options
+        As of ``solve``, for each problem.
     """
+    by_mu = replace(options.narrow(), rank="mu")
+    with one_thread():
+        searches = [Multistart(Runner(problem, by_mu, starts), seed) for problem in problems]
+        _Family(searches, pairs, step).run()
+        return [(search.answer(), _reached(search)) for search in searches]
 
-    solves: Sequence[Ongoing]
-    pairs: Sequence[tuple[int, int]]
-    step: Step
-    scouts: int = 2
+
+class _Family:
+    """Searches whose best grasps are warm starts of each other."""
+
+    def __init__(self, searches: Sequence[Multistart], pairs: Sequence[tuple[int, int]], step: Step) -> None:
+        self._searches, self._step = searches, step
+        self._up = sorted(pairs, key=lambda pair: (pair[1], pair[0]))
+        self._down = [(b, a) for a, b in sorted(pairs, reverse=True)]
+        self._carried: set[tuple[int, int, int]] = set()
 
     def run(self) -> None:
         """Run all starts, then carry grasps up and down until no best grasp changes."""
-        told: set[tuple[int, int, int]] = set()
-        for solve in self.solves:
-            solve.run_starts()
-            solve.scout(self.scouts)
-        self._up(told)
+        for search in self._searches:
+            search.run_starts()
+            search.close_gap()
+            _scout(search)
+        self._carry_all(self._up)
         for _ in range(SWEEPS):
-            if not self._down(told):
+            if not self._carry_all(self._down):
                 break
-            self._up(told)
+            self._carry_all(self._up)
         self._keep_promises()
 
-    def _up(self, told: set[tuple[int, int, int]]) -> None:
-        for a, b in sorted(self.pairs, key=lambda pair: (pair[1], pair[0])):
-            small, large = self.solves[a], self.solves[b]
-            best = small.best
-            if best is None or (a, b, best.record.index) in told:
-                continue
-            told.add((a, b, best.record.index))
-            given = self.step.up(best, small, large)
-            own = large.best
-            hopeful = own is None or best.record.mu.upper >= HOPEFUL * own.record.mu.lower
-            if given is not None:
-                large.offer(given, hopeful)
+    def _carry_all(self, pairs: Sequence[tuple[int, int]]) -> bool:
+        """Carry grasps from the first to the second of each pair; return whether any best grasp rose."""
+        rose = [self._carry(source, target) for source, target in pairs]
+        return any(rose)
+
+    def _carry(self, source: int, target: int) -> bool:
+        """Run the best grasp of one search as a warm start of another, once; return whether that one's best rose."""
+        giver, taker = self._searches[source], self._searches[target]
+        best, known, down = giver.best, taker.best, source > target
+        if best is None or (source, target, best.record.index) in self._carried:
+            return False
+        self._carried.add((source, target, best.record.index))
+        if down:
+            warm = self._step.down(best, giver.runner.bench, taker.runner.bench)
+        else:
+            warm = self._raised(best, giver, taker)
+        hopeful = known is None or best.record.mu.upper >= HOPEFUL * known.record.mu.lower
+        return warm is not None and taker.add(warm, improve=down or hopeful)
+
+    def _raised(self, best: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
+        """Return a grasp of a smaller problem as a warm start of a larger one, with its certified bound there."""
+        warm = self._step.up(best, small.runner.bench, large.runner.bench)
+        return warm and replace(warm, floor=promised(best, small.runner.problem, large.runner.problem))
 
     def _keep_promises(self) -> None:
         """Certify the best grasps as tightly as the answers, and hand on what these certificates promise."""
-        for j, large in enumerate(self.solves):
-            for small in (self.solves[a] for a, b in self.pairs if b == j):
-                best, own = small.best, large.best
-                given = None if best is None else self.step.up(best, small, large)
-                if given is not None and given.floor > (0.0 if own is None else own.record.mu.lower):
-                    large.offer(given, improve=False)
-            large.sharpen()
+        for j, large in enumerate(self._searches):
+            for small in (self._searches[a] for a, b in self._up if b == j):
+                best, known = small.chosen, large.best
+                warm = None if best is None else self._raised(best, small, large)
+                if warm is not None and warm.floor > (0.0 if known is None else known.record.mu.lower):
+                    large.add(warm, improve=False)
+            choose_tightly(large)
 
-    def _down(self, told: set[tuple[int, int, int]]) -> bool:
-        """Offer the larger problems' grasps to the smaller; return whether any of these has a better one now."""
-        rose = False
-        for a, b in sorted(self.pairs, key=lambda pair: (-pair[0], -pair[1])):
-            small, large = self.solves[a], self.solves[b]
-            best = large.best
-            if best is None or (b, a, best.record.index) in told:
-                continue
-            told.add((b, a, best.record.index))
-            given = self.step.down(best, large, small)
-            rose |= given is not None and small.offer(given)
-        return rose
+
+def _scout(search: Multistart) -> None:
+    """Begin also from the candidates of one more coordinate exchange, half as many as starts, at least two."""
+    bench, starts = search.runner.bench, search.runner.count
+    rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
+    for placed in propose(bench, rng, count=count) if bench.follows_contacts else ():
+        search.add(WarmStart(placed))
+
+
+def choose_tightly(search: Multistart) -> None:
+    """Choose the best grasp, certified as tightly as the answer will be, for what it promises to others.
+
+    A tight certificate may show that another grasp is better, which is certified as tightly then.
+    """
+    runner, tight = search.runner, set[int]()
+    while (best := search.best) is not None and best.record.index not in tight:
+        best = best.certified(runner.problem, runner.options.final_rtol, search.seed)
+        search.update(best)
+        search.floor = max(search.floor, best.record.mu.lower)
+        tight.add(best.record.index)
+    if best is not None:
+        search.keep(best)
+
+
+def _reached(search: Multistart) -> int:
+    """Return how many starts, warm starts among them, came within 2 % of the best."""
+    best = search.chosen
+    if best is None:
+        return 0
+    return sum(r.solved and r.record.mu.upper >= 0.98 * best.record.mu.lower for r in search.results)
 
 
 def promised(found: StartGrasp, small: GraspProblem, large: GraspProblem) -> float:
@@ -131,8 +187,3 @@ def same_body(one: Body, other: Body) -> bool:
     except InputError:
         return False
     return data == other.to_dict()
-
-
-def scouts_of(starts: int) -> int:
-    """Return how many screened placements to begin from beside so many starts."""
-    return max(2, -(-starts // 2))

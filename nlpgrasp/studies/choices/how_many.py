@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 
 from nlpgrasp.common.validation import integer, number
+from nlpgrasp.contacts.cones.wider import placed_in
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.ongoing import Ongoing
-from nlpgrasp.solve.options import SolveOptions
+from nlpgrasp.solve.options import SolveOptions, check_search
+from nlpgrasp.solve.start.result import StartGrasp
+from nlpgrasp.solve.start.warm_starts import WarmStart, best_allowed, with_more_contacts
+from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.studies.choices.curve import ContactCurve
-from nlpgrasp.studies.choices.family import Family, scouts_of
-from nlpgrasp.studies.choices.more_contacts import OtherNumber
+from nlpgrasp.studies.choices.family import same_body, solve_family
+
+SUBSETS = 256  # of contacts to keep, at most
 
 
 def how_many_contacts(
@@ -59,19 +64,15 @@ def how_many_contacts(
     numbers = sorted({integer("counts", k, at_least=1) for k in counts})
     if not numbers:
         raise InputError("counts", "no numbers of contacts", "at least one")
-    starts, seed = integer("starts", starts, at_least=1), integer("seed", seed, at_least=0)
-    options = SolveOptions() if options is None else options
-    if not isinstance(options, SolveOptions):
-        raise InputError("options", options, "a SolveOptions")
+    starts, seed, options = check_search(starts, seed, options)
     bounds = _possible(possible)
     problems = [problem_with(k) for k in numbers]
     for k, problem in zip(numbers, problems, strict=True):
         _check(k, problem, problems[0])
-    solves = [Ongoing(problem, starts, seed, options) for problem in problems]
-    Family(solves, [(i, i + 1) for i in range(len(solves) - 1)], OtherNumber(), scouts_of(starts)).run()
-    found = tuple((k, solve.finish()) for k, solve in zip(numbers, solves, strict=True))
-    reached = {k: solve.reached for k, solve in zip(numbers, solves, strict=True)}
-    return ContactCurve(found, reached, bounds)
+    pairs = [(i, i + 1) for i in range(len(problems) - 1)]
+    found = dict(zip(numbers, solve_family(problems, pairs, OtherNumber(), starts, seed, options), strict=True))
+    solutions = tuple((k, solution) for k, (solution, _) in found.items())
+    return ContactCurve(solutions, {k: reached for k, (_, reached) in found.items()}, bounds)
 
 
 def _check(k: int, problem: GraspProblem, first: GraspProblem) -> None:
@@ -93,3 +94,38 @@ def _possible(given: Mapping[int, float] | None) -> dict[int, float]:
     return {
         integer("possible", k, at_least=1): number(f"possible[{k}]", bound, at_least=0.0) for k, bound in given.items()
     }
+
+
+class OtherNumber:
+    """A ``Step`` between problems of one body with fewer and with more contacts, none of which has a posed hand."""
+
+    def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
+        """Return the grasp with more contacts: of those drawn that keep the constraints the best, if any."""
+        if not self._suits(small, large):
+            return None
+        return with_more_contacts(large, found.found.grasp, found.found.placed.faces)
+
+    def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
+        """Return the grasp with fewer contacts: of the choices that keep the constraints the best, if any."""
+        grasp, kept = found.found.grasp, _choices(large, small) if self._suits(small, large) else []
+        if not kept:
+            return None
+        chosen = np.array(kept)
+        faces = np.array(found.found.placed.faces, dtype=object)[chosen]
+        placed = best_allowed(small, grasp.points[chosen], grasp.normals[chosen], faces)
+        return None if placed is None else WarmStart(placed)
+
+    def _suits(self, small: Workbench, large: Workbench) -> bool:
+        follow = small.follows_contacts and large.follows_contacts
+        return follow and same_body(small.problem.body, large.problem.body)
+
+
+def _choices(large: Workbench, small: Workbench) -> list[Sequence[int]]:
+    """Return which contacts of the larger problem may stand for those of the smaller, in their order."""
+    mine, theirs, space = small.problem.models, large.problem.models, small.problem.body.space
+    found: list[Sequence[int]] = []
+    for subset in combinations(range(len(theirs)), len(mine)):
+        places = placed_in(mine, [theirs[j] for j in subset], space)
+        if places is not None and len(found) < SUBSETS:
+            found.append([subset[p] for p in places])
+    return found

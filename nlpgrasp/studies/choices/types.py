@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from nlpgrasp.common.validation import integer, number
+from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.ongoing import Ongoing
-from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start.given import Given
+from nlpgrasp.solve.options import SolveOptions, check_search
 from nlpgrasp.solve.start.result import StartGrasp
+from nlpgrasp.solve.start.warm_starts import WarmStart
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.studies.choices.family import Family, promised, scouts_of
+from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.studies.choices.family import solve_family
 from nlpgrasp.studies.choices.menu import Menu, Names, Types
 from nlpgrasp.studies.choices.type_choice import TypeAssignment, TypeChoice, Upgrade
 
@@ -59,17 +59,14 @@ def choose_contact_types(
         are missing or below zero.
     """
     menu = Menu.of(problem, types)
-    starts, seed = integer("starts", starts, at_least=1), integer("seed", seed, at_least=0)
-    options = SolveOptions() if options is None else options
-    if not isinstance(options, SolveOptions):
-        raise InputError("options", options, "a SolveOptions")
+    starts, seed, options = check_search(starts, seed, options)
     prices = _prices(menu, costs)
     names, pairs = menu.ordered()
-    solves = [Ongoing(menu.problem_with(own), starts, seed, options) for own in names]
-    Family(solves, pairs, OtherTypes(menu, names), scouts_of(starts)).run()
+    problems = [menu.problem_with(own) for own in names]
+    solved = solve_family(problems, pairs, OtherTypes(menu, names), starts, seed, options)
     found = [
-        TypeAssignment(own, solve.finish(), sum(prices[name] for name in own), solve.reached)
-        for own, solve in zip(names, solves, strict=True)
+        TypeAssignment(own, solution, sum(prices[name] for name in own), reached)
+        for own, (solution, reached) in zip(names, solved, strict=True)
     ]
     # neighbours stand in an order from the smaller to the larger: of equals the later is the richer
     ranked = sorted(range(len(found)), key=lambda i: (-found[i].mu.lower, -i))
@@ -91,28 +88,28 @@ class OtherTypes:
         self._menu = menu
         self._names = {menu.problem_with(own).models: own for own in names}
 
-    def up(self, found: StartGrasp, small: Ongoing, large: Ongoing) -> Given | None:
+    def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
         """Return the grasp with the richer contacts, which are worth at least as much."""
         places = self._places(small, large)
         if places is None:
             return None
         back = [places.index(j) for j in range(len(places))]
-        return _given(found, back, promised(found, small.problem, large.problem))
+        return _reordered(found, back)
 
-    def down(self, found: StartGrasp, large: Ongoing, small: Ongoing) -> Given | None:
+    def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
         """Return the grasp with the poorer contacts, of which nothing is promised."""
         places = self._places(small, large)
-        return None if places is None else _given(found, places, 0.0)
+        return None if places is None else _reordered(found, places)
 
-    def _places(self, small: Ongoing, large: Ongoing) -> list[int] | None:
+    def _places(self, small: Workbench, large: Workbench) -> list[int] | None:
         return self._menu.places(self._names[small.problem.models], self._names[large.problem.models])
 
 
-def _given(found: StartGrasp, order: list[int], floor: float) -> Given:
+def _reordered(found: StartGrasp, order: list[int]) -> WarmStart:
     """Return the grasp with its contacts in another order."""
     placed, grasp = found.found.placed, found.found.grasp
     faces = tuple(placed.faces[i] for i in order)
-    return Given(Placed(faces, grasp.points[order], placed.hand), grasp.normals[order], floor)
+    return WarmStart(Placed(faces, grasp.points[order], placed.hand), grasp.normals[order])
 
 
 def _prices(menu: Menu, costs: Mapping[str, float] | None) -> dict[str, float]:

@@ -8,6 +8,11 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.shown.numbers import at_most
+from nlpgrasp.solve.multistart import Multistart
+from nlpgrasp.solve.start.warm_starts import WarmStart
+from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.solve.workers.pool import Runner
+from nlpgrasp.studies.choices.family import choose_tightly
 from problems.how_many_fingers import EFFORT, brush, pencil
 
 FAST = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02)
@@ -131,6 +136,26 @@ def test_a_grasp_with_fewer_contacts_bounds_every_larger_number():
     found = ng.how_many_contacts(square, (2, 4), starts=1, seed=5, options=QUICK)
     assert found.solutions[1][1].mu.lower >= found.solutions[0][1].mu.lower
     assert all(ng.verify(solution) for _, solution in found.solutions)
+
+
+def test_a_gap_that_is_asked_for_is_closed_for_each_number():
+    found = ng.how_many_contacts(square, (2,), starts=1, options=ng.SolveOptions(workers=1, gap=0.05))
+    assert found.solutions[0][1].status is ng.Status.OPTIMAL
+    assert found.gap(2) <= 0.05
+
+
+def test_a_grasp_that_a_tight_certificate_overtakes_is_not_chosen():
+    search = Multistart(Runner(square(2), QUICK, 1), 0)
+    for x in (0.0, 0.4):
+        search.add(WarmStart(Placed(("edge0", "edge2"), np.array([[x, -1.0], [x, 1.0]]))))
+    better, worse = search.results
+    assert better.record.mu.lower > worse.record.mu.upper
+    loose = ng.Bounds(better.record.mu.lower * 0.99, better.record.mu.upper * 1.1)
+    search.update(replace(worse, record=replace(worse.record, mu=loose)))
+    assert search.best.record.index == worse.record.index
+    choose_tightly(search)
+    assert search.chosen.record.index == better.record.index
+    assert search.answer().mu.lower >= search.floor > 0.0
 
 
 @pytest.mark.slow

@@ -1,15 +1,16 @@
-"""A solve that takes known grasps: what they promise is kept, what they break is left out."""
+"""A search that takes warm starts between its stages: what they promise is kept, what they break is left out."""
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solve.ongoing import Ongoing
+from nlpgrasp.solve.multistart import Multistart
 from nlpgrasp.solve.start.coordinate_exchange import propose
-from nlpgrasp.solve.start.given import Given, run_given
+from nlpgrasp.solve.start.warm_starts import WarmStart, run_warm_start
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.solve.workers.pool import Runner
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 TASK = ng.TaskEllipsoid([1.0, 1.0, 0.5])
@@ -31,7 +32,7 @@ def bench():
 
 
 def test_a_known_grasp_is_certified_as_it_is(bench):
-    (start,) = run_given(bench, Given(Placed(FACES, POINTS)), 7, Stop())
+    (start,) = run_warm_start(bench, WarmStart(Placed(FACES, POINTS)), 7, Stop())
     assert start.record.index == 7
     assert start.record.message == "as given"
     np.testing.assert_array_equal(start.found.grasp.points, POINTS)
@@ -42,38 +43,39 @@ def test_a_known_grasp_is_certified_as_it_is(bench):
 
 def test_it_is_improved_where_the_exchange_runs():
     better = Workbench(problem(), ng.SolveOptions(workers=1, rtol=0.01))
-    as_given, improved = run_given(better, Given(Placed(FACES, POINTS)), 0, Stop())
+    as_given, improved = run_warm_start(better, WarmStart(Placed(FACES, POINTS)), 0, Stop())
     assert improved.record.index == 1
     assert improved.record.mu.lower > as_given.record.mu.upper
 
 
 def test_what_is_promised_is_its_least(bench):
     promise = certified(rtol=1e-4).lower  # tighter than the certificate of the start
-    (start,) = run_given(bench, Given(Placed(FACES, POINTS), floor=promise), 0, Stop())
+    (start,) = run_warm_start(bench, WarmStart(Placed(FACES, POINTS), floor=promise), 0, Stop())
     assert start.record.mu.lower == promise
     assert start.record.mu.upper >= promise
 
 
 def test_grasps_that_are_not_allowed_are_left_out(bench):
-    assert run_given(bench, Given(Placed(FACES, POINTS * [10.0, 1.0])), 0, Stop()) == []  # beyond the face
-    assert run_given(bench, Given(Placed(FACES, POINTS * [1.0, -1.0])), 0, Stop()) == []  # off it
+    assert run_warm_start(bench, WarmStart(Placed(FACES, POINTS * [10.0, 1.0])), 0, Stop()) == []  # beyond the face
+    assert run_warm_start(bench, WarmStart(Placed(FACES, POINTS * [1.0, -1.0])), 0, Stop()) == []  # off it
     one_side = Placed(("edge0", "edge0"), np.array([[0.3, -1.0], [-0.3, -1.0]]))
-    assert run_given(bench, Given(one_side), 0, Stop()) == []  # resists nothing
+    assert run_warm_start(bench, WarmStart(one_side), 0, Stop()) == []  # resists nothing
     forbidden = Workbench(problem(constraints=[ng.Forbid("edge0")]), QUICK)
-    assert run_given(forbidden, Given(Placed(FACES, POINTS)), 0, Stop()) == []
+    assert run_warm_start(forbidden, WarmStart(Placed(FACES, POINTS)), 0, Stop()) == []
     apart = Workbench(problem(constraints=[ng.Spread(0.1, 1.9)]), QUICK)
-    assert run_given(apart, Given(Placed(FACES, POINTS), floor=0.2), 0, Stop()) == []
+    assert run_warm_start(apart, WarmStart(Placed(FACES, POINTS), floor=0.2), 0, Stop()) == []
 
 
 def test_the_answer_is_never_below_what_was_promised():
     """Also where another grasp ties with it within the certificates' gap."""
-    solve = Ongoing(problem(), 1, 0, QUICK)
-    solve.run_starts()
-    found = solve.best.found
+    search = Multistart(Runner(problem(), QUICK, 1), 0)
+    search.run_starts()
+    found = search.best.found
     promise = ng.mu(found.grasp, TASK, 1e-4).lower
-    solve.offer(Given(Placed(found.placed.faces, found.grasp.points), found.grasp.normals, promise))
-    assert solve.floor == promise
-    solution = solve.finish()
+    search.add(WarmStart(Placed(found.placed.faces, found.grasp.points), found.grasp.normals, promise))
+    assert search.floor == promise
+    search.keep(search.best)
+    solution = search.answer()
     assert solution.mu.lower >= promise
     assert solution.mu.upper >= certified(found.grasp.points).lower or solution.success
     assert len(solution.starts) == 2
@@ -90,8 +92,9 @@ def test_more_candidates_are_apart_allowed_and_begin_with_the_best(bench):
 
 
 def test_its_answer_has_the_analyses_asked_for():
-    solve = Ongoing(problem(), 1, 0, ng.SolveOptions(workers=1, analyses=("delta",)))
-    solve.run_starts()
-    found = solve.finish()
+    search = Multistart(Runner(problem(), ng.SolveOptions(workers=1, analyses=("delta",)), 1), 0)
+    search.run_starts()
+    search.choose()
+    found = search.answer()
     assert found.delta.lower > 0.0
     assert found.nu is None
