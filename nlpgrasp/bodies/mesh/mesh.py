@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import trimesh
 
 FLATTERS = 0.1  # grid cells: so far nine in ten points about the margin are at most nearer to edges than splined
-OFF_EDGES = 3  # times as many points are drawn where they have to be off sharp edges
+OFF_EDGES = 1.5  # times as many points are drawn where they have to be off sharp edges
 ROOM_SAMPLES = 4000  # points among which the farthest from sharp edges is looked for
 OFFSET_SAMPLES = 300  # points of which it is measured how far the smooth surface is
 CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of links; margin over the size
@@ -185,7 +185,7 @@ class Mesh(Body):
         """Return random points of the smooth surface, the margin away from the mesh's sharp edges; see ``Body``."""
         if margin == 0.0:
             return super().sample(name, count, rng)
-        points = super().sample(name, OFF_EDGES * count, rng)
+        points = super().sample(name, int(OFF_EDGES * count), rng)
         return points[self.edge_distance(name, points) >= margin][:count]
 
     def distance(self, p: Expression) -> Expression:

@@ -195,7 +195,7 @@ class CoordinateExchange:
             if not len(going):
                 break
             outside = violation > REPAIRABLE
-            each = [(int(b), within[b][i] if within else None) for b in going]
+            each = [(b, within[b][i] if within else None) for b in going.tolist()]
             shortlists = [
                 self._shortlist(own[:, b], i, int(tuples[b, i]), bool(outside[b]), tie, some) for b, some in each
             ]

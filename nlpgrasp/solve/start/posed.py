@@ -22,7 +22,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workbench.workspace import Reach
 
-POSES, MOST_PALMS, PALMS = 1024, 192, 64  # random poses; palms that are looked at; those that exchanges are made for
+POSES, MOST_PALMS, PALMS = 1024, 144, 48  # random poses; palms that are looked at; those that exchanges are made for
 DRAWN = 64  # random tuples within reach of a palm, of which the best is exchanged
 ROUNDS, LEARN = 2, 16  # of exchanges; tuples whose weak directions are learned after each
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score

@@ -17,12 +17,12 @@ from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.solve.workbench.sample_tables import IntArray
 from nlpgrasp.solve.workbench.surface_samples import Cloud
 
-POSTURES = 4096
+POSTURES = 2048
 SHARES = (0.05, 0.95)  # of the joint ranges that postures are drawn from
 CELL, EACH = 0.003, 2  # metres, of a grid over where a fingertip can be; postures looked at in each cell
 NEAR = 0.004  # metres between the middle of a cell and the fingertip of a posture that counts as in it
 INSIDE, PALM_INSIDE = 0.0015, 0.003  # metres that links of a finger, and of the palm, may be too near to the body
-DISTANCES, AROUND = 48, 0.5  # cells along each side of the grid of distances; how far it goes around, over the size
+DISTANCES, AROUND = 32, 0.5  # cells along each side of the grid of distances; how far it goes around, over the size
 NONE = -1
 STILL = 1e-9  # metres: what moves less does not move
 
