@@ -6,7 +6,7 @@ are exchanged one at a time over these as free contacts are over all samples, fo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,19 +15,21 @@ from numpy.typing import NDArray
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.solve.start.coordinate_exchange import LAST_TIE, CoordinateExchange
+from nlpgrasp.solve.ascent.weakest import QUICK, weakest_at
+from nlpgrasp.solve.start.coordinate_exchange import LAST_TIE, CoordinateExchange, of_different_kinds
 from nlpgrasp.solve.start.scores import scores
-from nlpgrasp.solve.start.touch import best_touching, touching_candidates
+from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workbench.workspace import Reach
 
-POSES, MOST_PALMS, PALMS = 1024, 144, 48  # random poses; palms that are looked at; those that exchanges are made for
+POSES, MOST_PALMS, PALMS = 1024, 192, 64  # random poses; palms that are looked at; those that exchanges are made for
 DRAWN = 64  # random tuples within reach of a palm, of which the best is exchanged
-ROUNDS, LEARN = 2, 16  # of exchanges; tuples whose weak directions are learned after each
+ROUNDS, LEARN = 3, 16  # of exchanges; tuples whose weak directions are learned after each
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
 BROKEN = 1.0  # weight of what breaks constraints, such as a palm that faces elsewhere: a hand seldom turns around
 BLOCKED = 0.4  # weight of what is in the links' way against the share of the best value
+ENOUGH = 3  # poses that touch, with many contacts; of those that do not, where none does
 TRIES = 12  # poses that are moved to where all fingertips touch
 MANY, MANY_TRIES = 6, 32  # contacts from which hands hardly ever touch with all, and poses then
 
@@ -89,6 +91,55 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
     blocked = bench.rows.blocked(poses.points, poses.normals, poses.values)
     merit = scores(bench, poses.points, poses.normals) - against - 0.05 * blocked
     return [poses.placed(i) for i in np.argsort(-merit, kind="stable")[:MANY_TRIES].tolist()]
+
+
+def touching_candidates(bench: Workbench, candidates: Iterable[Placed], stop: Stop) -> Iterator[Placed]:
+    """Yield candidates moved to where all contacts touch: those that get there, then the nearest; a few.
+
+    With many contacts a hand hardly ever touches with all of them by chance, and the program, which has forces
+    to think of as well, seldom gets there from afar.
+    """
+    given = 0
+    others: list[tuple[Placed, float]] = []
+    for candidate in candidates:
+        if given == ENOUGH or (stop.requested() and given + len(others) > 0):
+            break
+        found, violation = touching(bench, candidate)
+        if violation <= TOUCHING:
+            given += 1
+            yield found
+        else:
+            others.append((found, violation))
+    others.sort(key=lambda pair: pair[1])
+    for found, _ in others[: ENOUGH - given]:
+        yield found
+
+
+def best_touching(
+    bench: Workbench, candidates: Iterable[Placed], rng: np.random.Generator, stop: Stop
+) -> Iterator[Placed]:
+    """Return candidates moved to where all contacts touch, those first that exert the task best; then the others.
+
+    Of the best those of different kinds come first. The others, nearest first, are as they were.
+    """
+    there: list[tuple[Placed, float]] = []
+    others: list[tuple[Placed, float]] = []
+    for candidate in candidates:
+        if there and stop.requested():
+            break
+        found, violation = touching(bench, candidate)
+        found = bench.snapped(found)
+        if violation <= TOUCHING and bench.violation(found) <= FEASIBLE:
+            there.append((found, weakest_at(bench, found, rng, descents=QUICK).value))
+        else:
+            others.append((candidate, violation))
+    there.sort(key=lambda pair: -pair[1])
+    others.sort(key=lambda pair: pair[1])
+    best = [placed for placed, _ in there]
+    if best:
+        first = of_different_kinds(bench, np.stack([placed.points for placed in best]))
+        best = [best[b] for b in first] + [placed for b, placed in enumerate(best) if b not in first]
+    return iter(best + [placed for placed, _ in others[:ENOUGH]])
 
 
 def _exchanged(bench: Workbench, poses: _Poses, order: NDArray[np.intp], rng: np.random.Generator) -> list[Placed]:

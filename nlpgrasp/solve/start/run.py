@@ -26,7 +26,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
-REFINED, OF_HAND = 2, 1  # candidates of a start that are refined; where a hand has a pose, which takes seconds
+REFINED = 2  # candidates of a start that are refined
 MOST_TOUCHING = 2  # candidates whose links touch something at the end, before a start ends without another
 
 
@@ -76,7 +76,7 @@ def _best(
             left.append(first)
             continue
         ends.append(_end(bench, index, first, origin, stop, clock))
-        if stop.requested() or _enough(ends, REFINED if bench.follows_contacts else OF_HAND):
+        if stop.requested() or _enough(ends):
             break
     for first in sorted(left, key=lambda one: -one.score) if not ends else ():
         ends.append(_end(bench, index, first, origin, stop, clock))
@@ -101,10 +101,10 @@ def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterat
     yield refined_on_body(bench, placed, stop)
 
 
-def _enough(ends: Sequence[StartGrasp], wanted: int) -> bool:
+def _enough(ends: Sequence[StartGrasp]) -> bool:
     """Return whether so many candidates led to a grasp that the hand can take, or some to links inside something."""
     touching = sum(end.record.status is Status.TOUCHES for end in ends)
-    return sum(end.solved for end in ends) >= wanted or touching >= MOST_TOUCHING
+    return sum(end.solved for end in ends) >= REFINED or touching >= MOST_TOUCHING
 
 
 def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: Stop, clock: Clock) -> StartGrasp:

@@ -56,7 +56,7 @@ def test_contacts_exchanged_within_reach_hold_better_than_those_nearest_to_rando
 
     reaching = np.median([best(seed) for seed in range(5)])
     monkeypatch.setattr(posed, "_exchanged", lambda *_: [])
-    assert reaching > 1.3 * np.median([best(seed) for seed in range(5)])
+    assert reaching > 1.2 * np.median([best(seed) for seed in range(5)])
 
 
 def test_contacts_stay_on_the_faces_that_each_may_use():

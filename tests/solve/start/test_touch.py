@@ -5,7 +5,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solve.start.touch import TOUCHING, touching, touching_candidates
+from nlpgrasp.solve.start.posed import touching_candidates
+from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
