@@ -182,7 +182,7 @@ class Mesh(Body):
         return edge_distance_spline(np.asarray(self.mesh.vertices, dtype=float), self._edges.ends, self.resolution)
 
     def sample(self, name: str, count: int, rng: np.random.Generator, margin: float = 0.0) -> FloatArray:
-        """Return up to ``count`` random points of the smooth surface off the sharp edges, (m, 3); see ``Body.sample``."""
+        """Return up to ``count`` random points of the smooth surface off sharp edges, (m, 3); see ``Body.sample``."""
         if margin == 0.0:
             return super().sample(name, count, rng)
         points = super().sample(name, int(OFF_EDGES * count), rng)
