@@ -157,10 +157,10 @@ class Jaws:
         return np.asarray(np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(line, first)))
 
     def clearest(self, size: float, distance: Distance) -> tuple[FloatArray, float, bool]:
-        """Return the clearest approach, (space,), its penetration depth, metres, and whether it passes through.
+        """Return the clearest approach, (space,), its penetration depth, metres, and if it passes through anything.
 
-        Among the directions of least depth, to ``NEAR`` of the body's size, it has the largest mean distance; of equals it
-        is the steepest down the last axis. The steepest of all is taken where it lacks at most a tenth of that mean.
+        Among the directions of least depth, to ``NEAR`` of the body's size, it has the largest mean distance; of equals
+        it is the steepest down the last axis. The steepest of all is taken where it lacks at most a tenth of that mean.
         Directions that pass through something thin are taken only where all do.
         """
         directions = self.approaches()

@@ -53,7 +53,7 @@ class PosedHand(Hand):
 
     @abstractmethod
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
+        """Return contact Jacobians (k, 6, m): velocities of points (k, 3), metres, per rate of the loaded joints."""
 
     @abstractmethod
     def values_of(self, posture: Json) -> Values:

@@ -3,8 +3,8 @@
 Spheres around a link reach beyond it: hardly any random posture keeps all spheres of a hand apart, while a quarter of
 them keep the links apart. So each pair of links has an allowed overlap, from random postures: the least overlap of
 their spheres among the postures in which the links' hulls penetrate by a millimetre, less the expected bias of a
-uniform sample's minimum, ``(largest - least) / m`` for m such postures. Links whose spheres meet in many postures and whose hulls do in
-none are not constrained (docs/hands.md).
+uniform sample's minimum, ``(largest - least) / m`` for m such postures. Links whose spheres meet in many postures and
+whose hulls do in none are not constrained (docs/hands.md).
 """
 
 from __future__ import annotations
