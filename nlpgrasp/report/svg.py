@@ -50,7 +50,7 @@ class Mark:
 def chart(
     title: str, x_label: str, y_label: str, curves: Sequence[Curve], marks: Sequence[Mark] = (), counted: str = ""
 ) -> str:
-    """Return a chart; ``title`` says in words what is seen, ``counted`` which axes count: "x", "y", "xy" or none."""
+    """Return a chart; ``title`` describes it, ``counted`` names the axes of whole numbers: "x", "y", "xy" or ""."""
     everything = np.concatenate([*(c.points for c in curves), *(np.array([[m.x, m.y]]) for m in marks)])
     low, high = everything.min(axis=0), everything.max(axis=0)
     span = np.where(high - low > 0.0, high - low, np.maximum(np.abs(high), 1e-9))
