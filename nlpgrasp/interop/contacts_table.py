@@ -34,7 +34,7 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
     path : str or Path
         With a header that names the columns ``p_x, p_y[, p_z], n_x, n_y[, n_z]`` (metres, inward normals), and
         optionally ``friction``, ``torsional_friction`` and ``model`` (``point``, ``friction`` or ``soft``, which the
-        coefficients have to agree with); other columns play no part.
+        coefficients have to agree with); other columns are ignored.
     friction : float, optional
         Friction of contacts whose row has none: frictionless by default, with a warning unless the row's model says so.
     body : Body, optional

@@ -71,7 +71,7 @@ class Simulation:
     notes : tuple of str
         Conditions that could not be simulated, with reasons.
     touching : str
-        Links that are inside something and contacts off their links, in words; empty where there are none.
+        Links that penetrate something and contacts off their links, as text; empty without any.
     """
 
     name: str

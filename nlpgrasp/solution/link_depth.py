@@ -60,7 +60,7 @@ class LinkDepth:
 
     @classmethod
     def from_dict(cls, data: Json, name: str) -> LinkDepth:
-        """Return the record that ``to_dict`` wrote; files of earlier versions state no thing and no tolerance.
+        """Return the record that ``to_dict`` wrote; older files lack thing and tolerance.
 
         Raises
         ------

@@ -58,7 +58,7 @@ class Meeting:
 
 @dataclass(frozen=True)
 class Opposition:
-    """Which fingertips of a hand can meet.
+    """Opposition of fingertips: pairs that can meet, and sets that cannot.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Opposition:
 
 
 def opposition(tree: LinkTree, at_rest: FloatArray) -> Opposition:
-    """Return which fingertips of a hand can meet.
+    """Return the opposition of a hand's fingertips: least distances of pairs, and sets that cannot meet.
 
     Parameters
     ----------

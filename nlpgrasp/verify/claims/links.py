@@ -49,7 +49,7 @@ def link_checks(
     solution : GraspSolution
     hand : HandNumbers or None
     surface : Surface or None
-        The body; None where it is not there.
+        The body; None if missing.
     placement : StatedPlacement
         Contacts, and the reader of obstacles.
     """

@@ -38,7 +38,7 @@ def way_checks(
     solution : GraspSolution
     hand : HandNumbers or None
     surface : Surface or None
-        The body; None where it is not there.
+        The body; None if missing.
     placement : StatedPlacement
         Reader of obstacles.
     """
