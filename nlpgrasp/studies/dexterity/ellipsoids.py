@@ -101,7 +101,7 @@ class Transmission:
         return np.asarray(np.linalg.svd(self.scaled)[0].T) if p else np.eye(d)
 
     def velocity_ratio(self, twist: ArrayLike) -> float:
-        """Return the velocity transmission ratio: the largest multiple of a twist for rates of norm 1 (Chiu 1988).
+        """Return the largest multiple of a twist that rates of norm 1 reach; 0 where it is impossible (Chiu 1988).
 
         Parameters
         ----------
@@ -116,12 +116,12 @@ class Transmission:
         return 1.0 / size if reached and size > 0.0 else 0.0
 
     def force_ratio(self, wrench: ArrayLike) -> float:
-        """Return the force transmission ratio: the largest multiple of a wrench for torques of norm 1.
+        """Return the largest multiple of a wrench that torques of norm 1 exert; inf where the structure bears it.
 
         Parameters
         ----------
         wrench : (d,) array
-            Newtons and newton-metres; inf where the structure bears it. Friction and unilateral contact are ignored:
+            Newtons and newton-metres. Friction and unilateral contact are ignored:
             see ``hand_torques``.
         """
         w = self._direction("wrench", wrench)
