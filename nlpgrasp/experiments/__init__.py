@@ -1,4 +1,4 @@
-"""Experiments: one base problem, many variations, over cores or a cluster."""
+"""Experiments: many variations of a base problem, solved on local cores or a cluster."""
 
 from nlpgrasp.experiments.ask.combinations import combinations
 from nlpgrasp.experiments.ask.experiment import Experiment

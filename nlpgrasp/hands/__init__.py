@@ -1,4 +1,4 @@
-"""Hands: by whom the body is held."""
+"""Hands: fingertips, parallel jaws and robot hands from URDF or MJCF files."""
 
 from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.fingertips import Fingertips

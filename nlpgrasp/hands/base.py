@@ -1,4 +1,4 @@
-"""What every hand states about itself."""
+"""Base class of hands: variables, constraints and JSON data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PAGE = ("nlpgrasp.report.hand.page", "write_hand")
 
 @dataclass(frozen=True)
 class HandVariable:
-    """A variable a hand adds to the program.
+    """Variables that a hand adds to the program, with limits.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class HandVariable:
 
 
 class Hand(StatedPart):
-    """A hand: what it can reach, with one fingertip a contact, in the order of the contacts.
+    """Base class of hands: their reach, with fingertip i at contact i.
 
     A hand either follows its contacts (``start``), or has a pose of its own from which a search begins: then it is
     a ``PosedHand``.
@@ -66,7 +66,7 @@ class Hand(StatedPart):
 
     @property
     def follows_contacts(self) -> bool:
-        """Whether the hand's variables follow from where the contacts are."""
+        """Whether the contacts alone determine the hand's variables."""
         return True
 
     @abstractmethod
@@ -79,40 +79,40 @@ class Hand(StatedPart):
 
     @abstractmethod
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
-        """Return the rows the hand adds to the program."""
+        """Return the constraints that the hand adds to the program."""
 
     def symbols(self, bounds: FloatArray) -> dict[str, Expression]:
         """Return a symbol for each of the variables, by name, given the body's bounding box."""
         return {v.name: ca.SX.sym(v.name, len(v.lower)) for v in self.variables(bounds)}
 
     def start(self, tips: FloatArray) -> Values:
-        """Return starting values of the variables, by name, for fingertip centres (k, space), metres."""
+        """Return initial values of the variables, by name, for fingertip centres (k, space), metres."""
         return {}
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
-        """Return spheres that stand for the links, without the fingertips."""
+        """Return collision spheres of the links, without the fingertips."""
         return []
 
     def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
-        """Return the centres of round fingertips, body frame; None for the others and where the contacts decide."""
+        """Return the centres of round fingertips, body frame; None for other tips, and where the contacts decide."""
         return [None] * self.count
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """Names of the joints that move some contact, of a hand that has joints."""
+        """Names of the joints that move some contact; empty for hands without joints."""
         return ()
 
     @property
     def sliding_joints(self) -> dict[str, bool]:
-        """Of the joints that move some contact, which slide."""
+        """Whether each joint that moves some contact slides, by joint name."""
         return dict.fromkeys(self.loaded_joints, False)
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose | None:
-        """Return the palm's pose, where the hand has one."""
+        """Return the palm's pose, or None for a hand without one."""
         return None
 
     def closing(self, positions: Sequence[Expression]) -> Expression | None:
-        """Return the line from one jaw to the other, metres, of a gripper that may be turned about it; else None."""
+        """Return the line between the jaws, metres, of a gripper that may turn about it; else None."""
         return None
 
     def at_contacts(
@@ -122,7 +122,7 @@ class Hand(StatedPart):
         distance: Callable[[FloatArray], FloatArray],
         cones: Sequence[tuple[FloatArray, float]] = (),
     ) -> Json:
-        """Return what the contacts say of the hand, as JSON data of a solution; by default nothing.
+        """Return the hand data that follow from the contacts, as JSON data of a solution; empty by default.
 
         Parameters
         ----------
@@ -139,19 +139,19 @@ class Hand(StatedPart):
         return {}
 
     def describe(self, values: Values) -> Json:
-        """Return values of the variables as the JSON data of a solution."""
+        """Return the JSON data of a solution for values of the variables."""
         return {name: np.asarray(v).tolist() for name, v in values.items()}
 
     @property
     def shown_name(self) -> str:
-        """What this hand is called on its page."""
+        """Name of the hand on its page."""
         return self.kind
 
     def show(self, path: str | Path | None = None) -> Path:
-        """Write a page that shows the hand, open it in a browser where there is one, and return where it is.
+        """Write an HTML page that shows the hand, open it in a browser if there is one, and return its path.
 
-        Links, spheres, fingertips and joints to move, which fingertips can meet, and what the file leaves open. The
-        page opens from disk and needs no network. Without a browser, or a display for it, a sentence says where it is.
+        The page shows links, spheres, fingertips and movable joints, which fingertips can meet, and warnings about the
+        file. It needs no network. Without a browser or a display, a message says where it is.
 
         Parameters
         ----------

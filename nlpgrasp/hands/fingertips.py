@@ -1,4 +1,4 @@
-"""Free fingertips within reach of one palm point."""
+"""Hand of free spherical fingertips within reach of a palm point."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from nlpgrasp.hands.base import Hand, HandVariable
 
 @dataclass(frozen=True)
 class Fingertips(Hand):
-    """A hand of free spherical fingertips, limited by how far apart and how far from a palm they get.
+    """A hand of free spherical fingertips with limits on their mutual distances and their reach from a palm point.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Fingertips(Hand):
         return (self.radius,) * self.count
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
-        """Return the palm point when there is a reach."""
+        """Return the palm point where a reach is stated, else no variables."""
         if self.reach is None:
             return []
         size = float(np.linalg.norm(bounds[1] - bounds[0]))
@@ -71,11 +71,11 @@ class Fingertips(Hand):
         return [HandVariable("palm", bounds[0] - margin, bounds[1] + margin, size / 2.0)]
 
     def start(self, tips: FloatArray) -> dict[str, FloatArray]:
-        """Return the middle of the fingertips (k, space) as palm point, metres, where there is a reach."""
+        """Return the centroid of the fingertips (k, space) as palm point, metres, where a reach is stated."""
         return {} if self.reach is None else {"palm": np.asarray(tips.mean(axis=0))}
 
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
-        """Return reach, spread and no-overlap rows, as squared distances."""
+        """Return constraints on reach, spread and overlap, as squared distances."""
         tips, size2 = placement.tips, placement.size**2
         rows = []
         if self.reach is not None:

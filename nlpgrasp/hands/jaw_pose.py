@@ -1,13 +1,13 @@
-"""Pose of a gripper with two parallel jaws: the free turn about the closing line, chosen by the clearest way in.
+"""Pose of a parallel-jaw gripper: its rotation about the closing line, chosen by clearance along the approach.
 
-The closing direction points from contact 0 to contact 1; the approach, in which the gripper moves to the body, is at
-right angles to it: the clearest such direction within the cones of the problem. The pose is that of the gripper's own
-frame, in which both directions are axes of its model: x and z unless the hand says otherwise.
+The closing direction points from contact 0 to contact 1. The approach, in which the gripper moves to the body, is the
+clearest direction at right angles to it within the cones of the problem. The pose is that of the gripper's own frame,
+in which both directions are axes: x and z unless the hand states others.
 
-The way in is straight: from the grasp back by twice the body's size. What moves on it are both fingers, rectangles as
-thick as stated from the pads outwards, and, where a finger's length is stated, the palm between their ends. They are
-walked along lines two millimetres apart, the faces of the fingers included: what lies between two lines is at most one
-deep. The pads' breadth, the gripper's body and an arm play no part.
+The path is straight: from the grasp back by twice the body's size. Both fingers move along it, rectangles as thick as
+stated from the pads outwards, and, where a finger's length is stated, the palm between their ends. They are sampled
+along lines at most two millimetres apart, the faces of the fingers included, so an obstacle between two lines is at
+most one millimetre deep. The pads' breadth, the gripper's body and an arm are ignored.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from nlpgrasp.errors import InputError
 
 Distance = Callable[[FloatArray], FloatArray]
 Cone = tuple[FloatArray, float]  # a unit direction, and the largest angle to it, radians
-CLOSING_AXIS, APPROACH_AXIS = "x", "z"  # of a gripper that states no others
+CLOSING_AXIS, APPROACH_AXIS = "x", "z"  # defaults, gripper frame
 LETTERS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-DIGITS = 1e-4  # from unit length and a right angle: directions are written with few digits
-TURNS = 36  # directions about the closing line that are looked at
-APART = 2e-3  # metres between two lines, at most
-WAY = 2.0  # of the body's size: how far back the way in is looked at
-NEAR = 0.02  # of the body's size: what is in the way by less than this is not, pads on tilted faces for example
-ALONG = 1e-9  # part of a unit direction across the closing line: a cone about this line has no middle across it
-WALK, FINE = 2.5e-4, 2e-5  # metres of the least step along pads and inside something, and of any other
-STEEP = 0.5  # share of a step by which the distance falls where a line enters something
-NEARLY = 0.1  # of the clearest way's mean distance: the steepest way down is taken where it is clear but for so much
-ROUNDING = 1e-9  # of a number of lines
-SAME = 1e-6  # of the body's size: directions as clear as each other
+DIGITS = 1e-4  # tolerance on unit length and right angles: directions are written with few digits
+TURNS = 36  # approach directions tried about the closing line
+APART = 2e-3  # metres: largest distance between two lines
+WAY = 2.0  # length of the approach path, in body sizes
+NEAR = 0.02  # share of the body's size: tolerated depth, for example of pads on tilted faces
+ALONG = 1e-9  # least part across the closing line of a cone's axis that is tried as an approach
+WALK, FINE = 2.5e-4, 2e-5  # metres: least steps along pads or inside an obstacle, and elsewhere
+STEEP = 0.5  # fall of the distance over a step, as a share of it, where a line enters an obstacle
+NEARLY = 0.1  # share of the largest mean distance that the steepest approach may lack
+ROUNDING = 1e-9  # rounding tolerance of a number of lines
+SAME = 1e-6  # share of the body's size: clearances this close are ties
 
 
 def direction_of(field: str, axis: str | Sequence[float]) -> FloatArray:
-    """Return the unit direction of an axis, (3,), gripper's own frame.
+    """Return an axis as a unit direction (3,) in the gripper's frame.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def direction_of(field: str, axis: str | Sequence[float]) -> FloatArray:
 
 
 def named(direction: FloatArray) -> str | tuple[float, float, float]:
-    """Return the letter of a unit direction along a coordinate axis, with its sign; three numbers of any other."""
+    """Return the signed letter of a unit direction along a coordinate axis; three numbers for any other."""
     for letter, unit in LETTERS.items():
         for sign, mark in ((1.0, ""), (-1.0, "-")):
             if np.array_equal(sign * direction, unit):
@@ -79,7 +79,7 @@ def named(direction: FloatArray) -> str | tuple[float, float, float]:
 
 
 def own_axes(closing: str | Sequence[float], approach: str | Sequence[float]) -> FloatArray:
-    """Return closing direction, the direction across, and approach in the gripper's own frame, columns of a rotation.
+    """Return the rotation whose columns are closing, transverse and approach directions in the gripper's frame.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def own_axes(closing: str | Sequence[float], approach: str | Sequence[float]) ->
 
 @dataclass(frozen=True)
 class Jaws:
-    """Two pads, and the fingers behind them.
+    """Two gripper pads at a pair of contacts, with the fingers behind them.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Jaws:
     thickness : float
         Of a finger in the closing direction, metres.
     cones : tuple of pairs
-        That the approach is to be within.
+        Cones that the approach has to be within.
     closing_axis, approach_axis : str or (3,) sequence of float
         Closing direction and approach in the gripper's own frame.
     """
@@ -131,9 +131,9 @@ class Jaws:
         return np.asarray((self.points[1] - self.points[0]) / self.opening)
 
     def approaches(self) -> FloatArray:
-        """Return unit directions at right angles to the closing line, (m, space), the steepest down first.
+        """Return unit approach directions at right angles to the closing line, (m, space), steepest downwards first.
 
-        Of these the ones in all cones, or the nearest to them: the middle of each cone is looked at too.
+        Only those within all cones are returned, or those nearest to them; each cone's axis is tried too.
         """
         found = self._around()
         if not self.cones:
@@ -157,12 +157,11 @@ class Jaws:
         return np.asarray(np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(line, first)))
 
     def clearest(self, size: float, distance: Distance) -> tuple[FloatArray, float, bool]:
-        """Return the clearest approach, (space,), its depth in anything, metres, and whether it passes through.
+        """Return the clearest approach, (space,), its penetration depth, metres, and if it passes through anything.
 
-        Of the directions that are the least deep in anything, to ``NEAR`` of the body's size, the one whose way is
-        farthest from everything on average, of equals the one that comes down the last axis most steeply; the steepest
-        of all directions where it is clear but for a tenth of that. One that passes through something thin is taken
-        only where all do.
+        Among the directions of least depth, to ``NEAR`` of the body's size, it has the largest mean distance; of equals
+        it is the steepest down the last axis. The steepest of all is taken where it lacks at most a tenth of that mean.
+        Directions that pass through something thin are taken only where all do.
         """
         directions = self.approaches()
         depth, mean, through = self.walk(directions, size, distance)
@@ -178,11 +177,11 @@ class Jaws:
     def walk(
         self, directions: FloatArray, size: float, distance: Distance
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Walk the lines of fingers and palm from the grasp outwards, the way in backwards.
+        """March along the lines of fingers and palm from the grasp outwards, the approach path backwards.
 
-        A step outside is longer than the distance to the nearest thing by ``FINE`` alone, so that nothing thicker is
-        between two points; inside it is as long as it takes to get deeper than the deepest point so far. There, and
-        along pads, no step is shorter than ``WALK``.
+        Outside, a step exceeds the signed distance by ``FINE`` alone, so that nothing thicker is between two points;
+        inside, it is the least that can get deeper than the deepest point so far. There, and along pads, no step is
+        shorter than ``WALK``.
 
         Parameters
         ----------
@@ -191,17 +190,17 @@ class Jaws:
         size : float
             Of the body, metres.
         distance : callable
-            Points (n, space) to distances from everything that is to be kept clear of, (n,), metres.
+            Points (n, space) to signed distances from the body and the surroundings, (n,), metres.
 
         Returns
         -------
         depth : (m,) array
-            Of the deepest point in anything, metres, at least zero.
+            Largest penetration depth, metres, at least zero.
         mean : (m,) array
             Mean distance along the lines, metres.
         through : (m,) bool array
-            Whether a line enters something, however thin that is: there the distance falls to zero steeply. Lines
-            along the pads of thick fingers are left out; they slide along the body.
+            Whether a line enters something, however thin: the distance falls to zero steeply. Lines along the pads of
+            thick fingers are left out, as they slide along the body.
         """
         starts, firsts, on_pads = self._lines()
         count, far = len(starts), self.length + WAY * size
@@ -225,9 +224,9 @@ class Jaws:
         return 0.0 - least, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
 
     def _lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return points (n, space) of lines along the approach, how far back each begins, and which are along pads.
+        """Return points (n, space) of lines along the approach, their initial setback, and which lie along pads.
 
-        Lines of the fingers begin at the pads, those of the palm, between them, a finger's length behind; metres.
+        Finger lines begin at the pads, palm lines between them, a finger's length behind; metres.
         """
         (one, other), closing = self.points, self.closing
         across = _spread(self.thickness)
@@ -255,5 +254,5 @@ class Jaws:
 
 
 def _spread(width: float) -> FloatArray:
-    """Return places evenly across a width, both ends included, at most ``APART`` from each other, metres."""
+    """Return offsets evenly across a width, both ends included, at most ``APART`` from each other, metres."""
     return np.linspace(0.0, width, 1 + int(np.ceil(width / APART - ROUNDING)))

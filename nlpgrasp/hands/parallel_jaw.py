@@ -1,4 +1,4 @@
-"""Two opposed jaws that close along a line."""
+"""Parallel-jaw gripper: two opposed jaws that close along a line."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nlpgrasp.hands.base import Hand, HandVariable
 from nlpgrasp.hands.jaw_pose import APPROACH_AXIS, CLOSING_AXIS, Cone, Distance, Jaws, named, own_axes
 
 MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)
-LARGEST_PART = 2.0  # metres, of a gripper's finger
+LARGEST_PART = 2.0  # metres: largest dimension of a gripper's finger
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,8 @@ class ParallelJaw(Hand):
 
     A solution states the gripper's pose in ``hand``: ``palm_pose`` (of the gripper's own frame: its closing axis from
     contact 0 to contact 1, its approach axis along the approach), ``opening``, and ``approach``: its ``direction``, and
-    the ``depth`` to which this way in leads into something. The contacts leave free how the gripper is turned about the
-    closing line: of 36 directions the clearest of the body, of tables and of obstacles is taken, within the cones of
-    ``Approach`` (docs/hands.md).
+    its penetration ``depth``. The contacts do not determine the rotation about the closing line: of 36 directions the
+    clearest of the body, tables and obstacles is taken, within the cones of ``Approach`` (docs/hands.md).
 
     Parameters
     ----------
@@ -42,11 +41,11 @@ class ParallelJaw(Hand):
     closed : float
         Least distance between them, metres.
     tilt : float
-        Most between a contact's normal and the closing direction, radians: compliant pads give a little.
+        Largest angle between a contact's normal and the closing direction, radians: compliant pads give a little.
     finger_length : float
         From the middle between the pads back to the gripper's frame, metres; 0 puts the frame between the pads.
     finger_thickness : float
-        Of a finger in the closing direction, outwards from its pad, metres; 0 looks at the pads' lines alone.
+        Of a finger in the closing direction, outwards from its pad, metres; 0 checks the pads' lines alone.
     closing_axis : str or (3,) sequence of float
         Direction of the closing line in the gripper's own frame, from the jaw at contact 0 to that at contact 1:
         ``"x"``, ``"y"``, ``"z"``, with a sign such as ``"-x"``, or a unit direction. The Franka hand closes along y.
@@ -85,11 +84,11 @@ class ParallelJaw(Hand):
         return (0.0, 0.0)
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
-        """Return no variables: the jaws are where the contacts are."""
+        """Return no variables: the contacts determine the jaws."""
         return []
 
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
-        """Return the opening, and that each jaw faces along the line between the contacts."""
+        """Return constraints on the opening and on the angle of each normal to the closing line."""
         (p, q), (m, n) = placement.positions, placement.normals
         between = q - p
         squared = ca.sumsqr(between)

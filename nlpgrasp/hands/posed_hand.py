@@ -1,4 +1,4 @@
-"""What a hand with a pose of its own states besides."""
+"""Base class of hands whose pose is a variable."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlpgrasp.hands.base import Hand, Values
 
 
 class PosedHand(Hand):
-    """A hand whose pose, and posture, are variables: a search begins from random ones."""
+    """A hand whose pose and posture are variables with random starting values."""
 
     @property
     def follows_contacts(self) -> bool:
@@ -28,7 +28,7 @@ class PosedHand(Hand):
         ----------
         count : int
         around : (count, space) array
-            Where the middle of the fingertips is to be, metres, body frame.
+            Centroids of the fingertips, metres, body frame.
         rng : numpy.random.Generator
         """
 
@@ -53,11 +53,11 @@ class PosedHand(Hand):
 
     @abstractmethod
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
+        """Return contact Jacobians (k, 6, m): velocities of points (k, 3), metres, per rate of the loaded joints."""
 
     @abstractmethod
     def values_of(self, posture: Json) -> Values:
-        """Return values of the variables in a posture as ``describe`` states it.
+        """Return the variables' values in a posture in the format of ``describe``.
 
         Raises
         ------
@@ -66,6 +66,6 @@ class PosedHand(Hand):
         """
 
     def values_at(self, posture: Json, points: FloatArray) -> Values:
-        """Return the same with the fingertips' own coordinates, where they have some, at contacts (k, 3), metres."""
+        """Return the same with the fingertips' patch coordinates, if any, at contacts (k, 3), metres."""
         del points
         return self.values_of(posture)

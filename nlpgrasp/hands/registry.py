@@ -1,4 +1,4 @@
-"""The kinds of hand that a file may hold."""
+"""Registry of hand types for loading from JSON data."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HANDS: Registry[Hand] = Registry("hand.type")
 
 
 def register(hand: type[Kind]) -> type[Kind]:
-    """Add a kind of hand, of this package or another, to those that files may hold; also as a decorator.
+    """Register a hand type, of this package or another, for loading from files; also as a decorator.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def hand_from_dict(data: Json) -> Hand:
     Raises
     ------
     InputError
-        When the type is unknown, the numbers make no hand, or the data do not say all of it.
+        When the type is unknown, or the data are invalid or incomplete.
     """
     return read(HANDS, "hand", data)
 

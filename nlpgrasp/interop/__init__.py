@@ -1,4 +1,4 @@
-"""Grasps for other tools, and from them."""
+"""Import and export of grasps in the formats of other tools."""
 
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need, ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.interop.contacts_csv import contacts_csv

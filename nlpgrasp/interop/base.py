@@ -1,4 +1,4 @@
-"""What a format of another tool is: how a solution is written in it, how grasps are read from it."""
+"""Base types of import and export formats."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from nlpgrasp.tasks import Task
 
 
 class Need(Enum):
-    """What a solution must have before a format is written."""
+    """Required content of a solution for an export format."""
 
-    NOTHING = "nothing"  # or the format refuses in words of its own
+    NOTHING = "nothing"  # or the format has an error message of its own
     GRASP = "a grasp"
     DRAWING = "a grasp with a drawing"
 
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What may be said beside the solution.
+    """Options of an export beside the solution.
 
     Parameters
     ----------
     hand : Path, optional
-        URDF file of the hand, where the hand's own model belongs into the export.
+        URDF file of the hand, for exports that contain its model.
     scene : HandSceneOptions, optional
         Gains, frictions and the object's mass of a scene with the hand.
     object, gripper : str, optional
-        What the other tool calls the body and the hand's palm: names of frames, or files.
+        Names of the body and the palm in the other tool: frames or files.
     joints : tuple of str
-        The joints that are wanted, in the other tool's order; of parallel jaws those that share the opening.
+        Joints to export, in the other tool's order; for parallel jaws those that share the opening.
     progress : callable, optional
-        Told in words what is about to take long.
+        Called with messages on slow steps.
     """
 
     hand: Path | None = None
@@ -54,24 +54,24 @@ class ExportOptions:
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """A format that a solution can be exported to.
+    """An export format of solutions.
 
     Parameters
     ----------
     name : str
-        As ``nlpgrasp export --to`` takes it.
+        Name for ``nlpgrasp export --to``.
     ending : str
-        Of its files, with the dot.
+        Extension of its files, with the dot.
     content : str
-        What is in them, in a few words: the command's help lists it.
+        Short description for the command's help.
     write : callable
         Returns the file's text or bytes from a solution and ``ExportOptions``.
     needs : Need
-        What the solution must have.
+        Required content of the solution.
     takes_hand : bool
-        Whether it holds a hand's own model: ``ExportOptions.hand`` plays a part.
+        Whether it contains the hand's model and uses ``ExportOptions.hand``.
     takes : tuple of str
-        The other fields of ``ExportOptions`` that play a part.
+        The other fields of ``ExportOptions`` that it uses.
     """
 
     name: str
@@ -101,7 +101,7 @@ class ExportFormat:
         Warns
         -----
         UserWarning
-            Of a link inside something, and of contacts that are off their fingertips' links.
+            On a link inside something, and on contacts that are off their fingertips' links.
         """
         if self.needs is Need.GRASP:
             solution.require_grasp()
@@ -116,14 +116,14 @@ class ExportFormat:
 
 @dataclass(frozen=True)
 class ReadGrasp:
-    """A grasp from a file, and what its quality is measured by.
+    """An imported grasp with its task and force budget.
 
     Parameters
     ----------
     name : str
     grasp : Grasp
     task : Task or None
-        None where nothing says what the grasp is for.
+        None where no task is stated.
     budget : ForceBudget
     """
 
@@ -135,14 +135,14 @@ class ReadGrasp:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What may be said beside the file.
+    """Options of an import beside the file.
 
     Parameters
     ----------
     friction : float, optional
-        Of contacts whose file states none.
+        Friction of contacts without a stated one.
     task : Path, optional
-        A solution file: its task, and the point its moments are about.
+        A solution file that provides task and torque origin.
     problem : callable, optional
         Returns the problem with body, hand and task.
     """
@@ -154,14 +154,14 @@ class ReadOptions:
 
 @dataclass(frozen=True)
 class ReadFormat:
-    """A format that grasps are read from.
+    """An import format of grasps.
 
     Parameters
     ----------
     endings : tuple of str
-        Of its files, in lower case with the dot.
+        Extensions of its files, in lower case with the dot.
     options : tuple of str
-        The fields of ``ReadOptions`` that play a part; the others are refused.
+        The fields of ``ReadOptions`` that it uses; others are refused.
     read : callable
         Yields the grasps of a file.
     """

@@ -1,4 +1,4 @@
-"""Contacts as a table: one row a contact, for spreadsheets and for other tools."""
+"""CSV export of contacts, one row per contact."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ FRICTION, TORSION, MODEL, GRASP = "friction", "torsional_friction", "model", "gr
 def contacts_csv(solution: GraspSolution) -> str:
     """Return the contacts of a solution as CSV text: positions, inward normals, contact models, body frame, SI units.
 
-    Where several grasps were kept, all of them: the column ``grasp`` numbers them, best first, and ``mu`` is the
-    certified lower bound of each. Line, plane, elliptic and bilateral contacts are named in the column ``model``, and
-    refused where a table is read: its columns do not say all of them.
+    Of several kept grasps all are written: the column ``grasp`` numbers them, best first, and ``mu`` is the certified
+    lower bound of each. Line, plane, elliptic and bilateral contacts are named in the column ``model``, and refused on
+    import, as the columns do not describe them completely.
 
     Raises
     ------

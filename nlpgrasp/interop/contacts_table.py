@@ -1,4 +1,4 @@
-"""Grasps made by other tools, from tables of contacts."""
+"""Import of grasps from CSV tables of contacts."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from nlpgrasp.problem.check import warn_of_friction
 from nlpgrasp.solution.solution import GraspSolution
 
 MOST_ROWS = 1000
-UNIT = 1e-2  # how far a normal may be from unit length: other tools write few digits
+UNIT = 1e-2  # tolerance of unit normals: other tools write few digits
 Row = dict[str, str | None]  # the text of each column
 
 
 def read_contacts_csv(path: str | Path, friction: float | None = None, body: Body | None = None) -> Grasp:
-    """Return the grasp of a table of contacts, moments about their mean position.
+    """Return the grasp of a table of contacts, with the mean position as torque origin.
 
     Parameters
     ----------
     path : str or Path
         With a header that names the columns ``p_x, p_y[, p_z], n_x, n_y[, n_z]`` (metres, inward normals), and
         optionally ``friction``, ``torsional_friction`` and ``model`` (``point``, ``friction`` or ``soft``, which the
-        coefficients have to agree with); other columns play no part.
+        coefficients have to agree with); other columns are ignored.
     friction : float, optional
-        Of contacts whose row has none: frictionless when left out, with a warning unless the row's model says so.
+        Friction of contacts whose row has none: frictionless by default, with a warning unless the row's model says so.
     body : Body, optional
-        That the contacts are on: normals that point out of it are refused.
+        Body of the contacts: normals that point out of it are refused.
 
     Raises
     ------
@@ -48,8 +48,8 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
     Warns
     -----
     UserWarning
-        Of contacts that are taken to be frictionless, of friction above 2, and without a body of normals that all
-        point away from the middle of the contacts.
+        On contacts assumed frictionless, on friction above 2, and, without a body, on normals that all point away from
+        the centroid of the contacts.
     """
     grasps = _grasps(path, friction, body)
     if len(grasps) > 1:
@@ -58,7 +58,7 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
 
 
 def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict[str, Grasp]:
-    """Return the grasps of a table by what its column ``grasp`` says; one without that column holds one."""
+    """Return the grasps of a table by the value of its column ``grasp``; a table without it has one."""
     name, rows = str(path), _rows(path)
     space = 3 if "p_z" in rows[0] else 2
     points = np.array([[_number(name, i, row, c) for c in POSITION[:space]] for i, row in enumerate(rows)])
@@ -80,7 +80,7 @@ def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict
 
 
 def _rows(path: str | Path) -> list[Row]:
-    """Return the rows of a table, at least one, that has the columns of contacts."""
+    """Return the nonempty rows of a table with the columns of contacts."""
     name = str(path)
     try:
         reader = csv.DictReader(io.StringIO(Path(path).read_text(encoding="utf-8-sig")))
@@ -147,7 +147,7 @@ def _model(name: str, index: int, row: Row, friction: float | None) -> ContactMo
 
 
 def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasps of a table, about the task of a solution file, and on its body, where one is given."""
+    """Yield the grasps of a table, with task and body of a solution file if given."""
     other = None if options.task is None else GraspSolution.load(options.task)
     grasps = _grasps(path, options.friction, None if other is None else body_of(other))
     for key, grasp in grasps.items():
@@ -156,7 +156,7 @@ def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
 
 
 def _about(task: Path | None, other: GraspSolution | None, name: str, grasp: Grasp) -> ReadGrasp:
-    """Return a grasp with the task of a solution file, if any, about the point that the file's moments are about."""
+    """Return a grasp with task and torque origin of a solution file, if any."""
     if other is None:
         return ReadGrasp(name, grasp, None, force_budget("l2"))
     if other.grasp is None:

@@ -1,4 +1,4 @@
-"""What a table of contacts may leave open or have wrong: friction, and which way normals point."""
+"""Checks of imported contacts: missing friction and outward normals."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from nlpgrasp.grasp.places import all_point_away
 from nlpgrasp.interop.contacts_csv import FRICTION
 from nlpgrasp.solution.solution import GraspSolution
 
-STEP = 1e-3  # of the body's size: how far along a normal it is looked
+STEP = 1e-3  # share of the body's size: probing step along a normal
 
 
 def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:
-    """Warn of rows that say neither friction nor model: they are taken to be frictionless."""
+    """Warn of rows without friction and model, which are assumed frictionless."""
     rows = [str(i + 2) for i, open_ in enumerate(unsaid) if open_]
     if not rows:
         return
@@ -28,7 +28,7 @@ def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:
 
 
 def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
-    """Refuse normals that point out of the body; where it is not known, warn of those that all seem to.
+    """Refuse normals that point out of the body; without a body, warn of those that all seem to.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
 
 
 def body_of(solution: GraspSolution) -> Body | None:
-    """Return the body of a solution, None of one that its file does not hold (a mesh, a function)."""
+    """Return the body of a solution; None if its file does not contain it (a mesh, a function)."""
     try:
         return body_from_dict(solution.body)
     except InputError:

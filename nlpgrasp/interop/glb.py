@@ -1,4 +1,4 @@
-"""A scene of the grasp as binary glTF, for any viewer: body, hand, contacts with friction cones, normals."""
+"""Binary glTF (GLB) export of a grasp: body, hand, contacts with friction cones, normals."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from nlpgrasp.solution.solution import GraspSolution
 
 POINT = "#141414"
 OPAQUE, SEEN_THROUGH = 255, 140
-POINT_RADIUS, ARROW_RADIUS = 0.02, 0.006  # of the body's size
+POINT_RADIUS, ARROW_RADIUS = 0.02, 0.006  # shares of the body's size
 
 
 def glb(solution: GraspSolution) -> bytes:
-    """Return the scene as a GLB file's bytes; metres, body frame, y as it is in the body.
+    """Return the scene as the bytes of a GLB file; metres, body frame, with the body's y axis.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def _coloured(mesh: trimesh.Trimesh, colour: str, alpha: int = OPAQUE) -> trimes
 
 
 def _opening(point: FloatArray, normal: FloatArray, height: float) -> FloatArray:
-    """Return the pose of a cone along z whose apex comes to the contact and whose base is away from the body."""
+    """Return the pose of a cone along z with its apex at the contact and its base away from the body."""
     pose = np.eye(4)
     pose[:3, :3] = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], normal)[:3, :3]
     pose[:3, 3] = point - height * normal

@@ -1,4 +1,4 @@
-"""isaac_grasp files (YAML, format 1.0): the pose of a gripper in the object's frame and its joints."""
+"""Import and export of isaac_grasp files (YAML, format 1.0): gripper pose in the object's frame, and joints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from nlpgrasp.version import __version__
 
 FORMAT, VERSION = "isaac_grasp", 1.0
 LARGEST = 16 * 1024 * 1024
-UNIT = 1e-2  # how far a quaternion may be from unit length
+UNIT = 1e-2  # tolerance of unit quaternions
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class IsaacGrasp:
     joints, open_joints : mapping of str to float
         ``cspace_position`` and ``pregrasp_cspace_position``.
     gripper_frame : str
-        The link whose pose it is; empty where the file does not say.
+        The link of the pose; empty if not stated.
     """
 
     name: str
@@ -54,16 +54,16 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
     """Return solutions as the text of an isaac_grasp file.
 
     ``confidence`` is the certified lower bound over the best upper bound of the file. The frames have both pairs of
-    names that are in use, those of Isaac Sim (``object_frame_link``) and of Isaac ROS (``object_frame``). Two fields
-    are beyond the format: of parallel jaws ``closing_axis`` and ``approach_axis`` in the gripper's own frame, whose
-    pose it is; and ``way_in`` of a grasp whose straight way in is not free, which says why.
+    names in use, those of Isaac Sim (``object_frame_link``) and of Isaac ROS (``object_frame``). Additional fields
+    beyond the format: ``closing_axis`` and ``approach_axis`` of parallel jaws, in the frame of the pose; and
+    ``way_in``, the reason for a straight approach that is not free.
 
     Parameters
     ----------
     solutions : mapping of str to GraspSolution
-        By the names of the grasps; each with a hand that has a pose and joints, or with parallel jaws.
+        Solutions by names of grasps, each with a hand that has a pose and joints, or with parallel jaws.
     options : ExportOptions, optional
-        ``object`` and ``gripper`` are the files of body and gripper; of parallel jaws ``joints`` share the opening.
+        ``object`` and ``gripper`` are the files of body and gripper; for parallel jaws, ``joints`` share the opening.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
     Warns
     -----
     UserWarning
-        Of a gripper, named in the options, that closes along another axis than the pose.
+        On a gripper, named in the options, that closes along another axis than the pose.
     """
     given = options or ExportOptions()
     best = max((s.mu.upper for s in solutions.values() if s.is_certified), default=0.0)
@@ -170,7 +170,7 @@ def _joints(where: str, data: object) -> dict[str, float]:
 
 
 def _all(solution: GraspSolution, options: ExportOptions) -> str:
-    """Return all grasps that were kept; one without a grasp is refused in the words of the format."""
+    """Return all kept grasps; without a grasp, raise the format's error."""
     if solution.grasp is None:
         return isaac_grasp({"grasp_0": solution}, options)
     every = {f"grasp_{i}": solution.with_answer(found) for i, found in enumerate(solution.grasps)}

@@ -1,4 +1,4 @@
-"""Grasps as MuJoCo scenes: fingertips alone, or the hand's own model."""
+"""MuJoCo scene export: free fingertips, or the hand's own model."""
 
 from __future__ import annotations
 

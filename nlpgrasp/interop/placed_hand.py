@@ -1,4 +1,4 @@
-"""The contacts that a hand makes in a posture somebody else chose."""
+"""Contacts of a hand in a given posture."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nlpgrasp.interop.isaac_grasp import IsaacGrasp, read_isaac_grasps
 from nlpgrasp.problem.problem import GraspProblem
 
 SLIDES, SHARE = 60, 0.5
-NEAR = 2e-3  # metres: how far a fingertip may be from the body and still count as touching
+NEAR = 2e-3  # metres: largest distance of a touching fingertip from the body
 
 
 def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = NEAR) -> Grasp:
@@ -32,7 +32,7 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = N
     posture : IsaacGrasp
         A grasp read from an isaac_grasp file.
     near : float
-        Metres: a fingertip farther from the surface, outside or inside, makes no contact.
+        Largest distance of a touching fingertip from the surface, outside or inside, metres.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = N
 def nearest(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the body's nearest points, outward normals there, (m, space) each, and signed distances, (m,).
 
-    Of a mesh exactly; of another body the nearest that is found from where Newton steps reach its faces.
+    The result is exact for a mesh; for other bodies it is the nearest found by Newton steps onto each face.
     """
     if isinstance(body, Mesh):
         found, normals, distances = body.closest(points)
@@ -66,7 +66,7 @@ def nearest(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray, Flo
     found, normals = np.zeros_like(points), np.zeros_like(points)
     for name in body.face_names:
         snapped = body.snap(name, points)
-        for _ in range(SLIDES):  # along the surface towards the point, until it is straight above
+        for _ in range(SLIDES):  # along the surface, until the point is on the normal line
             outward = body.evaluate(name, snapped)[2]
             apart = points - snapped
             sideways = apart - np.sum(apart * outward, axis=1, keepdims=True) * outward
@@ -90,7 +90,7 @@ def _tips(hand: URDFHand, posture: IsaacGrasp) -> FloatArray:
 
 
 def _joints(hand: URDFHand, given: Mapping[str, float], name: str) -> FloatArray:
-    """Return the free joints' positions; those that follow others may be left out."""
+    """Return the free joints' positions; mimic joints may be missing."""
     free = [joint.name for joint in hand.tree.robot.free_joints]
     missing = [joint for joint in free if joint not in given]
     known = hand.tree.joint_positions(np.zeros(len(free)))
@@ -102,7 +102,7 @@ def _joints(hand: URDFHand, given: Mapping[str, float], name: str) -> FloatArray
 
 
 def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
-    """Yield the grasps that a problem's hand makes in the postures of an isaac_grasp file."""
+    """Yield the grasps of a problem's hand in the postures of an isaac_grasp file."""
     if options.problem is None:
         raise InputError("--problem", "nothing", "the script of a problem whose hand the isaac_grasp file is for")
     postures = read_isaac_grasps(path)

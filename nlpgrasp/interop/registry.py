@@ -1,4 +1,4 @@
-"""All formats: one line each. A format from elsewhere joins them by ``register`` or ``register_reader``."""
+"""Registry of import and export formats, extensible by ``register`` and ``register_reader``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _readers: dict[str, ReadFormat] = {}
 
 
 def register(added: ExportFormat) -> None:
-    """Add a format that solutions can be exported to.
+    """Register an export format of solutions.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def register(added: ExportFormat) -> None:
 
 
 def register_reader(added: ReadFormat) -> None:
-    """Add a format that grasps are read from.
+    """Register an import format of grasps.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def register_reader(added: ReadFormat) -> None:
 
 
 def formats() -> tuple[ExportFormat, ...]:
-    """Return all formats that solutions can be exported to, in the order in which they were added."""
+    """Return all export formats, in the order of registration."""
     return tuple(_formats.values())
 
 
@@ -72,7 +72,7 @@ def format_named(name: str) -> ExportFormat:
 
 
 def reader_of(path: str | Path) -> ReadFormat:
-    """Return what reads a file, by its ending: solution files where no other format has it."""
+    """Return the import format of a file, by its extension; that of solution files where no other matches."""
     return _readers.get(Path(path).suffix.lower(), SOLUTION)
 
 

@@ -1,4 +1,4 @@
-"""Grasps of solution files, which state task and force budget themselves."""
+"""Import of grasps from solution files, which state task and force budget."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The way of a hand through the phases of a grasp, as a table and as JSON."""
+"""CSV and JSON export of a hand's trajectory through the phases of a grasp."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reports: solutions as a page, and as pictures; a hand as a page."""
+"""Reports of bodies, hands, problems and solutions: HTML pages and pictures."""
 
 from nlpgrasp.report.hand.page import write_hand
 from nlpgrasp.report.solution.page import write_report

@@ -1,4 +1,4 @@
-"""How close to the best, as a picture: bound and best grasp against time, and where a contact is worth most."""
+"""Picture of a global bound: bound and best quality over time, and marginal bounds over the surface."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ if TYPE_CHECKING:
 
 SIDES, ABOVE = ((25.0, -55.0), (25.0, 125.0)), (90.0, -90.0)  # elevation and azimuth of views, degrees
 BOUND, FINGER, GAP = COLOURS["force"], COLOURS["finger"], COLOURS["gap"]
-ENOUGH = 1500  # triangles, from which on a surface is drawn as it is
-SCALE = "cividis"  # even to colour-blind eyes, and in grey
-WHAT = "a picture"  # that needs matplotlib
+ENOUGH = 1500  # triangles above which a surface is not subdivided
+SCALE = "cividis"  # perceptually uniform, also for colour-blind readers and in grey
+WHAT = "a picture"  # for the message on missing matplotlib
 
-Moment = tuple[float, float, float]  # seconds, the bound, the certified quality of the best grasp met
+Moment = tuple[float, float, float]  # seconds, bound, certified quality of the incumbent
 
 
 def write_bound_picture(
     problem: GraspProblem, found: BestPossible, moments: Sequence[Moment], path: str | Path
 ) -> Path:
-    """Write a picture of a search over all placements: how its gap closed, and where a contact is worth most.
+    """Write a picture of a branch-and-bound search: its gap over time, and marginal bounds over the surface.
 
     Parameters
     ----------
     problem : GraspProblem
-        That was searched.
+        The problem of the search.
     found : BestPossible
     moments : sequence of (seconds, bound, quality)
         In order of time.
@@ -65,7 +65,7 @@ def write_bound_picture(
 
 
 def draw_gap(ax: Axes, moments: Sequence[Moment]) -> None:
-    """Draw the bound from above and the best grasp from below, against time."""
+    """Draw upper bound and incumbent over time."""
     seconds, upper, lower = np.array(moments, dtype=float).T
     ax.fill_between(seconds, lower, upper, step="post", color=GAP, alpha=0.25, linewidth=0.0, label="gap")
     ax.step(seconds, upper, where="post", color=BOUND, label="no placement is better (bound)")
@@ -79,9 +79,9 @@ def draw_gap(ax: Axes, moments: Sequence[Moment]) -> None:
 
 
 def draw_worth(figure: Figure, views: Sequence[Axes3D], problem: GraspProblem, found: BestPossible) -> None:
-    """Colour the body by what a contact adds to mu at most, grey where none may be, seen from two sides or from above.
+    """Colour the body by upper bounds on a contact's contribution to mu, grey where forbidden, in one or two views.
 
-    Dots are the contacts of the best grasp met, rings those behind the body.
+    Dots are the contacts of the incumbent, rings those behind the body.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -91,7 +91,7 @@ def draw_worth(figure: Figure, views: Sequence[Axes3D], problem: GraspProblem, f
     shares = worth / np.nanmax(worth)
     colours = plt.get_cmap(SCALE)(np.nan_to_num(shares))
     colours[np.isnan(shares)] = plt.matplotlib.colors.to_rgba("0.8")
-    width = 0.3 if problem.body.space == 3 else 4.0  # points; from above a planar body's rim is lines
+    width = 0.3 if problem.body.space == 3 else 4.0  # points; a planar body's boundary appears as lines
     for ax, (elevation, azimuth) in zip(views, SIDES if problem.body.space == 3 else (ABOVE,), strict=True):
         ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=colours, linewidths=width))
         if found.grasp is not None:
@@ -111,9 +111,9 @@ def draw_worth(figure: Figure, views: Sequence[Axes3D], problem: GraspProblem, f
 
 
 def _fine(problem: GraspProblem) -> tuple[FloatArray, FloatArray]:
-    """Return triangles of the surface, (m, 3, 3), each cut into four until there are enough, and inward normals.
+    """Return triangles of the surface, (m, 3, 3), subdivided until there are enough, and inward normals.
 
-    Of a planar body's plate these are the triangles around it, with normals in the plane.
+    For a planar body's plate these are the triangles of its boundary, with normals in the plane.
     """
     corners = cut(Triangles(*triangles(problem.body)), ENOUGH)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

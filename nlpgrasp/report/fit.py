@@ -1,4 +1,4 @@
-"""A picture of a fitted task ellipsoid, by matplotlib (extra ``viz``)."""
+"""Plot of a fitted task ellipsoid, by matplotlib (extra ``viz``)."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.learnt.fit import EllipsoidFit
 
-MOST_POINTS = 5000  # drawn of each kind
+MOST_POINTS = 5000  # most points of each kind
 ROUND = np.linspace(0.0, 2.0 * np.pi, 181)
 FORMATS = (".png", ".svg", ".pdf")
 
 
 def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
-    """Draw a fitted ellipsoid over its wrenches: their projections on every two components; return the path.
+    """Draw a fitted ellipsoid over its wrenches, projected on each pair of components; return the path.
 
     Parameters
     ----------
     fit : EllipsoidFit
-        Of ``fit_ellipsoid``.
+        Result of ``fit_ellipsoid``.
     wrenches : (m, d) array
-        Those it was fitted to, newtons and newton-metres.
+        The fitted wrenches, newtons and newton-metres.
     path : str or Path
         Of the picture; its ending says the format (png, svg, pdf).
 

@@ -1,4 +1,4 @@
-"""The frame of a page that opens from disk and needs nothing else."""
+"""Frame of self-contained HTML pages: styles and scripts inlined."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib.resources import files
 
 from nlpgrasp.common.shown.palette import COLOURS, DARK, css_variables
 
-ICON = '<link rel="icon" href="data:,">'  # none: a page from disk asks for no file
+ICON = '<link rel="icon" href="data:,">'  # no icon: a page from disk requests no file
 VIEWER = ("shapes.js", "renderer.js", "view.js", "page.js")
 
 
@@ -22,7 +22,7 @@ def page(title: str, style: str, parts: Sequence[str], head: str = "", scripts: 
     style : str
         CSS.
     parts : sequence of str
-        HTML, one part after another.
+        Parts of the body, HTML.
     head, scripts : str
         HTML at the end of the head, and after the parts.
     """
@@ -38,7 +38,7 @@ def page(title: str, style: str, parts: Sequence[str], head: str = "", scripts: 
 
 
 def style(*sheets: str) -> str:
-    """Return style sheets of this room, after the colours that all pages share, in light and in dark."""
+    """Return style sheets of this package, after the shared colours, light and dark."""
     dark = f"@media (prefers-color-scheme: dark) {{ :root {{ {css_variables(DARK)} }} }}"
     texts = [resource(name) for name in ("frame.css", *sheets)]
     return "\n".join([f":root {{ {css_variables(COLOURS)} }}", dark, *texts])
@@ -50,5 +50,5 @@ def viewer(names: Sequence[str] = VIEWER) -> str:
 
 
 def resource(name: str) -> str:
-    """Return the text of a file of this room: a style sheet or a script."""
+    """Return the text of a style sheet or script of this package."""
     return files("nlpgrasp.report").joinpath(name).read_text(encoding="utf-8")

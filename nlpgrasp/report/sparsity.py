@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def write_sparsity(program: Formulation, path: str | Path) -> Path:
-    """Write a picture of where the Jacobian of a program's constraints is not zero, and return where it is.
+    """Write a picture of the sparsity pattern of a program's constraint Jacobian, and return its path.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def write_sparsity(program: Formulation, path: str | Path) -> Path:
 
 
 def _groups(names: Sequence[str]) -> tuple[list[int], list[str]]:
-    """Return where runs of names of one kind begin, and the kinds."""
+    """Return the starts of runs of names of one kind, and the kinds."""
     kinds = [name.split(",")[0].rstrip(" 0123456789") for name in names]
     starts = [i for i, kind in enumerate(kinds) if i == 0 or kinds[i - 1] != kind]
     return starts, [kinds[i] for i in starts]

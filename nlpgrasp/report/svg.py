@@ -1,4 +1,4 @@
-"""Small line drawings as SVG text: no script, readable by screen readers, sharp at any width."""
+"""Line charts as SVG text, accessible to screen readers, without scripts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 320, 240, 58, 38, 8
 
 @dataclass(frozen=True)
 class Curve:
-    """A line of a chart.
+    """A curve of a chart.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Mark:
 def chart(
     title: str, x_label: str, y_label: str, curves: Sequence[Curve], marks: Sequence[Mark] = (), counted: str = ""
 ) -> str:
-    """Return a chart; ``title`` says in words what is seen, ``counted`` which axes count: "x", "y", "xy" or none."""
+    """Return a chart; ``title`` describes it, ``counted`` names the axes of whole numbers: "x", "y", "xy" or ""."""
     everything = np.concatenate([*(c.points for c in curves), *(np.array([[m.x, m.y]]) for m in marks)])
     low, high = everything.min(axis=0), everything.max(axis=0)
     span = np.where(high - low > 0.0, high - low, np.maximum(np.abs(high), 1e-9))
@@ -87,7 +87,7 @@ def chart(
 
 
 def ticks(low: float, high: float, most: int = 5, whole: bool = False) -> list[float]:
-    """Return round values between two limits, about ``most`` of them; whole numbers on request."""
+    """Return round values between two limits, about ``most`` of them; integers on request."""
     raw = (high - low) / most
     power = 10.0 ** np.floor(np.log10(raw))
     step = float(power * min((m for m in (1.0, 2.0, 5.0, 10.0) if m * power >= raw), default=10.0))
@@ -97,5 +97,5 @@ def ticks(low: float, high: float, most: int = 5, whole: bool = False) -> list[f
 
 
 def _label(value: float) -> str:
-    """Return a tick's value, which is a round number already."""
+    """Return the text of a tick's value, already a round number."""
     return typeset(rounded(value, 8))

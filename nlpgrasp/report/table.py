@@ -1,4 +1,4 @@
-"""Tables as HTML, for pages that open from disk."""
+"""HTML tables for self-contained pages."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from html import escape
 
 
 class Html(str):
-    """A text that is HTML already: a cell that is shown as it stands."""
+    """Text that is already HTML, shown without escaping."""
 
     __slots__ = ()
 
 
 def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], focusable: bool = True) -> str:
-    """Return a table that scrolls sideways where it has to.
+    """Return a table that scrolls sideways if it is too wide.
 
     Parameters
     ----------

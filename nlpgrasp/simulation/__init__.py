@@ -1,4 +1,4 @@
-"""Proof in simulation: a solution's fingertips, or its hand, press in MuJoCo (extra ``sim``)."""
+"""MuJoCo simulation of a grasp, by free fingertips or by the hand itself (extra ``sim``)."""
 
 from nlpgrasp.simulation.hand import HandSimulation, HandTrial, simulate_hand
 from nlpgrasp.simulation.outcome import Simulation, Trial

@@ -1,4 +1,4 @@
-"""The world as it may be, while the hand knows the grasp as solved."""
+"""Perturbed simulation conditions: friction and contacts that the hand does not know."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from nlpgrasp.contacts.product import ranges
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
 
-LESS_FRICTION, OFF = 0.1, 2e-3  # share, and metres
-FARTHEST = 4.0  # times the offset of the file's worst placement that it is continued to
+LESS_FRICTION, OFF = 0.1, 2e-3  # loss of friction as a share, displacement in metres
+FARTHEST = 4.0  # largest extrapolation of the file's worst displacement, in its offsets
 
 
 def slippery(grasp: Grasp, share: float) -> Grasp:
-    """Return the grasp with this share less friction."""
+    """Return the grasp with friction reduced by a share."""
     models = [model.with_friction(1.0 - share) for model in grasp.contacts]
     return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
 
 
 def displaced(solution: GraspSolution, offset: float) -> Grasp | None:
-    """Return the contacts off by this much (metres), towards the worst placement that the file knows of.
+    """Return the contacts displaced by an offset, metres, towards the file's worst displacement.
 
-    The file has the worst placement found at another offset; positions and normals are continued in proportion.
-    None where the file has none, or one so near that it says nothing of places farther off.
+    The file states the worst displacement found at another offset; positions and normals are extrapolated linearly.
+    None where the file has none, or one too small to extrapolate.
     """
     grasp, robust = solution.grasp, solution.robust
     if grasp is None or robust is None or robust.offset < offset / FARTHEST:
@@ -39,7 +39,7 @@ def displaced(solution: GraspSolution, offset: float) -> Grasp | None:
 
 
 def as_felt(known: Grasp, there: Grasp, forces: FloatArray) -> FloatArray:
-    """Return finger forces (m, n) in the frames of the contacts as they are: the hand turns none of them."""
+    """Return finger forces (m, n) in the frames of the actual contacts: the hand exerts the same spatial forces."""
     result = forces.copy()
     for i, (model, part) in enumerate(zip(known.contacts, ranges(known.contacts, known.space), strict=True)):
         axes = np.array(model.axes(known.space))

@@ -1,4 +1,4 @@
-"""Moments that contacts transmit about their points: torsion of soft fingers, tilting of pads."""
+"""Moments that contacts transmit about their points: torsion of soft fingers, tilting moments of pads."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from nlpgrasp.mjcf.parts import force_indices
 
 @dataclass(frozen=True)
 class ContactMoment:
-    """Snapshot components of a contact that one limit bounds together.
+    """Moment components of a contact with one common limit.
 
     Parameters
     ----------
     contact : int
     model : ContactModel
     share : float
-        Their largest size over the normal force, metres.
+        Largest magnitude over the normal force, metres.
     indices : tuple of b int
-        Which of all components they are.
+        Indices among all components.
     directions : (b, 3) array
-        What they turn about, body frame.
+        Axes of the moments, body frame.
     """
 
     contact: int
@@ -40,13 +40,13 @@ class ContactMoment:
         return self.share * self.model.left_for_moments(normal, rubbing)
 
     def cut(self, moment: FloatArray, normal: float, rubbing: float) -> FloatArray:
-        """Return a moment (b,) cut to what is transmitted."""
+        """Return a moment (b,) limited to what is transmitted."""
         size, most = float(np.linalg.norm(moment)), self.most(normal, rubbing)
         return moment if size <= most else moment * (most / size)
 
 
 def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
-    """Return which of all components are forces, and the moments."""
+    """Return the indices of the force components, and the moments."""
     forces = force_indices(grasp)
     moments: list[ContactMoment] = []
     for i, (model, part) in enumerate(zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True)):
@@ -60,5 +60,5 @@ def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
 
 
 def _direction(grasp: Grasp, i: int, axis: int) -> FloatArray:
-    """Return what a moment component turns about, body frame."""
+    """Return the axis of a moment component, body frame."""
     return np.eye(3)[2] if grasp.space == 2 else np.asarray(grasp.frames[i][:, axis - 3])

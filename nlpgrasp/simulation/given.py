@@ -1,4 +1,4 @@
-"""What a simulation starts from: the grasp, the hand's effort, the object's mass, the wrenches to try."""
+"""Initial data of a simulation: grasp, effort of the hand, mass of the object, and wrenches."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks.mass import Mass, mass_of
 
 EARTH = 9.81
-LIGHTEST = 1e-6  # kilograms
-RTOL = 0.05  # of the certificate that finds the hardest wrench, where the file does not say it
-WIDEST = 1.5  # upper over lower bound that a simulation can tell anything about
-WEIGHT = 0.25  # of the effort that the wrenches leave: an object whose mass is not given weighs no more
+LIGHTEST = 1e-6  # kilograms: least mass
+RTOL = 0.05  # relative gap of the certificate that finds the hardest wrench, if the file lacks it
+WIDEST = 1.5  # largest ratio of upper to lower bound for a conclusive simulation
+WEIGHT = 0.25  # share of the remaining effort that the default weight takes at most
 
 
 @dataclass(frozen=True)
 class Given:
-    """What a simulation starts from.
+    """Initial data of a simulation.
 
     Parameters
     ----------
@@ -37,13 +37,13 @@ class Given:
     grasp : Grasp
     budget : ForceBudget
     effort : float
-        Units of the budget that the hand has: what certified mu says the task as given takes.
+        Units of the budget available to the hand: those of the task at full size by certified mu.
     mass : Mass
-        Of the object.
+        Mass of the object.
     wrenches : (m, d) array
-        Of the task, at certified mu of the effort; the hardest first.
+        Wrenches of the task, at certified mu times the effort; the hardest first.
     labels : tuple of m str
-        The wrenches in words, at the share that is tried.
+        The wrenches as text, at the simulated share.
     weight : (d,) array
         The wrench that carries the object.
     """
@@ -63,7 +63,7 @@ class Given:
         return finger_forces(self.grasp, self.wrenches[:1], force_budget=self.budget)
 
     def press(self, there: Grasp, gravity: float) -> Press:
-        """Return the grasp in MuJoCo, with the contacts as they really are."""
+        """Return the MuJoCo model of the grasp, with the actual contacts."""
         unit = scales(self.grasp, float(np.linalg.norm(self.least.forces)), self.mass.mass)
         scene = mjcf(self.solution, SceneOptions(there, self.mass, unit=unit, stiffness=False))
         allowed = self.budget.at(there.frames, there.contacts)
@@ -71,7 +71,7 @@ class Given:
 
 
 def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> Given:
-    """Return what a simulation of a solution starts from; arguments as those of ``simulate``."""
+    """Return the initial data of a simulation; arguments as in ``simulate``."""
     drawing, grasp = solution.require_drawing(), solution.require_grasp()
     if not solution.is_certified or solution.mu.upper > WIDEST * solution.mu.lower:
         raise InputError("quality.mu", str(solution.mu), f"bounds within a factor of {WIDEST:g}: solve it again")

@@ -1,4 +1,4 @@
-"""The hardest wrench, growing until the grasp is lost."""
+"""Simulation of the hardest wrench, growing until the grasp is lost."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from nlpgrasp.simulation.given import Given
 from nlpgrasp.simulation.loads import answered
 from nlpgrasp.simulation.outcome import Trial
 
-FURTHEST = 1.5  # times the certified upper bound: how far the wrench grows
-RISE, SOON = 8.0, 20.0  # units of time in which the fingers grip, and in which the wrench grows to QUICK
-QUICK = 0.9  # of what the effort is enough for
-SLOWLY = 0.002  # how much it grows after that, a unit of time: what is too much has to show against the damping
+FURTHEST = 1.5  # largest wrench, in certified upper bounds
+RISE, SOON = 8.0, 20.0  # units of time of gripping, and of the wrench's growth to QUICK
+QUICK = 0.9  # share of the wrench that the effort can produce
+SLOWLY = 0.002  # growth per unit of time after that, slow enough for failure to show despite damping
 LOOKS = 2000
-STEPS = 40  # shares for which forces are computed; between them they are interpolated: cones are convex
-BEGUN = 0.1  # of what counts as lost: the body gives way
-FAR = 5.0  # times what counts as lost: how far the pictures go
+STEPS = 40  # shares with computed forces, between which forces are interpolated
+BEGUN = 0.1  # share of the motion that counts as lost, at which failure begins
+FAR = 5.0  # largest motion in pictures, in motions that count as lost
 
 
 def grow(given: Given) -> tuple[float | None, Trial]:
-    """Return at which share of the certified lower bound the hardest wrench was lost, without gravity, and the run.
+    """Return the share of the certified lower bound at which the hardest wrench was lost, without gravity, and the run.
 
-    The hand answers with all of its effort; what is more than that can produce, it leaves. The share is that at which
-    the body began to give way, a tenth of what counts as lost: from there it takes the rest while the wrench grows on.
-    None where it was held to the end.
+    The hand uses up to its full effort; any excess of the wrench is not balanced. The share is that at which the body
+    began to move, by a tenth of what counts as lost, as the wrench grows on during the rest. None where it was held to
+    the end.
     """
     press = given.press(given.grasp, 0.0)
     unit, end = press.unit.time, FURTHEST * given.solution.mu.upper / given.solution.mu.lower

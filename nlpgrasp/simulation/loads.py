@@ -1,4 +1,4 @@
-"""The wrenches that a simulated grasp has to hold, and the finger forces that a hand would answer them with."""
+"""Task wrenches of a simulation, and the finger forces with which a hand answers them."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import finger_forces
 from nlpgrasp.simulation.conditions import slippery
 
-MARGINS = np.arange(0.0, 0.41, 0.05)  # shares of friction that forces are chosen to do without
-FOR_FRICTION, FOR_GRIP = 0.90, 0.95  # of the effort: the rest is for holding the fingertips in place
+MARGINS = np.arange(0.0, 0.41, 0.05)  # candidate friction margins, as shares
+FOR_FRICTION, FOR_GRIP = 0.90, 0.95  # usable shares of the effort; the rest holds the fingertips in place
 
 
 @dataclass(frozen=True)
 class Loads:
-    """Wrenches, and the finger forces that answer them.
+    """Wrenches with the finger forces that answer them.
 
     Parameters
     ----------
     labels : tuple of m str
     wrenches : (m, d) array
-        What the fingers have to produce.
+        Wrenches to produce.
     forces : (m, n) array
         Contact by contact, as in G: they produce the wrenches.
     margins : (m,) array
-        Share of friction they do without; -1 where a wrench takes more than the effort.
+        Unused share of friction; -1 where a wrench needs more than the effort.
     """
 
     labels: tuple[str, ...]
@@ -38,10 +38,10 @@ class Loads:
 
 
 def answered(grasp: Grasp, labels: tuple[str, ...], wrenches: FloatArray, budget: ForceBudget, effort: float) -> Loads:
-    """Return the wrenches with forces that hold them safely within an effort.
+    """Return the wrenches with forces of a friction margin within an effort.
 
-    The least forces lie on the friction cones' edges, where any disturbance makes fingers slip. A hand has effort to
-    spare for all but the hardest wrenches, and spends it on forces that need less friction, and on gripping.
+    The least forces lie on the boundary of the friction cones, where any disturbance makes fingers slip. For all but
+    the hardest wrenches the hand has spare effort, and uses it for forces that need less friction, and for gripping.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def answered(grasp: Grasp, labels: tuple[str, ...], wrenches: FloatArray, budget
 
 
 def gripping(grasp: Grasp, budget: ForceBudget) -> FloatArray:
-    """Return finger forces (n,) that press and produce no wrench: of opposite wrenches' forces the sum."""
+    """Return internal finger forces (n,) that press: the sum of the forces for opposite wrenches."""
     d, space = grasp.dimension, grasp.space
     ends = np.diag([1.0] * space + [grasp.mean_arm] * (d - space))
     found = finger_forces(grasp, np.concatenate([ends, -ends]), force_budget=budget)
@@ -76,7 +76,7 @@ def gripping(grasp: Grasp, budget: ForceBudget) -> FloatArray:
 
 
 def _most_grip(grasp: Grasp, x: FloatArray, grip: FloatArray, budget: ForceBudget, most: float) -> float:
-    """Return the most of a grip that forces can be given within an effort, by bisection."""
+    """Return the largest factor of internal forces that fits within an effort, by bisection."""
     allowed = budget.at(grasp.frames, grasp.contacts)
     size = float(allowed.used(grip[None])[0])
     low, high = 0.0, most / size if size > 0.0 else 0.0

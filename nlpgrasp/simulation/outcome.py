@@ -1,4 +1,4 @@
-"""What a simulation found."""
+"""Outcome of a simulation with free fingertips."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 
 from nlpgrasp.simulation.snapshot import MOST_SLIP, MOST_TURN, Snapshot
 
-EARLY = 0.08  # of the lower bound: simulated friction creeps where it is at its limit
-LATE = 0.05  # of the upper bound: the body has to be seen moving
+EARLY = 0.08  # tolerance below the lower bound: simulated friction creeps at its limit
+LATE = 0.05  # tolerance above the upper bound: motion takes time to show
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One task wrench under one condition.
+    """Simulation of one task wrench under one condition.
 
     Parameters
     ----------
     condition : str
     label : str
-        The wrench, in words.
+        The wrench, as text.
     snapshots : tuple of Snapshot
-        The run.
+        States of the run.
     """
 
     condition: str
@@ -32,32 +32,32 @@ class Trial:
 
     @property
     def slip(self) -> float:
-        """Largest way of a point of contact from its fingertip, metres."""
+        """Largest distance of a contact point from its fingertip, metres."""
         return max(s.slip for s in self.snapshots)
 
     @property
     def turn(self) -> float:
-        """How far the body turned, radians."""
+        """Rotation of the body, radians."""
         return max(s.turn for s in self.snapshots)
 
     @property
     def held(self) -> bool:
-        """Whether slip and turn stayed small."""
+        """Whether slip and turn stayed within the limits."""
         return not any(s.lost for s in self.snapshots)
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """A solution in MuJoCo.
+    """Result of simulating a solution in MuJoCo.
 
     Parameters
     ----------
     name : str
         The solution's.
     share : float
-        Of certified mu, that the task wrenches were scaled by.
+        Scale of the task wrenches, as a share of certified mu.
     effort : float
-        Of the hand: units of the force budget.
+        Effort of the hand, units of the force budget.
     mass : float
         Kilograms.
     trials : tuple of Trial
@@ -65,13 +65,13 @@ class Simulation:
     gap : float
         The certified upper bound over the lower one.
     lost_at : float or None
-        Of the certified lower bound, the share of the hardest wrench at which the grasp was lost as it grew.
+        Share of the certified lower bound at which the growing hardest wrench was lost.
     growing : Trial
-        The run in which it grew.
+        The run with the growing wrench.
     notes : tuple of str
-        What could not be tried, and why.
+        Conditions that could not be simulated, with reasons.
     touching : str
-        Links that are inside something and contacts off their links, in words; empty where there are none.
+        Links that penetrate something and contacts off their links, as text; empty without any.
     """
 
     name: str
@@ -87,7 +87,7 @@ class Simulation:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Conditions that were tried, in order."""
+        """The simulated conditions, in order."""
         return tuple(dict.fromkeys(t.condition for t in self.trials))
 
     def of(self, condition: str) -> tuple[Trial, ...]:
@@ -101,15 +101,15 @@ class Simulation:
 
     @property
     def confirmed(self) -> bool:
-        """Whether both ends were seen: held at the share, and lost within or just beside the certified bounds.
+        """Whether wrenches at the share were held, and the growing one lost within or near the certified bounds.
 
-        Just beside: at no less than 0.92 of the lower one and no more than 1.05 of the upper; ``verdict`` says where.
+        Near means between 0.92 of the lower bound and 1.05 of the upper one; ``verdict`` says where.
         """
         return self.held and self.lost_at is not None and 1.0 - EARLY <= self.lost_at <= self.gap * (1.0 + LATE)
 
     @property
     def verdict(self) -> str:
-        """The verdict in a sentence: up to which share of the certified bound the hardest wrench was held."""
+        """The verdict in a sentence: the share of the certified bound up to which the hardest wrench was held."""
         if not self.held:
             return "NOT confirmed: lost a wrench that the certificate says can be held"
         if self.lost_at is None or self.lost_at > self.gap * (1.0 + LATE):
@@ -133,7 +133,7 @@ class Simulation:
 
 
 def in_words(condition: str, trials: Sequence[Trial]) -> str:
-    """Return in a line what became of a condition's trials."""
+    """Return the outcome of a condition's trials in a line."""
     count = sum(t.held for t in trials)
     worst = max(trials, key=lambda t: max(t.slip / MOST_SLIP, t.turn / MOST_TURN))
     verdict = "held" if count == len(trials) else "LOST" if not count else "PARTLY LOST"

@@ -1,4 +1,4 @@
-"""Fingertips that press on a free object in MuJoCo, while a wrench pulls at it."""
+"""MuJoCo model of fingertips that press on a free object under an external wrench."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from nlpgrasp.mjcf.scales import DAMPING, Scales
 from nlpgrasp.simulation.contact_moments import components
 from nlpgrasp.simulation.snapshot import Snapshot
 
-GIVE = 0.02  # radians of turn that a contact's moment answers with all its friction
+GIVE = 0.02  # radians of rotation at which a contact's moment reaches its friction limit
 Course = Callable[[float], tuple[FloatArray, FloatArray]]  # time to wrench (d,) and finger forces (n,)
 
 
 class Press:
-    """A grasp in MuJoCo.
+    """MuJoCo model of a grasp.
 
     Each fingertip is a ball driven by a motor along each direction its contact can push in, and held in place by a
     spring; motors and springs together never exceed the hand's effort. MuJoCo's contacts transmit the forces, with
     its elliptic (exact) friction cones. Moments about the contact points are applied as torques, cut to what the
-    contact model allows at the normal force that MuJoCo reports: its own torsional friction is another model than the
-    box (2.4-1).
+    contact model allows at the normal force that MuJoCo reports: MuJoCo's torsional friction differs from the box
+    model (2.4-1).
 
     Parameters
     ----------
     scene : str
         MJCF text of ``mjcf``, without stiffness.
     grasp : Grasp
-        The scene's.
+        Of the scene.
     allowed : ForceSet
-        What one unit of the force budget allows the scene's contacts.
+        Forces of the scene's contacts within one unit of the force budget.
     effort : float
-        How many units of the budget the hand has.
+        Units of the budget available to the hand.
     unit : Scales
-        The scene's.
+        Of the scene.
     gravity : float
         Acceleration along -z (-y in the plane), m / s^2.
     """
@@ -67,14 +67,14 @@ class Press:
         self.moment_indices = [index for m in self.moments for index in m.indices]
         self.turning = np.concatenate([m.directions for m in self.moments] or [np.zeros((0, 3))])
         self.stiffness, self.damping = self._against_turning()
-        self.pull = slice(0, grasp.space)  # of a wrench in space: the force
+        self.pull = slice(0, grasp.space)  # force part of a wrench
         self.turn = slice(3, 6) if grasp.space == 3 else slice(5, 6)
         self.normal, self.rubbing = np.zeros(len(grasp)), np.zeros(len(grasp))  # contact forces of the last step
 
     def run(
         self, course: Course, seconds: float, rise: float, looks: int, lost: Callable[[Snapshot], bool]
     ) -> list[Snapshot]:
-        """Return ``looks`` snapshots of a run from rest, evenly in time; it ends where the grasp is lost.
+        """Return ``looks`` evenly spaced snapshots of a run from rest, which ends when the grasp is lost.
 
         Gravity rises from zero over the first ``rise`` seconds, as the course's forces should.
         """
@@ -97,7 +97,7 @@ class Press:
         return snapshots
 
     def _step(self, wrench: FloatArray, forces: FloatArray) -> float:
-        """Take one step with the fingers pressing while the opposite of ``wrench`` pulls; return the effort used."""
+        """Step once with finger forces against the negative of ``wrench``; return the used effort."""
         data = self.data
         command = forces.copy()
         command[self.forces] -= self.unit.stiffness * data.qpos[-len(self.forces) :]
@@ -122,7 +122,7 @@ class Press:
         return min(used, 1.0)
 
     def _contact_forces(self) -> None:
-        """Note how hard each fingertip presses and rubs."""
+        """Store the normal and tangential force of each fingertip."""
         self.normal[:], self.rubbing[:] = 0.0, 0.0
         force = np.zeros(6)
         for c, geoms in enumerate(self.data.contact.geom.tolist()):
@@ -153,7 +153,7 @@ class Press:
         return np.array([0.0, 0.0, self.data.qvel[2]]) if self.grasp.space == 2 else self.data.qvel[3:6]
 
     def _against_turning(self) -> tuple[FloatArray, FloatArray]:
-        """Return stiffness and damping of the moments: all of the friction for ``GIVE``, near critical."""
+        """Return stiffness and near-critical damping of the moments: the friction limit at ``GIVE``."""
         turned = np.zeros(9)
         self.mujoco.mju_quat2Mat(turned, self.model.body_iquat[self.body])
         axes = turned.reshape(3, 3)
@@ -165,5 +165,5 @@ class Press:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross product of two vectors; numpy's is for many."""
+    """Return the cross product of two vectors, faster than numpy's general one."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

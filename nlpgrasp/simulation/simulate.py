@@ -1,4 +1,4 @@
-"""A solved grasp in MuJoCo: whether it holds the task's wrenches, and loses them where the certificate says."""
+"""Simulation of a solution in MuJoCo: task wrenches to hold, and the hardest one up to the certified limit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution
 
-RISE, PAUSE, GROW, HOLD = 4.0, 4.0, 12.0, 10.0  # of a run, units of time
+RISE, PAUSE, GROW, HOLD = 4.0, 4.0, 12.0, 10.0  # parts of a run, units of time
 LOOKS = 30
 AS_SOLVED, WEIGHTLESS, SLIPPERY = "as solved", "without gravity", f"friction {LESS_FRICTION:.0%} lower"
 DISPLACED = f"contacts {1e3 * OFF:g} mm off"
@@ -35,23 +35,23 @@ def simulate(
 ) -> Simulation:
     """Simulate a solution: task wrenches one after another, then the hardest one until it is lost.
 
-    The hand's effort is what the task as given takes, ``1 / mu`` units of the force budget (one, where the budget is in
-    torques). Its fingertips press with forces that produce each wrench within that effort; springs hold them in place,
-    and motors and springs together never exceed it. Under every condition the hand knows the grasp as solved only.
+    The hand's effort is that of the task at full size, ``1 / mu`` units of the force budget (one for torque budgets).
+    Its fingertips press with forces that produce each wrench within that effort; springs hold them in place, and motors
+    and springs together never exceed it. Under every condition the hand only knows the grasp as solved.
 
     Parameters
     ----------
     solution : GraspSolution
         One with a grasp.
     share : float
-        Of certified mu, above 0 and below 1.
+        Scale of the task wrenches, as a share of certified mu, above 0 and below 1.
     mass : float, optional
-        Of the object, kilograms. When left out that of water, or what takes a quarter of the effort that the
-        wrenches leave, whichever is less. Gravity pulls along -z of the body (-y in the plane).
+        Of the object, kilograms. By default that of water, or that which takes a quarter of the effort left by the
+        wrenches, whichever is less. Gravity acts along -z of the body (-y in the plane).
     wrenches : int
-        How many ends of the task's semi-axes are tried beside the hardest wrench.
+        Number of ends of the task's semi-axes to simulate beside the hardest wrench.
     progress : callable, optional
-        Told in words what begins, and how each condition ended.
+        Called with messages on the beginning and end of each condition.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def simulate(
     Warns
     -----
     UserWarning
-        Of a link inside something, and of contacts that are off their fingertips' links.
+        On a link inside something, and on contacts that are off their fingertips' links.
     """
     solution = given_solution(solution)
     import_mujoco("a simulation")
@@ -103,12 +103,12 @@ def simulate(
 
 
 def _trials(start: Given, condition: str, there: Grasp, loads: Loads, gravity: float) -> list[Trial]:
-    """Return the trials of all wrenches with the contacts as they really are."""
+    """Return the trials of all wrenches with the actual contacts."""
     press = start.press(there, gravity)
     unit, weight = press.unit.time, start.weight if gravity else 0.0 * start.weight
     forces = as_felt(start.grasp, there, loads.forces)
-    pulls = loads.wrenches - weight  # the weight pulls by itself
-    rest_pull, rest_forces = pulls.mean(axis=0), forces.mean(axis=0)  # held as well: cones are convex
+    pulls = loads.wrenches - weight  # gravity applies the weight
+    rest_pull, rest_forces = pulls.mean(axis=0), forces.mean(axis=0)  # also feasible: cones are convex
     trials = []
     for label, pull, x in zip(loads.labels, pulls, forces, strict=True):
 

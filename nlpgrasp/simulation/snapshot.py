@@ -1,4 +1,4 @@
-"""One time of a run, and what counts as lost."""
+"""State of a simulation at one time, and the limits beyond which a grasp is lost."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 
-MOST_SLIP, MOST_TURN = 2e-3, float(np.radians(3.0))  # metres and radians: more is lost
+MOST_SLIP, MOST_TURN = 2e-3, float(np.radians(3.0))  # metres and radians: limits beyond which a grasp is lost
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """One time of a run.
+    """State of a simulation at one time.
 
     Parameters
     ----------
     time : float
         Seconds.
     slip : float
-        Largest way that a point of contact on the body has gone from its fingertip, metres.
+        Largest distance of a contact point on the body from its fingertip, metres.
     turn : float
-        How far the body has turned, radians.
+        Rotation of the body, radians.
     used : float
-        Share of the hand's effort.
+        Used share of the hand's effort.
     rotation, position : (3, 3) and (3,) array
         The body's pose.
     tips : (k, 3) array
-        How far each fingertip has moved.
+        Displacement of each fingertip.
     """
 
     time: float
@@ -41,9 +41,9 @@ class Snapshot:
 
     @property
     def lost(self) -> bool:
-        """Whether the body has slipped or turned too far."""
+        """Whether the body's slip or rotation exceeds its limit."""
         return self.beyond(1.0)
 
     def beyond(self, share: float) -> bool:
-        """Whether slip or turn has reached this share of what counts as lost."""
+        """Return whether slip or turn has reached a share of its limit."""
         return self.slip >= share * MOST_SLIP or self.turn >= share * MOST_TURN

@@ -1,4 +1,4 @@
-"""A strip of pictures of a simulation: the grasp held, and the grasp lost."""
+"""Picture strip of a simulation: the grasp held, and the grasp lost."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from nlpgrasp.solution.solution import GraspSolution
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-FRAMES = 4  # of each run
-MAGNIFIED = 0.2  # of the body's size: the slip at the end is shown at least this large
+FRAMES = 4  # pictures of each run
+MAGNIFIED = 0.2  # share of the body's size: least drawn slip at the end
 
 
 def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Path) -> Path:
     """Write a row of pictures of the hardest wrench held, and one of it growing until the grasp is lost.
 
-    Displacements are magnified alike in both rows, the factor is stated.
+    Displacements are magnified by the same stated factor in both rows.
 
     Raises
     ------

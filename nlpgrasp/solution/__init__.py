@@ -1,4 +1,4 @@
-"""What was found: plain, frozen data, and its file."""
+"""Grasp solutions: frozen data with evidence, and their JSON files."""
 
 from nlpgrasp.solution.findings import Conflict, Robustness, WhyNot
 from nlpgrasp.solution.many.found import FoundGrasp

@@ -1,4 +1,4 @@
-"""What a solution is the answer to: parts of the problem, made again from its JSON data."""
+"""Problem data of a solution: task, budget, body and hand restored from JSON."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from nlpgrasp.tasks.ranges import component_ranges
 
 
 class Asked:
-    """The parts of a problem that is kept as JSON data in ``problem``."""
+    """Base class with the problem's parts, restored from the JSON data in ``problem``."""
 
     problem: Json
 
     @cached_property
     def task(self) -> Task:
-        """Task that was asked for, about the grasp's torque origin."""
+        """Task of the problem, about the grasp's torque origin."""
         return task_from_dict(self.problem["task"])
 
     def task_line(self) -> str:
-        """Return in words what the fingers are to exert: the range of each component of the task's wrenches."""
+        """Return the ranges of the components of the task's wrenches, as text."""
         return f"the task: exert {range_words(*component_ranges(self.task))}"
 
     @cached_property
     def budget(self) -> ForceBudget:
-        """Meaning of one unit of finger force; of a hand's torques, in the posture found."""
+        """Force budget: the meaning of one unit of finger force; for joint torques, in the solution's posture."""
         return budget_from_dict(self.problem["force_budget"])
 
     @property
@@ -41,24 +41,24 @@ class Asked:
 
     @property
     def max_force(self) -> float | None:
-        """Limit of each finger's force that was stated, newtons; None without one."""
+        """Stated limit of each finger's force, newtons; None without one."""
         return self.problem.get("max_force")
 
     @property
     def fingers(self) -> tuple[str, ...]:
-        """The link of each contact's fingertip, of a hand with links; none of other hands."""
+        """The link of each contact's fingertip; empty for hands without links."""
         hand = self.problem.get("hand")
         tips = hand.get("fingertips", ()) if isinstance(hand, Mapping) else ()
         return tuple(str(tip["link"]) for tip in tips) if isinstance(tips, list) else ()
 
     @property
     def palm(self) -> str:
-        """The link at the root of the hand that was asked for; ``"palm"`` where it is not stated."""
+        """The root link of the hand; ``"palm"`` where it is not stated."""
         hand = self.problem.get("hand")
         return str(hand.get("palm", "palm")) if isinstance(hand, Mapping) else "palm"
 
     def check_against(self, grasp: Grasp | None, name: str) -> None:
-        """Refuse a task or a force budget that is not one, or does not fit the grasp.
+        """Refuse an invalid task or force budget, or one that does not fit the grasp.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Triangles of a body and of a hand in its posture, so that a file can be shown without them."""
+"""Triangle meshes of body and hand stored in a solution file for display."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from nlpgrasp.common.shown.drawing import Drawing, Triangles
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, Values
 
-BODY, LINK = 2000, 320  # triangles, at most
+BODY, LINK = 2000, 320  # largest numbers of triangles
 
 
 def drawing_of(body: Body, hand: Hand | None, values: Values) -> Drawing:
-    """Return the body's surface and the links' collision shapes in the hand's posture."""
+    """Return the body's surface and the links' collision shapes in the hand's posture, as triangles."""
     links = _links(hand, values) if isinstance(hand, URDFHand) else ()
     return Drawing(Triangles(*triangles(body, BODY)), links)
 

@@ -1,4 +1,4 @@
-"""Solution files: written atomically, read without executing anything, every way to be wrong named."""
+"""Solution file input and output: atomic writing, validated reading."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DEEPEST = 50
 
 
 def write(data: SolutionData, path: str | Path) -> Path:
-    """Write a solution's data to ``path``: either the whole file is there afterwards or the old one is.
+    """Write a solution's data to ``path`` atomically: a failure leaves the old file.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def write(data: SolutionData, path: str | Path) -> Path:
 
 
 def text_of(data: SolutionData) -> str:
-    """Return a solution's data as JSON text: indented for reading, but for grasps kept and drawing, each in a line."""
+    """Return a solution's data as indented JSON text, with each kept grasp and the drawing on one line."""
     rest = json.dumps({k: v for k, v in data.items() if k not in ("grasps", "drawing")}, indent=1, allow_nan=False)
     grasps = ",\n  ".join(map(_line, data.get("grasps", [])))
     kept = f' "grasps": [\n  {grasps}\n ],\n' if grasps else ""
@@ -42,7 +42,7 @@ def _line(data: object) -> str:
 
 
 def read(path: str | Path) -> SolutionData:
-    """Return the validated data of a solution file; every way a file can be wrong is an ``InputError``."""
+    """Return the validated data of a solution file; raise ``InputError`` on any invalid file."""
     return parse(read_text(path, "a solution file", LARGEST_FILE), str(path))
 
 
@@ -61,7 +61,7 @@ def parse(text: str, name: str) -> SolutionData:
 
 
 def depth(text: str) -> int:
-    """Return the deepest nesting of brackets outside strings, without parsing."""
+    """Return the deepest nesting of brackets outside strings, without parsing the text."""
     depth = deepest = 0
     inside = escaped = False
     for character in text:

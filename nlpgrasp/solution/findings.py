@@ -1,4 +1,4 @@
-"""What is found out after a solve: how robust the grasp is, and why there is no grasp."""
+"""Robustness and infeasibility records of a solution."""
 
 from __future__ import annotations
 
@@ -10,29 +10,30 @@ from nlpgrasp.common.validation import FloatArray, array, integer
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.solution.schema.types import ConflictData, RobustData, WhyNotData
 
-FRAGILE = 0.2  # share of mu: where less is left, the task takes more than five times the force once contacts slip
-LEAST_SHARE = 1e-4  # shares below are all said alike
+FRAGILE = 0.2  # remaining share of mu below which a grasp is fragile: the task then takes over five times the force
+LEAST_SHARE = 1e-4  # smaller shares are written as "less than"
 
 
 @dataclass(frozen=True)
 class Robustness:
-    """The quality left when contacts are off and friction is less, at the worst placement found.
+    """Remaining quality under contact displacement and friction loss, at the worst displacement found.
 
     Parameters
     ----------
     offset : float
-        How far each contact may be off along its face, metres.
+        Largest displacement of each contact along its face, metres.
     friction_share : float
-        Share by which friction and torsional friction may be less.
+        Largest relative loss of friction and torsional friction.
     mu : Bounds
-        Certified, of the worst placement found with the least friction: its upper bound is one on the worst there is.
+        Certified, of the worst displacement found with the least friction: its upper bound holds for the worst case
+        too.
     points, normals : (k, space) array
-        That placement: contacts, metres, and unit inward normals, body frame.
+        The displaced contacts, metres, and unit inward normals, body frame.
     lost : tuple of int
-        Contacts that slip over an edge of their face: they press nothing, and are stated where they were.
+        Contacts that slip over an edge of their face: they exert no force; their original positions are stated.
     stated : tuple or None
-        What the solution says of the share of mu that is left, and whether the grasp is fragile; None in files of
-        earlier versions.
+        Remaining share of mu as the solution states it, and whether the grasp is fragile; None in files of earlier
+        versions.
     """
 
     offset: float
@@ -44,15 +45,15 @@ class Robustness:
     stated: tuple[float, bool] | None = field(default=None, repr=False, compare=False)
 
     def share(self, mu: Bounds) -> float:
-        """Return how much is left of a grasp's certified quality, as a share: of both, the upper bound."""
+        """Return the remaining share of a grasp's certified quality, the ratio of the upper bounds."""
         return min(self.mu.upper / mu.upper, 1.0) if mu.upper > 0.0 else 0.0
 
     def is_fragile(self, mu: Bounds) -> bool:
-        """Return whether less than a fifth of a grasp's certified quality is left (``FRAGILE``)."""
+        """Return whether the remaining share is below ``FRAGILE``, a fifth."""
         return self.share(mu) < FRAGILE
 
     def fragile_words(self, mu: Bounds, label: str) -> str:
-        """Return how fragile a grasp of this certified quality is, a measure of this name."""
+        """Return the remaining share as text, for a grasp of this certified quality in a measure of this name."""
         share = self.share(mu)
         little = f"less than {100.0 * LEAST_SHARE:g} %" if share > 0.0 else "nothing"
         left = f"{100.0 * share:.2g} %" if share >= LEAST_SHARE else little
@@ -60,11 +61,11 @@ class Robustness:
         return f"fragile: {left} of {label} is left when {off}"
 
     def beside(self, mu: Bounds) -> Robustness:
-        """Return the finding with what it says of a grasp of this certified quality."""
+        """Return the record with share and fragility for a grasp of this certified quality."""
         return replace(self, stated=(self.share(mu), self.is_fragile(mu)))
 
     def to_dict(self) -> RobustData:
-        """Return the finding as JSON data."""
+        """Return the record as JSON data."""
         data: RobustData = {
             "offset": self.offset,
             "friction_share": self.friction_share,
@@ -80,7 +81,7 @@ class Robustness:
 
     @classmethod
     def from_dict(cls, data: RobustData, name: str) -> Robustness:
-        """Return the finding that ``to_dict`` wrote.
+        """Return the record that ``to_dict`` wrote.
 
         Raises
         ------
@@ -102,18 +103,18 @@ class Robustness:
 
 @dataclass(frozen=True)
 class Conflict:
-    """A constraint that could not be kept with the others.
+    """A constraint that conflicts with the others.
 
     Parameters
     ----------
     name : str
         The constraint.
     row : str
-        Its row that is broken most.
+        Its most violated scalar constraint.
     value, bound : float
-        What the row is in the nearest miss, and its limit.
+        Value of that constraint at the point of least violation, and its limit.
     relation : {"at least", "at most", "exactly"}
-        What the value should be to the bound.
+        Required relation of the value to the bound.
     unit : {"", "m", "degrees"}
     """
 
@@ -142,12 +143,12 @@ class Conflict:
 
     @property
     def excess(self) -> float:
-        """How far the value is beyond the bound."""
+        """Violation: the distance of the value beyond the bound."""
         return abs(self.value - self.bound)
 
     @property
     def amount(self) -> str:
-        """The excess with its unit, lengths in millimetres."""
+        """The violation with its unit as text, lengths in millimetres."""
         return self._text(self.excess, 3)
 
     def __str__(self) -> str:
@@ -160,18 +161,18 @@ class Conflict:
 
 @dataclass(frozen=True)
 class WhyNot:
-    """Why no grasp was found.
+    """Infeasibility diagnosis: conflicting constraints, or a direction in which no force works.
 
     Parameters
     ----------
     conflicts : tuple of Conflict
-        A least set of constraints that had to be broken; empty where all can be kept.
+        A minimal set of violated constraints; empty where all can be kept.
     direction : (d,) array or None
-        Where the constraints can be kept: a direction y of wrench space along which no finger force works.
+        Where the constraints can be kept: a direction y of wrench space along which no finger force does work.
     reasons, advice : tuple of str
         Sentences.
     locally_infeasible : bool
-        Whether the constraints could not be kept from any start.
+        Whether every start ended with violated constraints.
     """
 
     conflicts: tuple[Conflict, ...] = ()

@@ -1,4 +1,4 @@
-"""What functions that take a solution were given."""
+"""Type check of arguments that have to be solutions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 
 def given_solution(value: object) -> GraspSolution:
-    """Return a solution, or raise ``InputError`` that says how to get one."""
+    """Return the argument if it is a solution, else raise ``InputError`` that says how to get one."""
     if isinstance(value, GraspSolution):
         return value
     if isinstance(value, SolutionInFrame):

@@ -10,7 +10,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema.types import KKTData
 
-SMALL = 1e-6  # scaled: residuals below are those of a local optimum
+SMALL = 1e-6  # scaled residuals below count as zero: a first-order optimum
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class KKT:
     feasibility : float
         Largest violation of a constraint or bound.
     complementarity : float
-        Largest product of a multiplier and the distance from its limit; where there is no limit, the multiplier.
+        Largest product of a multiplier and the slack of its limit; the multiplier itself where there is no limit.
     reason : str
-        Of a solution, why they are not small; empty where they are.
+        In a solution, why the residuals are not small; empty where they are.
     directions : tuple of tuples of d float
-        Of a solution, the directions of wrench space whose support inequalities bind, scaled to ``phi_A = 1``.
+        In a solution, the directions of wrench space whose support inequalities bind, scaled to ``phi_A = 1``.
     weights : tuple of float
         Their multipliers, at least zero, over the sum of all.
     """
@@ -61,7 +61,7 @@ class KKT:
         Raises
         ------
         InputError
-            Where they do not go with what is said of them.
+            Where the residuals contradict the stated reason.
         """
         found = cls(
             float(data["stationarity"]),
@@ -77,14 +77,14 @@ class KKT:
 
     @property
     def words(self) -> str:
-        """What the residuals say of the grasp, in a few words."""
+        """Interpretation of the residuals, as text."""
         if self.is_small:
             return f"locally optimal (KKT residuals at most {self.largest:.0e})"
         return f"not shown to be locally optimal (KKT residuals up to {self.largest:.0e}: {self.why})"
 
     @property
     def why(self) -> str:
-        """Why the residuals are not small; empty where they are."""
+        """Reason for residuals that are not small; empty where they are small."""
         if self.is_small:
             return ""
         return self.reason or "the last steps did not settle"
@@ -96,7 +96,7 @@ class KKT:
 
     @property
     def is_small(self) -> bool:
-        """Whether all residuals are below 1e-6: the point is a first-order optimum of the program."""
+        """Whether all residuals are below 1e-6, so that the point is a first-order optimum of the program."""
         return self.largest < SMALL
 
 

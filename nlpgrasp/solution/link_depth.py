@@ -1,4 +1,4 @@
-"""Penetration of a hand's links into the body and its surroundings, as files state it."""
+"""Penetration of a hand's links into the body and its surroundings."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
 
-TOLERANCE = 1e-3  # metres: a link that is deeper in anything is not free
-MOST_TOLERANCE = 0.01  # metres: no more may be allowed
+TOLERANCE = 1e-3  # metres: default penetration up to which links count as free
+MOST_TOLERANCE = 0.01  # metres: largest tolerance that may be chosen
 BODY = "the body"
 
 
 @dataclass(frozen=True)
 class LinkDepth:
-    """The deepest penetration of a hand's links, by their own collision shapes.
+    """Deepest penetration of a hand's links, by their collision shapes.
 
     Parameters
     ----------
     depth : float
         Metres, at least zero.
     link : str or None
-        The link that is so deep.
+        The deepest link.
     thing : str
-        What it is in: the body, the table, or an obstacle by its name.
+        What it penetrates: the body, the table, or an obstacle by its name.
     tolerance : float
-        Metres up to which the links count as free.
+        Penetration up to which the links count as free, metres.
     postures : int
-        How many postures of the hand were looked at.
+        Number of postures that were checked.
     """
 
     depth: float = 0.0
@@ -45,7 +45,7 @@ class LinkDepth:
 
     @property
     def words(self) -> str:
-        """The penetration in words."""
+        """The penetration as text."""
         return f"link {self.link} is {rounded(1e3 * self.depth, 2)} mm inside {self.thing}"
 
     def to_dict(self) -> Json:
@@ -60,12 +60,12 @@ class LinkDepth:
 
     @classmethod
     def from_dict(cls, data: Json, name: str) -> LinkDepth:
-        """Return what ``to_dict`` wrote; files of earlier versions state no thing and no tolerance.
+        """Return the record that ``to_dict`` wrote; older files lack thing and tolerance.
 
         Raises
         ------
         InputError
-            On numbers that are none, or below zero; ``name`` is shown in the message.
+            On invalid or negative numbers; ``name`` is shown in the message.
         """
         if not isinstance(data, dict) or not {"depth", "samples"} <= data.keys():
             raise InputError(name, data, "a mapping with depth, link and samples")

@@ -1,4 +1,4 @@
-"""Obstructions of a hand in its grasp and on the straight way there, as ``hand`` of a file states them."""
+"""Obstructions of a hand in its grasp and on the straight approach."""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ from nlpgrasp.solution.link_depth import TOLERANCE, LinkDepth
 
 
 def link_depth_of(hand: Json | None) -> LinkDepth | None:
-    """Return the penetration of the links in the grasp; None of hands without links, or where it is unknown."""
+    """Return the links' penetration in the grasp; None without links, or where unknown."""
     return _depth(hand, "link_depth")
 
 
 def way_in_of(hand: Json | None) -> LinkDepth | None:
-    """Return the penetration of the links on the way to the grasp; None where no such way is known."""
+    """Return the links' penetration on the approach path; None where no path is known."""
     return _depth(hand, "way_in")
 
 
 def tips_off(hand: Json | None) -> dict[int, float]:
-    """Return how far contacts are off the links of their fingertips, metres, by finger: those off by a millimetre."""
+    """Return the distances of contacts from their fingertips' links, metres, by finger, from a millimetre on."""
     gaps = (hand or {}).get("tip_gaps") or ()
     return {i: float(gap) for i, gap in enumerate(gaps) if gap is not None and gap > TOLERANCE}
 
 
 def jaws_depth(hand: Json | None) -> float:
-    """Return how deep the straight way of parallel jaws leads into anything, metres; 0 where it is free."""
+    """Return the penetration depth of parallel jaws on their straight approach, metres; 0 where it is free."""
     depth = float(((hand or {}).get("approach") or {}).get("depth", 0.0))
     return depth if depth > TOLERANCE else 0.0
 
 
 def passes_through(hand: Json | None) -> bool:
-    """Return whether the straight way of parallel jaws passes through something thin."""
+    """Return whether parallel jaws pass through something thin on their straight approach."""
     return bool(((hand or {}).get("approach") or {}).get("passes_through", False))
 
 
 def no_approach(hand: Json | None) -> str:
-    """Return in words why the palm does not come straight to the grasp; empty where it does, or none is known."""
+    """Return the reason for having no straight approach, as text; empty where there is one, or none is known."""
     reason = ((hand or {}).get("approach") or {}).get("reason")
     return f"no free straight way of the palm to the grasp: {reason}" if reason else ""
 
 
 def of_the_grasp(hand: Json | None) -> list[str]:
-    """Return what is wrong with the hand in the grasp itself, in words: links inside something, contacts off links."""
+    """Return the obstructions in the grasp itself as text: links that penetrate something, contacts off their links."""
     depth, links = link_depth_of(hand), (hand or {}).get("fingertips") or ()
     said = []
     if depth is not None and depth.depth > min(depth.tolerance, TOLERANCE):
@@ -55,14 +55,14 @@ def of_the_grasp(hand: Json | None) -> list[str]:
 
 
 def warn_of_touching(name: str, hand: Json | None) -> str:
-    """Warn of what is wrong with the hand in the grasp itself, and return it in words; empty where nothing is.
+    """Warn of obstructions in the grasp itself, and return them as text; empty without any.
 
     Parameters
     ----------
     name : str
         The solution's.
     hand : mapping or None
-        As files state it.
+        The hand's JSON data.
     """
     said, depth = "; and ".join(of_the_grasp(hand)), link_depth_of(hand)
     if said:
@@ -72,7 +72,7 @@ def warn_of_touching(name: str, hand: Json | None) -> str:
 
 
 def unknown_links(hand: Json | None) -> str:
-    """Return which contacts' links have no shapes where other links have, in words; empty where there are none."""
+    """Return as text the contacts whose links lack shapes where other links have some; empty without any."""
     gaps = (hand or {}).get("tip_gaps") or ()
     bare = [str(i) for i, gap in enumerate(gaps) if gap is None]
     if not bare or link_depth_of(hand) is None:
@@ -82,7 +82,7 @@ def unknown_links(hand: Json | None) -> str:
 
 
 def of_the_way(hand: Json | None) -> list[str]:
-    """Return what is wrong with the straight way to the grasp, in words."""
+    """Return the obstructions on the straight approach, as text."""
     said, jaws, way, depth = [], jaws_depth(hand), way_in_of(hand), link_depth_of(hand)
     if jaws:
         said.append(f"the gripper's way in leads {rounded(1e3 * jaws, 2)} mm into what is beside it")

@@ -1,4 +1,4 @@
-"""The grasp on its body, as a solution file states it."""
+"""Grasp on its body: contacts, faces and the match of smooth surface and mesh."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.schema.types import ContactData, GraspData
 
-OWN_NORMAL = 1e-5  # radians: a stated normal so near the mesh's is the mesh's
-FAR = 1e-3  # metres: a contact that moved farther is worth a word
-MISLED = 0.01  # of the contacts' spread: a smooth surface that is farther off the mesh may lead to worse grasps
+OWN_NORMAL = 1e-5  # radians: a stated normal this near the mesh's counts as the mesh's
+FAR = 1e-3  # metres: larger moves of contacts are reported
+MISLED = 0.01  # share of the contacts' spread: larger distances of smooth surface and mesh are warned of
 
 
 @dataclass(frozen=True)
 class SurfaceMatch:
-    """How far the solver's smooth surface is from the mesh at each contact.
+    """Deviation of the solver's smooth surface from the mesh at each contact.
 
     Parameters
     ----------
     distances : (k,) array
-        From the solver's contact to the nearest point of the mesh, metres.
+        Distance of the solver's contact from the nearest point of the mesh, metres.
     angles : (k,) array
-        Between the solver's normal and the mesh's at the final contact, radians.
+        Angle between the solver's normal and the mesh's at the final contact, radians.
     moved : (k,) array
-        From the solver's contact to the final contact, metres: more than the distance where a contact slid
+        Distance of the solver's contact from the final contact, metres: more than ``distances`` where a contact slid
         over the mesh to a better triangle.
     stated : (k,) array or None
-        Between the normals stated and the mesh's at the final contacts, radians: 0 unless fingertips that are not round
-        keep the normals of the smooth surface. None for files of earlier versions, which do not state it.
+        Angle between the stated normals and the mesh's at the final contacts, radians: 0 unless fingertips that are not
+        round keep the normals of the smooth surface. None for files of earlier versions.
     """
 
     distances: FloatArray
@@ -46,17 +46,16 @@ class SurfaceMatch:
 
     @property
     def along(self) -> FloatArray:
-        """About how far each contact slid along the mesh, (k,), metres: its way less the distance, as legs are."""
+        """Approximate sliding distance of each contact along the mesh, (k,), metres, by Pythagoras."""
         return np.sqrt(np.maximum(self.moved**2 - self.distances**2, 0.0))
 
     def lines(self, size: float) -> list[str]:
-        """Return in words how far contacts and normals on the smooth surface and on the mesh differ.
+        """Return differences of contacts and normals between smooth surface and mesh, as text lines.
 
         Parameters
         ----------
         size : float
-            Of the grasp, metres: how far apart its contacts are. What is less than a millimetre and a hundredth of it
-            is not worth a word.
+            Spread of the contacts, metres. Differences below a millimetre and a hundredth of it are not reported.
         """
         off, slid = (float(np.max(part, initial=0.0)) for part in (self.distances, self.along))
         lines = []
@@ -74,7 +73,7 @@ class SurfaceMatch:
 
     @property
     def kept(self) -> dict[int, float]:
-        """Angles off the mesh's normals, radians, of the contacts whose stated normal is not the mesh's."""
+        """Angles between stated and mesh normals, radians, for contacts whose stated normal is not the mesh's."""
         stated = np.zeros(0) if self.stated is None else self.stated
         return {i: float(stated[i]) for i in np.flatnonzero(stated > OWN_NORMAL).tolist()}
 
@@ -85,7 +84,7 @@ class SurfaceMatch:
         return "the positions and normals stated are of the mesh"
 
     def at(self, i: int) -> dict[str, float]:
-        """Return what contact ``i``'s entry says of it."""
+        """Return the JSON entry of contact ``i``."""
         return {
             "surface_distance": float(self.distances[i]),
             "surface_angle": float(self.angles[i]),
@@ -95,7 +94,7 @@ class SurfaceMatch:
 
     @classmethod
     def of(cls, contacts: list[ContactData]) -> SurfaceMatch | None:
-        """Return what the contacts' entries say, None where one of them says nothing."""
+        """Return the match from the contacts' JSON entries; None where one of them states nothing."""
         if not all("surface_distance" in c and "surface_angle" in c and "moved" in c for c in contacts):
             return None
         return cls(
@@ -110,7 +109,7 @@ class SurfaceMatch:
 
 @dataclass(frozen=True)
 class PlacedGrasp:
-    """A grasp, and where on the body it is.
+    """A grasp with the face of each contact and its match with the mesh.
 
     Parameters
     ----------
@@ -126,7 +125,7 @@ class PlacedGrasp:
     surface: SurfaceMatch | None = None
 
     def lines(self, fingers: Sequence[str] = ()) -> list[str]:
-        """Return the contacts in words, one a line; with the fingers' links where they have some."""
+        """Return the contacts as text, one a line, with the fingers' links if any."""
         result = []
         for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
             which = f"{i} ({fingers[i]})" if fingers else f"{i}"
@@ -178,5 +177,5 @@ class PlacedGrasp:
 
 
 def _which(values: FloatArray) -> str:
-    """Return the contact with the largest of values (k,), in words."""
+    """Return the contact with the largest of values (k,), as text."""
     return f"contact {int(np.argmax(values))}"

@@ -1,4 +1,4 @@
-"""What limits cost: the change of mu by a small step of each."""
+"""Shadow prices of limits: the first-order change of mu per small step of each."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ from dataclasses import dataclass
 
 from nlpgrasp.solution.schema.types import PriceData
 
-RANGE = " of range"  # ends the unit of a joint's limit, which has two sides
+RANGE = " of range"  # suffix of the unit of a joint's limits, which have two sides
 
 
 @dataclass(frozen=True)
 class ShadowPrice:
-    """What a little more of a limit would buy.
+    """Shadow price of a limit.
 
     Parameters
     ----------
     name : str
         The limit, for example ``"Spread.max"``.
     value : float
-        As it is, SI units.
+        Current limit, SI units.
     step : float
-        How much more, SI units.
+        Step of the limit, SI units.
     unit : str
-        The step in words, for example ``"1 mm"``.
+        The step as text, for example ``"1 mm"``.
     gain : float
-        By how much mu rises with the step, to first order, on the solver's surface.
+        First-order rise of mu with the step, on the solver's surface.
     """
 
     name: str
@@ -44,13 +44,13 @@ class ShadowPrice:
 
     @property
     def what(self) -> str:
-        """The step in words."""
+        """The step as text."""
         if self.unit.endswith(RANGE):
             return f"{self.unit.removesuffix(RANGE)} more at {self.name}"
         return f"raising {self.name} by {self.unit}"
 
     def words(self, label: str) -> str:
-        """Return what the step changes of the measure of this name."""
+        """Return the effect of the step on the measure of this name, as text."""
         return f"{self.what} changes {label} by {self.gain:+.3g}"
 
     def __str__(self) -> str:

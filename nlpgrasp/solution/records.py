@@ -1,4 +1,4 @@
-"""How a solve and its starts ended, and what each constraint says at the answer."""
+"""Records of a solve: status, starts and constraint values at the answer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ UNKNOWN = Bounds(0.0, math.inf)
 
 
 class Status(Enum):
-    """How a solve, or one of its starts, ended. The value says what it means and what to do."""
+    """Outcome of a solve or of one of its starts. The value says what it means and what to do."""
 
     SOLVED = "Solved: a grasp with a certified quality above zero, a local optimum at best."
     OPTIMAL = "Optimal: a grasp with a certified quality within the gap asked for of the best that any placement has."
@@ -37,7 +37,7 @@ class Status(Enum):
 
 
 class Origin(Enum):
-    """Proposal that a start began from; the value is the message of a start without another."""
+    """Kind of initial candidate of a start; the value is the message of a start without another."""
 
     RANDOM = "random surface samples, exchanged, or random poses"
     BOUND = "from the search of all placements"
@@ -48,7 +48,7 @@ class Origin(Enum):
 
 @dataclass(frozen=True)
 class StartRecord:
-    """One start of the solve.
+    """Record of one start of the solve.
 
     Parameters
     ----------
@@ -57,22 +57,21 @@ class StartRecord:
     faces : tuple of str
         The face each contact is on.
     mu : Bounds
-        Certified, of the grasp this start found; ``[0, inf]`` when it found none.
+        Certified quality of the start's grasp; ``[0, inf]`` without one.
     violation : float
-        Largest violation of a constraint row, relative to the row's scale; inf when unknown.
+        Largest violation of a constraint, relative to its scale; inf when unknown.
     iterations : int
-        IPOPT iterations of the attempt that is kept; 0 where the start began from a known grasp and every step was a
-        quadratic program.
+        IPOPT iterations of the kept attempt; 0 where the start was warm and every step was a quadratic program.
     seconds : mapping
         Wall time by stage: ``propose``, ``first program``, ``refine``, ``certificate``, ``link depth``.
     message : str
-        The vertex solver's own word, or the error.
+        Message of the first program's solver, or the error.
     history : tuple of float
-        The least ratio found before the exchange and after each of its rounds: how mu rose, from above.
+        Least support ratio before the refinement and after each of its rounds: estimates of mu from above.
     obstruction : str
-        Why the hand cannot take the grasp, or not reach it straight, in words; empty where nothing is known against it.
+        Why the hand cannot take the grasp, or not approach it straight, as text; empty without known obstructions.
     origin : Origin or None
-        Proposal that it began from; None of a start that did not begin, and in files of earlier versions.
+        Kind of its initial candidate; None for a start that did not begin, and in files of earlier versions.
     """
 
     index: int
@@ -89,11 +88,11 @@ class StartRecord:
 
     @property
     def has_grasp(self) -> bool:
-        """Whether the start ended with a certified grasp that keeps the constraints, free or not."""
+        """Whether the start ended with a certified, feasible grasp, with free links or not."""
         return self.status in (Status.SOLVED, Status.TOUCHES)
 
     def to_dict(self) -> StartData:
-        """Return the record as JSON data, None for what is not known."""
+        """Return the record as JSON data, None for unknown values."""
         data: StartData = {
             "index": self.index,
             "status": self.status.name.lower(),
@@ -118,7 +117,7 @@ class StartRecord:
         Raises
         ------
         KeyError, TypeError, ValueError, AttributeError
-            On other data: the JSON Schema says nothing of starts.
+            On other data: the JSON Schema does not cover starts.
         """
         mu = data.get("mu")
         return cls(
@@ -138,7 +137,7 @@ class StartRecord:
 
 @dataclass(frozen=True)
 class ConstraintReport:
-    """One scalar constraint at the solution.
+    """Value, limits and multiplier of one scalar constraint at the solution.
 
     Parameters
     ----------
@@ -152,9 +151,9 @@ class ConstraintReport:
     active : bool
         Within 1e-4 of its scale from a limit.
     kind : str
-        What all rows of this sort have in common, for example ``"table"``; empty in files of older versions.
+        Common kind of such constraints, for example ``"table"``; empty in files of older versions.
     fingers : tuple of int
-        The contacts it is about.
+        The contacts it involves.
     """
 
     name: str
@@ -168,7 +167,7 @@ class ConstraintReport:
 
     @property
     def is_equation(self) -> bool:
-        """Whether one value alone is allowed: it is always met, and no limit that somebody could move."""
+        """Whether the constraint is an equation: always met, and no limit that a user could move."""
         return self.lower == self.upper
 
     def to_dict(self) -> ConstraintData:
@@ -201,12 +200,12 @@ class ConstraintReport:
 
 
 def starts_of(solver: SolverData, name: str) -> tuple[tuple[StartRecord, ...], SolverData]:
-    """Return the starts that a file's ``solver`` states, and the rest of it.
+    """Return the start records of a file's ``solver``, and the rest of it.
 
     Raises
     ------
     InputError
-        Where a start is not what a solve writes; ``name`` is shown in the message.
+        On an invalid start; ``name`` is shown in the message.
     """
     rest: SolverData = {**solver}
     try:

@@ -1,4 +1,4 @@
-"""A solution as people see it: a line, a page, a scene in a notebook."""
+"""Display of a solution: text line, HTML page and notebook view."""
 
 from __future__ import annotations
 
@@ -18,18 +18,17 @@ LIVE = ("nlpgrasp.report.live.show", "show_live")
 
 
 class Seen(InNotebook, Several):
-    """What shows itself: in a browser, in a notebook, as a line of text."""
+    """Base class of solutions with display in a browser, a notebook or as text."""
 
     _card: ClassVar[tuple[str, str]] = CARD
 
     def show(self, path: str | Path | None = None, port: int | None = None, hand: Hand | None = None) -> Path | str:
-        """Show the grasp in a browser, and return where it is.
+        """Show the grasp in a browser, and return the address or file of the page.
 
-        With the extra ``view`` (viser) a page of this computer alone, with sliders over the task's wrenches, how much
-        of them, and the hand's way to the grasp; a script waits there until Ctrl-C. Without the extra, with a port that
-        is taken, or without a browser or a display for it, a sentence says so, and the report is written to a file and
-        opened where there is a browser. With a port the page is served without a browser too, for one elsewhere
-        (``ssh -L 8080:127.0.0.1:8080``).
+        With the extra ``view`` (viser), a local server shows a page with sliders for the task's wrenches, their size
+        and the hand's approach; a script waits until Ctrl-C. Without the extra, with a port in use, or without a
+        browser or display, a message says so, and the report is written to a file and opened if there is a browser.
+        With a port, the page is served without a local browser too, for a remote one (``ssh -L 8080:127.0.0.1:8080``).
 
         Parameters
         ----------
@@ -38,7 +37,7 @@ class Seen(InNotebook, Several):
         port : int, optional
             Of the page on this computer; a free one when left out.
         hand : Hand, optional
-            The hand that the grasp was found with, for a slider over its way: a solution does not hold the hand's file.
+            The hand of the problem, for a slider over its approach: a solution does not contain the hand's file.
 
         Returns
         -------
@@ -48,7 +47,7 @@ class Seen(InNotebook, Several):
         Raises
         ------
         InputError
-            On a path that cannot be written, a port that is none, and another hand.
+            On a path that cannot be written, an invalid port, and another hand.
         """
         address = None if path is not None else live(self, LIVE, port, hand)
         return show(self, self.name, PAGE, path) if address is None else address

@@ -1,4 +1,4 @@
-"""What was found: plain, frozen data."""
+"""Grasp solution: frozen result of a solve, with its JSON form."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class GraspSolution(Seen):
-    """A grasp found, its certified quality and the evidence.
+    """A grasp with its certified quality and the evidence, or the diagnosis of why there is none.
 
     Parameters
     ----------
@@ -48,50 +48,50 @@ class GraspSolution(Seen):
     problem : mapping
         The problem as JSON data (see ``to_dict``).
     grasp : Grasp or None
-        The contacts found.
+        The grasp's contacts.
     faces : tuple of str
         The face each contact is on.
     mu : Bounds
-        Certified, of the grasp found; ``[0, inf]`` without a grasp.
+        Certified quality of the grasp; ``[0, inf]`` without one.
     kind : {"mu", "mu_tilde"}
         Which measure ``mu`` holds: (3.3-4a) for a centred task, (3.3-4b) otherwise.
     delta : Bounds or None
-        Certified, with its torque scale, where it was asked for (``ng.analyse``).
+        Certified, with its torque scale, where requested (``ng.analyse``).
     nu : Volume or None
-        With the same torque scale, where it was asked for.
+        With the same torque scale, where requested.
     forces : sequence of (wrench, forces)
         Task wrenches ``mu.lower * (c + semi-axis)`` (d,) and finger forces (k, space), newtons.
     moments : sequence of (k, d - space) array
         Newton-metres about the contact points, with the forces; empty when no contact exerts any.
     constraints : tuple of ConstraintReport
-        Values and limits of the rows, by name.
+        Values and limits of the constraints, by name.
     prices : tuple of ShadowPrice
-        What limits cost, where that was asked for, those that bind first.
+        Shadow prices of limits, where requested, binding ones first.
     robust : Robustness or None
-        What is left of mu when contacts are off and friction is less.
+        Remaining quality under contact displacement and friction loss.
     bound : GlobalBound or None
-        On mu over all placements; None for a problem that it does not cover.
+        Upper bound on mu over all placements; None for a problem that it does not cover.
     kkt : KKT or None
-        Residuals of the KKT conditions of the paper's program (3.5-4) at the grasp, along the directions that are
-        weakest there; None without a grasp, where a stop came first, and in files of earlier versions.
+        Residuals of the KKT conditions of the paper's program (3.5-4) at the grasp, along its weakest directions; None
+        without a grasp, after an early stop, and in files of earlier versions.
     needed : ForcesNeeded or None
-        What the fingers press for the task as it was given; None in files of earlier versions.
+        Finger forces for the task at full size; None in files of earlier versions.
     why_not : WhyNot or None
-        Where no grasp was found.
+        Infeasibility diagnosis, where no grasp was found.
     hand : mapping or None
         The hand at the solution: a URDF hand's joint positions, palm pose, pregrasp and squeeze.
     surface : SurfaceMatch or None
         For meshes.
     drawing : Drawing or None
-        Triangles of body and hand, for pictures, where it was asked for; ``require_drawing`` makes one otherwise.
+        Triangles of body and hand, for pictures, where requested; ``require_drawing`` makes one otherwise.
     starts : tuple of StartRecord
         All starts, in order.
     best_start : int or None
         Index of the start whose grasp this is; None without a grasp, and in files of earlier versions.
     others : tuple of FoundGrasp
-        Grasps that were kept beside the answer, best first.
+        Alternative grasps, best first.
     stated_first : FoundGrasp or None
-        What a file says that the first of the grasps kept is; None where it keeps one.
+        First of the kept grasps as stated in a file; None where it keeps one.
     solver : mapping
         Seed, seconds, options, versions.
     source : GraspProblem or None
@@ -127,12 +127,12 @@ class GraspSolution(Seen):
     source: GraspProblem | None = field(default=None, repr=False, compare=False)
 
     def select(self, accepts: Accepts) -> GraspSolution:
-        """Return the best grasp kept that a function accepts, as a solution of its own.
+        """Return a solution whose answer is the best kept grasp that a function accepts.
 
         Parameters
         ----------
         accepts : callable
-            Of an ``ng.FoundGrasp``, for example whether an arm reaches it: returns True or False.
+            Predicate of an ``ng.FoundGrasp``, for example whether an arm reaches it: returns True or False.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class GraspSolution(Seen):
         return self.with_answer(first_accepted(self.grasps, accepts))
 
     def with_answer(self, found: FoundGrasp) -> GraspSolution:
-        """Return a solution whose answer is a grasp that was kept, without what is known of the first answer alone."""
+        """Return a solution with a kept grasp as its answer, without data that hold for the first answer alone."""
         if found.grasp is self.grasp:
             return replace(self, others=(), stated_first=None)
         return replace(
@@ -163,7 +163,7 @@ class GraspSolution(Seen):
 
     @property
     def known_problem(self) -> GraspProblem | None:
-        """The problem that was solved; of a file as far as it holds it: None with a mesh, a hand or an expression."""
+        """The solved problem, from a file as far as it holds it: None with a mesh, a hand or an expression."""
         if self.source is not None or self.grasp is None or self.problem.get("hand") is not None:
             return self.source
         from nlpgrasp.problem.from_dict import problem_from_dict  # loads CasADi, which reading a file does without
@@ -174,7 +174,7 @@ class GraspSolution(Seen):
             return None
 
     def drawn(self) -> Drawing | None:
-        """Return the drawing of the grasp, made anew where it is not stated and the problem is known."""
+        """Return the stored drawing of the grasp, or a new one where the problem is known, else None."""
         problem = None if self.drawing is not None else self.known_problem
         if problem is None or self.grasp is None:
             return self.drawing
@@ -185,12 +185,12 @@ class GraspSolution(Seen):
         return drawing_of(problem.body, hand, {} if hand is None else hand.values_of(self.hand or {}))
 
     def require_drawing(self) -> Drawing:
-        """Return the drawing of the grasp, made anew where it is not stated.
+        """Return the drawing of the grasp, made anew where it is not stored.
 
         Raises
         ------
         InputError
-            Where no grasp was found; where it is not stated and the file does not hold what it takes.
+            Where there is no grasp; where no drawing is stored and the file lacks the data for one.
         """
         self.require_grasp()
         found = self.drawn()
@@ -282,9 +282,9 @@ class GraspSolution(Seen):
     def save(self, path: str | Path) -> Path:
         """Write the solution as JSON (schema 1), atomically; return the path.
 
-        What the file does not state whole, a mesh, an expression or a hand, is drawn in it. A certificate of the bound
-        over all placements that is larger than 200 kB goes to a bound file beside it, ``F.bound.json`` for ``F.json``,
-        which the solution names with its digest.
+        The file contains a drawing of what it does not state whole: a mesh, an expression or a hand. A certificate of
+        the global bound above 200 kB goes to a bound file beside it, ``F.bound.json`` for ``F.json``, which the
+        solution names with its digest.
 
         Raises
         ------
@@ -308,7 +308,7 @@ class GraspSolution(Seen):
 
 
 def _status_with(status: Status, hand: Json | None) -> Status:
-    """Return the status of a solution with another of its grasps as the answer, by what that one's hand states."""
+    """Return the status of a solution after choosing another grasp, by that grasp's hand data."""
     if status not in (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES):
         return status
     depth = link_depth_of(hand)

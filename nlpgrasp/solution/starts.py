@@ -1,4 +1,4 @@
-"""How the starts of a solve ended, in words, and which of them is the answer."""
+"""Text summaries of the starts of a solve, and the start whose grasp is the answer."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from nlpgrasp.solution.records import UNKNOWN, StartRecord, Status
 from nlpgrasp.solution.schema.types import SolverData
 
-ALLOWED = 1e-4  # relative violation that grasps may have on a mesh; elsewhere it is a tenth of that
+ALLOWED = 1e-4  # largest relative violation of grasps on a mesh; elsewhere a tenth of it
 SOLVER_WORD = re.compile(r"\b[A-Z][A-Za-z]*(?:_[A-Z][A-Za-z]*)+\b")
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-WORDS = {  # what IPOPT says of the first program
+WORDS = {  # IPOPT's status to text, of the first program
     "Solve_Succeeded": "solved",
     "Solved_To_Acceptable_Level": "solved to a looser tolerance",
     "Maximum_Iterations_Exceeded": "stopped at the iteration limit",
@@ -35,12 +35,12 @@ ERROR, CUT = "ended with an error", "ended before a grasp was found"
 
 
 def solver_words(message: str) -> str:
-    """Return a start's message with the solver's own words as people say them."""
+    """Return a start's message with IPOPT's status names as plain text."""
     return SOLVER_WORD.sub(lambda word: WORDS.get(word[0], word[0].replace("_", " ").lower()), message)
 
 
 def why_no_grasp(start: StartRecord) -> str:
-    """Return why a start ended without a grasp, in words; empty for one that found a grasp."""
+    """Return the reason why a start ended without a grasp, as text; empty for one with a grasp."""
     kind = _kind(start)
     if kind is None:
         return ""
@@ -57,7 +57,7 @@ def why_no_grasp(start: StartRecord) -> str:
 
 
 def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
-    """Return in words how many starts found a grasp and how the others ended; nothing of a single one that did."""
+    """Return how many starts found a grasp and how the others ended, as text lines; empty for one that succeeded."""
     lost = [s for s in starts if _kind(s) is not None]
     count, found = len(starts), len(starts) - len(lost)
     if count == found:
@@ -72,7 +72,7 @@ def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
 
 
 def ipopt_lines(solver: SolverData) -> list[str]:
-    """Return in a line in how many calls of a solve IPOPT did not run; nothing where it always did.
+    """Return in a line the number of a solve's calls in which IPOPT did not run; empty where it always did.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def ipopt_lines(solver: SolverData) -> list[str]:
 
 
 def winner_of(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
-    """Return the start whose grasp is the answer; the largest certified upper bound where nothing says which."""
+    """Return the start whose grasp is the answer; by default that with the largest certified upper bound."""
     if best_start is not None:
         return next((s for s in starts if s.index == best_start), None)
     solved = [s for s in starts if s.has_grasp and s.mu != UNKNOWN]
@@ -104,7 +104,7 @@ def passed_over(
     by_what_is_left: bool = False,
     squeezed: bool = False,
 ) -> list[str]:
-    """Return in words which start found a grasp with more mu than the answer, and why it is not the answer.
+    """Return as text the start with a larger mu than the answer, and why it is not the answer.
 
     Parameters
     ----------
@@ -112,13 +112,13 @@ def passed_over(
     winner : StartRecord or None
         The start whose grasp is the answer.
     before : float
-        The answer's mu before its hand's joints got room.
+        The answer's mu before its joint-limit margins were improved.
     label : str
         The measure's name.
     by_what_is_left : bool
-        Whether all starts were ranked by what is left at the worst placement.
+        Whether starts were ranked by their remaining quality in the worst case.
     squeezed : bool
-        Whether the answer was to be one that a hand can squeeze.
+        Whether the answer had to be one that a hand can squeeze.
     """
     solved = [s for s in starts if s.status is Status.SOLVED and math.isfinite(s.mu.upper)]
     best = max(solved, key=lambda s: s.mu.upper, default=None)
@@ -137,7 +137,7 @@ def passed_over(
 
 
 def _kind(start: StartRecord) -> str | None:
-    """Return how a start ended without a grasp; None for one that found a grasp."""
+    """Return how a start without a grasp ended; None for one with a grasp."""
     if start.status is Status.SOLVED:
         return None
     if start.status is Status.TOUCHES:
@@ -159,7 +159,7 @@ def _by_kind(starts: Sequence[StartRecord]) -> dict[str, list[StartRecord]]:
 
 
 def _ended(kind: str, starts: Sequence[StartRecord]) -> str:
-    """Return how many starts ended in the same way; of broken constraints by how much."""
+    """Return how many starts ended in this way, with the size of constraint violations, as text."""
     if kind != BROKEN:
         return f"{len(starts)} {kind}"
     ends = [f"{end(s.violation for s in starts):.2g}" for end in (min, max)]

@@ -1,4 +1,4 @@
-"""Studies of many solves: tasks that change, fine manipulation, how many contacts."""
+"""Studies of several solves: changing tasks, contact numbers and types, fine manipulation, manipulability."""
 
 from nlpgrasp.studies.choices.curve import ContactCurve
 from nlpgrasp.studies.choices.first_choice import first_choice

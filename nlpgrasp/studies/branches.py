@@ -1,4 +1,4 @@
-"""Local optima of a task that changes, side by side: where sliding along no longer helps, another one takes over."""
+"""Continuation of several local optima along a changing task."""
 
 from __future__ import annotations
 
@@ -23,46 +23,46 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.studies.sliding import NEVER, Branch, at_most, look, slide
 
-SAME, NEAR = 0.02, 0.15  # of the body's size: contacts this close, in any order, are the same grasp, and neighbours
-SHARE = 1 / 3  # of a cold solve's starts are begun at each step without a search, all of them at both ends of the path
-FOLLOWED = 40  # branches at most: the best at hand
-HOPEFUL, HOPEFUL_NEW = 0.85, 0.8  # of the best's quality: from there on another is slid, and one that never settled
-OTHERS = 2  # slides of other branches a step
-RISING = 5  # slides of a start that begins with next to nothing
-NODES, LONG = 180, 600  # of a step's search; of the first step's, and where faces are flat and nodes quick
+SAME, NEAR = 0.02, 0.15  # shares of the body's size: contact distances of equal and of neighbouring grasps
+SHARE = 1 / 3  # share of a cold solve's starts run at each inner step without branch and bound
+FOLLOWED = 40  # most branches: the best ones
+HOPEFUL, HOPEFUL_NEW = 0.85, 0.8  # shares of the best quality that promising branches have: settled ones, new ones
+OTHERS = 2  # refinements of other branches per step
+RISING = 5  # most refinements of a start without quality
+NODES, LONG = 180, 600  # branch-and-bound nodes per step; at the first step, and for flat faces
 
 
 class Branches:
-    """Local optima that are followed through tasks, each slid to where it is best for the task at hand.
+    """Local optima followed through a sequence of tasks by warm-started refinement.
 
-    Where a search of all placements covers the problem, a short one at each step says whether any is better than the
-    branch at hand, and meets those that are; the first programs of a cold solve's starts are solved at the first step
-    alone, where the search leaves a gap. Elsewhere those of some starts are solved at every step before the first is
-    taken: branches that begin at different tasks differ more than those of many starts at one.
+    Where branch and bound covers the problem, a short run at each step shows whether a placement is better than the
+    current branch, and finds such placements; the first programs of a cold solve's starts are solved at the first step
+    alone, if the bound leaves a gap. Elsewhere those of some starts are solved for every step in advance: branches from
+    different tasks differ more than those from many starts of one task.
 
     Parameters
     ----------
     benches : sequence of Workbench
-        One a step of the path.
+        One per step of the path.
     starts : int
-        Of a cold solve of one step.
+        Starts of a cold solve of one step.
     seed : int
 
     Attributes
     ----------
     states : list of Branch
     steps : int
-        Of the path, taken so far.
+        Steps taken so far.
     bound : GlobalBound or None
-        Over all placements for the task of the latest step, where the search covers it.
+        Global bound for the task of the latest step, where branch and bound covers it.
     """
 
     def __init__(self, benches: Sequence[Workbench], starts: int, seed: int) -> None:
         self._starts, self._seed = starts, seed
         self.states: list[Branch] = []
         self.bound: GlobalBound | None = None
-        self._begun_before: set[tuple[int, int]] = set()  # workbench and number of starts
-        self.steps, self._best = 0, 0.0  # the latter the quality known at the last step
+        self._begun_before: set[tuple[int, int]] = set()  # compiled problem and start number
+        self.steps, self._best = 0, 0.0  # steps taken; best quality at the last step
         ahead = (_bounding(bench) for bench in benches)
         first = next(ahead)
         self._trees: Iterator[BranchAndBound | None] = chain([first], ahead)
@@ -73,7 +73,7 @@ class Branches:
             self._begin(bench, range(starts) if end else [(step * each + n) % starts for n in range(each)])
 
     def _begin(self, bench: Workbench, numbers: Iterable[int]) -> list[Branch]:
-        """Add what the first programs of some of a cold solve's starts find where there is no branch; return them."""
+        """Add and return the new local optima of some of a cold solve's first programs."""
         begun = len(self.states)
         for number in numbers:
             if (id(bench), number) in self._begun_before:
@@ -85,7 +85,7 @@ class Branches:
         return self.states[begun:]
 
     def _begun(self, bench: Workbench, number: int) -> Branch | None:
-        """Return what a start's first program finds; None where that breaks constraints or fails."""
+        """Return the branch of a start's first program; None where it violates constraints or fails."""
         rng = np.random.default_rng([self._seed, number])
         try:
             first = first_of(bench, candidates(bench, rng, Stop()), rng)
@@ -100,14 +100,14 @@ class Branches:
         return branch
 
     def _raise(self, bench: Workbench, branch: Branch, rng: np.random.Generator) -> None:
-        """Slide a branch that exerts nothing as long as that helps."""
+        """Refine a branch of zero quality as long as that helps."""
         look(bench, branch, rng)
         for _ in range(RISING):
             if slide(bench, branch, self.steps) or branch.value <= 0.0:
                 return
 
     def improve(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
-        """Slide the current branch to where it is best for the next task, and then others that may be better."""
+        """Refine the current branch for the next task, and then others that may be better."""
         self.steps += 1
         for state in self.states:
             state.effort, state.value = Effort(), 0.0
@@ -126,9 +126,9 @@ class Branches:
         self._best = max((state.value for state in self.states), default=0.0)
 
     def _search(self, bench: Workbench, known: float, rng: np.random.Generator) -> bool:
-        """Search all placements for better ones than is known, and follow those as well.
+        """Run branch and bound for placements better than the known quality, and add them as branches.
 
-        Returns whether no other branch needs a look: none can be much better than what is known or was met.
+        Returns whether no other branch can be much better than the known ones.
         """
         tree = next(self._trees)
         if tree is None:
@@ -141,7 +141,7 @@ class Branches:
             if state is None:
                 state = Branch(found, multipliers=np.zeros(len(bench.rows.named)))
                 self.states.append(state)
-            if state.value == 0.0:  # nobody looked at it for this task
+            if state.value == 0.0:  # not yet evaluated for this task
                 look(bench, state, rng)
                 if state.value <= 0.0 and state.settled == NEVER:
                     self._raise(bench, state, rng)
@@ -153,10 +153,10 @@ class Branches:
         return tree.searched and self._complete
 
     def _look(self, bench: Workbench, current: Branch | None, rng: np.random.Generator) -> None:
-        """Compute the quality of the other branches, and drop what has become the same; the best stay.
+        """Evaluate the other branches, and drop duplicates; keep the best.
 
-        A branch that is seen, by directions known of any, to be worse than the best by far is not looked at closely.
-        Without a search of all placements the rest of a cold solve's starts join where the current branch loses much.
+        A branch whose upper bound, from the directions of all branches, is far below the best is not evaluated. Without
+        branch and bound, the rest of a cold solve's starts join where the current branch loses much quality.
         """
         most, best = at_most(bench, self.states), max((state.value for state in self.states), default=0.0)
         for i in np.argsort(-most, kind="stable").tolist():
@@ -177,7 +177,7 @@ class Branches:
                 look(bench, state, rng)
 
     def _next(self, bench: Workbench, current: Branch | None) -> Branch | None:
-        """Return the best branch that is not yet at its best and has no better one near it."""
+        """Return the best branch that is not yet locally optimal and has no better neighbour."""
         best = max((state.value for state in self.states), default=0.0)
         passed: list[Branch] = []
         for state in self.ranked():
@@ -189,40 +189,40 @@ class Branches:
         return None
 
     def ranked(self) -> list[Branch]:
-        """Return the branches that exert the task, as far as is known, the best first."""
+        """Return the branches of quality above zero, as far as known, best first."""
         return sorted((state for state in self.states if state.value > 0.0), key=lambda s: -s.value)
 
     def cold(self, bench: Workbench, rng: np.random.Generator) -> list[Branch]:
-        """Begin those of a cold solve's starts that were not begun for a task; return as many branches, best first."""
+        """Run the remaining starts of a cold solve for a task; return as many branches, best first."""
         for state in self._begin(bench, range(self._starts)):
             self._raise(bench, state, rng)
         return self.ranked()[: self._starts]
 
 
 def _bounding(bench: Workbench) -> BranchAndBound | None:
-    """Return a branch and bound over all placements for the task of a step; None where its grasps are none to slide.
+    """Return a branch and bound for the task of a step; None where its placements cannot be refined.
 
-    Nor where a step is no time for one: on a mesh.
+    None for meshes too, where it takes too long.
     """
     slides = bench.follows_contacts and not isinstance(bench.problem.body, Mesh)
     return bounding(bench.problem, bench.options) if slides else None
 
 
 def _there(bench: Workbench, placed: Placed, states: Sequence[Branch], near: float = SAME) -> Branch | None:
-    """Return the branch that contacts are on, or near, if any."""
+    """Return the branch with nearby contacts, if any."""
     size = near * bench.scaling.length
     return next((b for b in states if np.max(distances(placed.points, b.placed.points)) <= size), None)
 
 
 def moved(before: Grasp, after: Grasp, any_order: bool) -> FloatArray:
-    """Return how far the contacts went, (k,), metres; in any order each finger takes the nearest of like contacts."""
+    """Return the contacts' displacements, (k,), metres; in any order each finger takes the nearest equal contact."""
     if not any_order:
         return np.asarray(np.linalg.norm(after.points - before.points, axis=1))
     return distances(after.points, before.points)
 
 
 def distances(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return the distances between two sets of contacts (k, space), paired for the least sum, (k,), metres."""
+    """Return the distances of two contact sets (k, space) in the matching of least sum, (k,), metres."""
     apart = np.linalg.norm(one[:, None] - other[None], axis=2)
     rows, columns = linear_sum_assignment(apart)
     return np.asarray(apart[rows, columns])

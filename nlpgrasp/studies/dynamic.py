@@ -1,9 +1,8 @@
-"""Dynamic grasping (Section 3.6): the grasp follows a task that changes.
+"""Dynamic grasping (Section 3.6): grasps for a task that changes with a parameter.
 
-Contacts found for one task are a few steps of the exchange away from the best ones near them for a task a little
-different: the program is the same, only its cuts are others. A short search of all placements says at each step
-whether another local optimum is better by much, so that it is seen where sliding along no longer helps and a regrasp
-pays; fingers stay where they are for less.
+The contacts for one task are a few refinement steps away from a local optimum for a slightly different task: the
+program is the same except for its cuts. At each step, a short branch and bound shows whether another local optimum is
+much better, so that a regrasp pays; for smaller gains the fingers stay where they are.
 """
 
 from __future__ import annotations
@@ -32,38 +31,38 @@ def follow_task(
     options: SolveOptions | None = None,
     regrasp_gain: float = 0.02,
 ) -> DynamicGrasp:
-    """Return the grasps for a task that changes with a parameter, each found from the one before.
+    """Return the grasps for a task that changes with a parameter, each warm-started from the previous one.
 
-    Each is certified for its own parameter. Nothing is certified between two parameters, nor while fingers slide.
+    Each is certified for its own parameter value; nothing is certified between two values, nor while fingers slide.
 
     Parameters
     ----------
     problem_at : callable
-        The problem for a value of the parameter. Only its task and its name may differ.
+        Function of the parameter that returns the problem. Only its task and its name may differ.
     parameters : (m,) array
         At least 2, in the order in which the task changes.
     starts : int
-        Of a cold solve: what a step takes at which nothing that is followed has a grasp, and says so. Where no search
-        of all placements covers the problem, the first programs of as many look for local optima to follow at both
-        ends of the path, those of a third at each step in between.
+        Starts of a cold solve, at steps where no followed grasp holds. Where branch and bound does not cover the
+        problem, the first programs of as many starts search for local optima at both ends of the path, and those of a
+        third at each step in between.
     seed : int
-        Of the starts at the first task, and wherever the search begins anew.
+        Of the starts at the first task, and of cold solves.
     options : SolveOptions, optional
         Of the solves.
     regrasp_gain : float
-        How much better, relatively, the fingers have to be elsewhere before they move, be it that they slide there or
-        that they regrasp to another local optimum; at least zero.
+        Least relative gain for which the fingers move, by sliding or by a regrasp to another local optimum; at least
+        zero.
 
     Returns
     -------
     DynamicGrasp
-        A step a parameter, with a bound over all placements where the search covers the problem
-        (``step.solution.gap``). One for which there is no grasp, also of a cold solve, has the status ``NO_GRASP``.
+        One step per parameter value, with a global bound where branch and bound covers the problem
+        (``step.solution.gap``). A step without a grasp, even of a cold solve, has the status ``NO_GRASP``.
 
     Raises
     ------
     InputError
-        When more than the task changes, a task asks for nothing, or no grasp is found for any.
+        When more than the task changes, a task is empty, or no grasp is found for any.
     """
     if not callable(problem_at):
         raise InputError("problem_at", problem_at, "a function of the parameter")

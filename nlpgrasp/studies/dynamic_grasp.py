@@ -22,13 +22,13 @@ class DynamicStep:
     solution : GraspSolution
         Certified; can be saved and verified on its own.
     moved : (k,) array
-        How far each contact is from where it was for the value before, metres.
+        Displacement of each contact from the previous value, metres.
     regrasp : bool
-        Whether this is another local optimum, which no sliding leads to.
+        Whether this is another local optimum, not reached by sliding.
     stayed : float
-        What the contacts of the value before would give for this task (an upper bound on their mu).
+        Upper bound on mu of the previous value's contacts for this task.
     cold : bool
-        Whether no grasp that was followed held, so that this one comes from a cold solve.
+        Whether no followed grasp held, so that this one comes from a cold solve.
     """
 
     parameter: float
@@ -40,7 +40,7 @@ class DynamicStep:
 
     @property
     def how(self) -> str:
-        """What the fingers do, in words."""
+        """Motion of the fingers, as text."""
         most = 1e3 * float(np.max(self.moved, initial=0.0))
         if self.solution.mu.lower <= 0.0:
             return "no grasp, also by a cold solve"
@@ -53,7 +53,7 @@ class DynamicStep:
 
 @dataclass(frozen=True)
 class DynamicGrasp:
-    """Grasps for a task that changes, each certified for the parameter of its own step.
+    """Grasps for a changing task, each certified for the parameter of its own step.
 
     Nothing is certified between two steps: neither the tasks between them, nor the grasps while fingers slide.
 
@@ -62,7 +62,7 @@ class DynamicGrasp:
     name : str
         The problem's.
     steps : tuple of DynamicStep
-        One a task, in order.
+        One per task, in order.
     """
 
     name: str
@@ -70,7 +70,7 @@ class DynamicGrasp:
 
     @property
     def paths(self) -> FloatArray:
-        """Contacts over the parameter, (steps, k, space); a step with a regrasp begins another path."""
+        """Contacts over the parameter, (steps, k, space); a regrasp begins another path."""
         return np.array([step.solution.grasp.points for step in self.steps if step.solution.grasp is not None])
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""One step after another: the fingers stay, slide, regrasp, or begin anew."""
+"""Following of a grasp along a changing task: stay, slide, regrasp or cold solve at each step."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from nlpgrasp.studies.branches import Branches, moved
 from nlpgrasp.studies.dynamic_grasp import DynamicStep
 from nlpgrasp.studies.sliding import Branch, learn, slide
 
-RTOL = 0.005  # of certificates at most: the shares that decide are some percent
-TRIED = 3  # branches that are certified at a step before it begins anew
-SLID_ON = 3  # slides of one of them, at most, after its certificate disproved what descents found of it
+RTOL = 0.005  # largest relative gap of certificates; decisions depend on some percent
+TRIED = 3  # most branches certified at a step before a cold solve
+SLID_ON = 3  # most refinements of a branch whose certificate refutes its estimated quality
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Held:
     Parameters
     ----------
     state : Branch
-        The branch that it is on.
+        Branch of the grasp.
     found : OnBody
     bounds : Bounds
     """
@@ -48,24 +48,24 @@ class Held:
 
     @property
     def holds(self) -> bool:
-        """Whether it exerts the task and keeps the constraints."""
+        """Whether it exerts the task within the constraints."""
         return self.worth > 0.0
 
     @property
     def worth(self) -> float:
-        """The certified quality; 0 where constraints are broken."""
+        """The certified quality; 0 with violated constraints."""
         return self.bounds.lower if self.found.allowed else 0.0
 
 
 class Follower:
-    """What follows a task from step to step.
+    """Follower of a changing task from step to step.
 
     Parameters
     ----------
     benches : sequence of Workbench
-        One a step.
+        One per step.
     starts : int
-        Of a cold solve.
+        Starts of a cold solve.
     seed : int
     gain : float
         Relative gain for which the fingers move.
@@ -98,9 +98,9 @@ class Follower:
         return DynamicStep(parameter, solution, went, regrasp, staying, cold)
 
     def _followed(self, bench: Workbench, stayed: Held | None, rng: np.random.Generator) -> Held | None:
-        """Return the grasp that is followed to another task: the one at hand, slid, or another branch's; None if none.
+        """Return the grasp followed to another task, the current one refined or another branch's; None without any.
 
-        The search for weak directions may flatter: the certificate decides.
+        The search for weak directions may overestimate the quality: the certificate decides.
         """
         branches = self._branches
         current = None if stayed is None else stayed.state
@@ -118,7 +118,7 @@ class Follower:
         return best
 
     def _bound(self, taken: Held) -> GlobalBound | None:
-        """Return how good any placement could be, which a grasp's own bound may exceed by rounding alone."""
+        """Return the global bound, raised to the grasp's own lower bound where that exceeds it by rounding."""
         bound = self._branches.bound
         return None if bound is None else replace(bound, upper=max(bound.upper, taken.bounds.lower))
 
@@ -128,7 +128,7 @@ class Follower:
         return max((held for held in found if held.holds), key=lambda held: held.worth, default=None)
 
     def _on_body(self, bench: Workbench, state: Branch, rng: np.random.Generator) -> Held:
-        """Return a branch on the body, slid on where its certificate disproves what descents found of it."""
+        """Return a branch's grasp on the body, refined further if its certificate refutes the estimated quality."""
         best = held = self._certified(bench, state, on_body(bench, state.placed, state.value, Stop()))
         for _ in range(SLID_ON):
             flattered = held.found.allowed and held.bounds.upper < (1.0 - MISSED) * state.value
@@ -164,6 +164,6 @@ def _solution(bench: Workbench, held: Held) -> GraspSolution:
 
 
 def _without_grasp(problem: GraspProblem, parameter: float, cold: bool, bound: GlobalBound | None) -> DynamicStep:
-    """Return a step before any grasp was found."""
+    """Return a step without a grasp, before any was found."""
     solution = GraspSolution(Status.NO_GRASP, problem.name, problem.to_dict(), kind=problem.task.measure, bound=bound)
     return DynamicStep(parameter, solution, np.zeros(len(problem.models)), False, 0.0, cold)

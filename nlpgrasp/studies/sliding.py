@@ -1,4 +1,4 @@
-"""A local optimum that is followed: looked at and slid by shorter descents than a solve's; the certificate decides."""
+"""Refinement of a followed local optimum: shorter searches than a solve's, checked by certificates."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ from nlpgrasp.solve.ascent.weakest import QUICK, disproved, weakest_at
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 LOOSE = replace(QUICK, gap=0.01)
-CUTS = 48  # of the exchange's program: a third of a solve's, in a third of the time
-SEEN = 24  # of a branch's directions, those found last, tell how good others can be at most
-GAIN = 2e-3  # relative: a slide ends where rounds gain less
-LAP = 6  # rounds of a slide from afar at a time
-NEAR_ROUNDS = 8  # of a branch that was at its best: the task changes a little, and so do contacts
+CUTS = 48  # most cuts of the refinement's program: a third of a solve's
+SEEN = 24  # latest directions of a branch that bound other branches' quality
+GAIN = 2e-3  # least relative gain of rounds of a refinement
+LAP = 6  # rounds of a refinement of an unsettled branch
+NEAR_ROUNDS = 8  # rounds of a refinement of a branch that was locally optimal before
 NEVER = -1
 
 
 @dataclass
 class Branch(AscentState):
-    """A local optimum that is followed.
+    """A followed local optimum.
 
     Parameters
     ----------
     placed, value, cuts, multipliers, effort, history
         As for ``AscentState``.
     settled : int
-        The step at which it was slid to its best last.
+        The last step at which its refinement converged.
     """
 
     settled: int = NEVER
 
 
 def look(bench: Workbench, state: Branch, rng: np.random.Generator) -> None:
-    """Compute quality and weakest directions of a branch for the task at hand."""
+    """Evaluate quality and weakest directions of a branch for the current task."""
     task, none = bench.problem.task, np.zeros((0, bench.problem.dimension))
     weakest = weakest_at(bench, state.placed, rng, with_known(state.cuts, none, task), LOOSE)
     state.value, state.cuts = weakest.value, with_known(state.cuts, weakest.directions, task)
 
 
 def learn(bench: Workbench, state: Branch) -> bool:
-    """Add the directions in which a branch is weaker than descents found it; return whether there are any."""
+    """Add the directions in which the certificate refutes a branch's estimated quality; return whether any exist."""
     found, _ = disproved(bench, state.placed, state.value)
     if found is None:
         return False
@@ -56,9 +56,9 @@ def learn(bench: Workbench, state: Branch) -> bool:
 
 
 def at_most(bench: Workbench, states: Sequence[Branch]) -> FloatArray:
-    """Return what the quality of each branch is at most for the task at hand, (n,).
+    """Return upper bounds on the branches' qualities for the current task, (n,).
 
-    It is the least ratio of supports (3.4-3) along the directions in which any of them was weak.
+    They are the least ratios of supports (3.4-3) along weak directions of all branches.
     """
     result = np.full(len(states), np.inf)
     known = [state.cuts[-SEEN:] for state in states if len(state.cuts)]
@@ -70,7 +70,7 @@ def at_most(bench: Workbench, states: Sequence[Branch]) -> FloatArray:
 
 
 def slide(bench: Workbench, state: Branch, step: int) -> bool:
-    """Slide a branch that was looked at towards its best; return whether it got there, in ``step`` of the path."""
+    """Refine a branch for the current task; return whether it converged, in ``step`` of the path."""
     found = refine(bench, state.placed, Stop(), LAP if state.settled == NEVER else NEAR_ROUNDS, GAIN)
     if found.point.value > state.value:
         state.accept(found.point.placed, found.point.value, found.multipliers)

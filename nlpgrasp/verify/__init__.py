@@ -1,4 +1,4 @@
-"""An independent check of a solution: from its file alone, by code that never saw the program."""
+"""Independent verification of a solution from its file alone, without the solver's code."""
 
 from nlpgrasp.verify.check import Check, NotMadeError, Verification
 from nlpgrasp.verify.kinds import register_all

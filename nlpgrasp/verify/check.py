@@ -1,4 +1,4 @@
-"""What an independent check says: one thing after another, passed, failed or not made."""
+"""Verification results: single checks that passed, failed or could not be made, and the verdict."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ BROKEN = (
     *(MemoryError, RuntimeError, InputError, OSError, ParseError),
 )
 """What comes of parts of a file that make no sense."""
-MOST = 2  # reasons, beside missing files, that a verdict names
+MOST = 2  # most reasons, beside missing files, in a verdict
 
-NO_GRASP = "grasp"  # the check that there is one
-NO_BODY = "the body is not there"  # why checks are not made where that of the surface says the reason
+NO_GRASP = "grasp"  # name of the check that there is a grasp
+NO_BODY = "the body is not there"  # reason for dependent checks; the surface check says more
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was checked.
+    """Result of one check.
 
     Parameters
     ----------
     name : str
     passed : bool
     detail : str
-        What was compared, with numbers; where the check could not be made, why not.
+        What was compared, with numbers; for a check that could not be made, why not.
     made : bool
-        False where what it takes is not there, a mesh's file for example. Then ``passed`` is false too.
+        False if its data are missing, for example a mesh file. Then ``passed`` is false too.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Check:
 
     @property
     def failed(self) -> bool:
-        """Whether it was made and found something wrong."""
+        """Whether the check was made and found an error."""
         return self.made and not self.passed
 
     def __str__(self) -> str:
@@ -56,18 +56,18 @@ class Check:
 
 @dataclass(frozen=True)
 class Verification:
-    """The outcome of ``verify``; true when no check that could be made failed.
+    """Outcome of ``verify``; true when no check that could be made failed.
 
     Parameters
     ----------
     checks : tuple of Check
         What was compared, in order, with the outcome of each.
     mu : Bounds or None
-        Computed anew.
+        Recomputed quality.
     missing : tuple of str
-        Names of the files (mesh, URDF) that were looked for and not found.
+        Names of the files (mesh, URDF) that were not found.
     caveats : tuple of str
-        What has to be known of the grasp even where every check passes, in words.
+        Warnings about the grasp that hold even if every check passes, as text.
     """
 
     checks: tuple[Check, ...]
@@ -82,7 +82,7 @@ class Verification:
 
     @property
     def not_made(self) -> tuple[Check, ...]:
-        """The checks that could not be made, each saying why."""
+        """The checks that could not be made, each with its reason."""
         return tuple(check for check in self.checks if not check.made)
 
     @property
@@ -95,9 +95,9 @@ class Verification:
 
     @property
     def verdict(self) -> str:
-        """The outcome in a sentence with how many checks say so, and why some could not be made.
+        """The outcome in a sentence, with the number of checks and why some could not be made.
 
-        It begins with ``"verified: "``, with ``"partly verified: "`` where a check could not be made, or with
+        It begins with ``"verified: "``, ``"partly verified: "`` where a check could not be made, or
         ``"NOT verified: "``.
         """
         failed = [check.name for check in self.checks if check.failed]
@@ -112,7 +112,7 @@ class Verification:
         return f"{word}: {made} check{'' if made == 1 else 's'} passed{left}{but}"
 
     def _reasons(self) -> str:
-        """Return why checks could not be made: the files that are missing, then other reasons, each once."""
+        """Return the reasons for checks that could not be made: missing files first, then others, each once."""
         files = list(dict.fromkeys(self.missing))
         whose = "its folder" if len(files) == 1 else "their folders"
         told = (
@@ -128,14 +128,14 @@ class Verification:
 
 
 class NotMadeError(NlpgraspError):
-    """Raised by what recomputes a part of a file, where it cannot.
+    """Error for a part of a file that cannot be recomputed.
 
     Parameters
     ----------
     why : str
         One sentence.
     every_row : bool
-        Whether all rows of the part were named before, and only their values stay unknown.
+        Whether all constraints of the part were named before, and only their values stay unknown.
     """
 
     def __init__(self, why: str, every_row: bool = False) -> None:
@@ -144,12 +144,12 @@ class NotMadeError(NlpgraspError):
 
 
 def no_sense(error: Exception) -> str:
-    """Return the sentence of an error out of ``BROKEN``."""
+    """Return the message for an error in ``BROKEN``."""
     return f"the file makes no sense here: {type(error).__name__}: {error}"
 
 
 def guarded(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
-    """Return the checks, or one that failed where the parts of a file that they are about make no sense."""
+    """Return the checks, or one failed check if the data they use are invalid."""
     try:
         return checks()
     except BROKEN as error:

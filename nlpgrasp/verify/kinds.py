@@ -1,4 +1,4 @@
-"""The kinds that come with the package, each with its numeric twin."""
+"""Registration of the package's own kinds for verification."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlpgrasp.verify.registry import register_body, register_constraint, registe
 
 
 def register_all() -> None:
-    """Register the twins of the package's own kinds."""
+    """Register the numeric counterparts of the package's own kinds."""
     for body in (box, cylinder, ellipsoid, implicit, mesh, polygon, prism, sphere, superquadric, torus):
         register_body(body.__name__, body)
     register_body("planar_implicit", implicit)

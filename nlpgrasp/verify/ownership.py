@@ -1,4 +1,4 @@
-"""Names of stated constraints that could not be recomputed: the part of the problem they belong to, and their scale."""
+"""Owner and scale of stated constraints that cannot be recomputed, by their names."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ LINKS = (f"{CLEARANCE}, ", f"{SELF_COLLISION}, ")
 FINGER = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")
 
 
-ON_TIP_LENGTHS = (", x", ", y", ", z", ", plane", ", extent x", ", extent y")  # coordinates on a fingertip
+ON_TIP_LENGTHS = (", x", ", y", ", z", ", plane", ", extent x", ", extent y")  # endings of lengths on a fingertip
 OF_CONSTRAINTS = ("table, ", "workspace, ", "symmetric, ", "forbidden region, ")
 LENGTHS = (*OF_CONSTRAINTS, f"{CLEARANCE}, ", f"{EDGE_MARGIN}, ", f"{ROOM}, ")
-SQUARED_SPANS = (f"{TIPS_APART}, ", f"{SELF_COLLISION}, ")  # of a hand with links; those of free tips are recomputed
+SQUARED_SPANS = (f"{TIPS_APART}, ", f"{SELF_COLLISION}, ")  # for hands with links; free fingertips are recomputed
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Typical sizes of stated constraints by their names: tolerances are relative to them.
+    """Scales of stated constraints by their names, for relative tolerances.
 
     Parameters
     ----------
     size : float
         The body's characteristic length, metres.
     span : float
-        How far the hand reaches from its palm, metres.
+        Reach of the hand from its palm, metres.
     obstacles : tuple of str
         Names of the problem's obstacles.
     """
@@ -55,7 +55,7 @@ class Scales:
     obstacles: tuple[str, ...] = ()
 
     def of(self, name: str) -> float:
-        """Return the typical size of a constraint, in its own unit: metres, square metres, or 1 of a cosine."""
+        """Return the scale of a constraint, in its own unit: metres, square metres, or 1 for a cosine."""
         if name.startswith(SQUARED_SPANS):
             return self.span**2
         if name.startswith(f"{ON_FINGERTIP} "):
@@ -65,7 +65,7 @@ class Scales:
 
 
 def constraint_owner(data: Json, contacts: int) -> Owner:
-    """Return which rows a constraint may own; one of another package any row."""
+    """Return the predicate of scalar constraints that a constraint may own; any for another package's."""
     kind = str(data["type"])
     if kind == "obstacle":
         return _beginning((f"{data['name']}, ",), contacts)
@@ -76,31 +76,31 @@ def constraint_owner(data: Json, contacts: int) -> Owner:
 
 
 def hand_owner(data: Json, contacts: int) -> Owner:
-    """Return which rows a hand may own; one of another package any row."""
+    """Return the predicate of scalar constraints that a hand may own; any for another package's."""
     kind = str(data["type"])
     return _beginning(HANDS[kind], contacts) if kind in HANDS else anything
 
 
 def links_owner(contacts: int) -> Owner:
-    """Return which rows the links of a hand may own."""
+    """Return the predicate of scalar constraints that the links of a hand may own."""
     return _beginning(LINKS, contacts)
 
 
 def margin_owner(contacts: int) -> Owner:
-    """Return which rows the margin from sharp edges may own."""
+    """Return the predicate of scalar constraints that the margin from sharp edges may own."""
     return _beginning((f"{EDGE_MARGIN}, ",), contacts)
 
 
 def room_owner(contacts: int) -> Owner:
-    """Return which rows the room for fingertips may own."""
+    """Return the predicate of scalar constraints that the clearance of fingertips may own."""
     return _beginning((f"{ROOM}, ",), contacts)
 
 
 def anything(row: str) -> bool:
-    """Return that a part of another package, of which nothing is known, may own any row."""
+    """Return True: parts of other packages may own any scalar constraint."""
     return True
 
 
 def _beginning(first: tuple[str, ...], contacts: int) -> Owner:
-    """Return whether a row begins so and is about contacts that there are."""
+    """Return the predicate of names with such a beginning and existing contacts."""
     return lambda row: row.startswith(first) and all(int(i) < contacts for i in FINGER.findall(row))

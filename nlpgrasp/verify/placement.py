@@ -1,4 +1,4 @@
-"""What a file states of body, contacts and hand, as numbers: what its rows are recomputed from."""
+"""Numeric placement as a file states it: body, contacts and hand."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nlpgrasp.verify.rows import RowValue
 
 @dataclass(frozen=True)
 class Fit:
-    """How a contact fits a face.
+    """Deviation of a contact from a face.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Fit:
         Length of the difference between the stated inward normal and the face's; None where the fingertip may keep
         another normal than the face's.
     angle : float
-        Between the stated normal and the mesh's, radians; an edge has all directions between its triangles' normals.
+        Angle of the stated normal to the mesh's, radians; an edge has all directions between its triangles' normals.
     """
 
     off: float
@@ -35,14 +35,14 @@ class Fit:
 
 
 class Surface(Protocol):
-    """A body as numbers."""
+    """Interface of numeric bodies."""
 
     @property
     def bounds(self) -> FloatArray:
         """Bounding box, (2, space), metres."""
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Return how a contact with this inward normal fits a face.
+        """Return the deviation of a contact with this inward normal from a face.
 
         Parameters
         ----------
@@ -50,7 +50,7 @@ class Surface(Protocol):
             ``KeyError`` where the body has no such face.
         point, normal : (space,) arrays
         tip : str or None
-            The kind of the posed fingertip that touches there, ``None`` where contacts are free.
+            The kind of the posed fingertip at the contact, ``None`` for free contacts.
         """
 
     def distance(self, points: FloatArray) -> FloatArray:
@@ -61,12 +61,12 @@ class Surface(Protocol):
 
     @property
     def rough(self) -> float:
-        """How far above this distance the solver's own may be at an obstacle, metres; 0 where both are equal."""
+        """Largest excess of the solver's obstacle distance over this one, metres; 0 where both are equal."""
 
 
 @dataclass(frozen=True)
 class Ball:
-    """A sphere that stands for a part of a hand.
+    """Collision sphere of a link, or contact ball of a fingertip.
 
     Parameters
     ----------
@@ -91,16 +91,16 @@ class Ball:
 
 @dataclass(frozen=True)
 class Palm:
-    """Where the palm is.
+    """Palm position and direction.
 
     Parameters
     ----------
     position : (3,) array
         Metres, body frame.
     approach : (3,) array or None
-        Unit direction in which it faces, body frame; None where the file does not record it.
+        Unit facing direction, body frame; None if not recorded.
     error : float
-        How far that direction may be off for want of digits in the file.
+        Error bound of that direction, by the digits in the file.
     """
 
     position: FloatArray
@@ -109,7 +109,7 @@ class Palm:
 
 
 class HandNumbers(Protocol):
-    """A hand as numbers, in the posture that a file states. What cannot be known raises ``NotMadeError``."""
+    """Interface of numeric hands in the stated posture. Unknown results raise ``NotMadeError``."""
 
     @property
     def radii(self) -> Sequence[float]:
@@ -117,47 +117,47 @@ class HandNumbers(Protocol):
 
     @property
     def linked(self) -> bool:
-        """Whether it has links and joints that are checked by themselves."""
+        """Whether it has links and joints with checks of their own."""
 
     @property
     def posed_tips(self) -> Sequence[str | None]:
-        """The kind of each fingertip that is fixed to a posed link, ``None`` for those that are free."""
+        """Kind of each fingertip that is fixed to a posed link, ``None`` for free ones."""
 
     @property
     def error(self) -> float:
-        """How far a point of it may be off for want of digits in the file, metres."""
+        """Error bound of its points, by the digits in the file, metres."""
 
     def palm(self) -> Palm | None:
-        """Return where its palm is, ``None`` where it has none."""
+        """Return the palm pose, ``None`` without one."""
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return the spheres that stand for its links and fingertips; none of a hand without links."""
+        """Return the spheres of its links and fingertips; empty for a hand without links."""
 
     def rows(self, placement: StatedPlacement) -> Iterable[RowValue]:
-        """Return the rows that the hand puts on a placement, as files state them."""
+        """Return the constraints of the hand on a placement, as files state them."""
 
     def apart(self) -> Iterable[RowValue]:
-        """Return the rows that keep the hand off itself, as files state them."""
+        """Return the self-collision constraints, as files state them."""
 
     def limits(self) -> Iterable[RowValue]:
-        """Return the limits of the hand's own variables, which files do not state as rows."""
+        """Return the limits of the hand's variables, which files do not state as constraints."""
 
 
 @dataclass(frozen=True)
 class StatedPlacement:
-    """Contacts and hand as a file states them.
+    """Contacts and hand as stated in a file.
 
     Parameters
     ----------
     points, normals : (k, space) arrays
         Metres, body frame; unit, into the body.
     size : float
-        The body's characteristic length, metres, as far as the contacts bear it out: what tolerances are relative to.
+        The body's characteristic length, metres, limited by the contacts' spread: the reference of tolerances.
     hand : HandNumbers or None
     surface_of : callable
-        JSON data of another body to its ``Surface``.
+        Function of another body's JSON data to its ``Surface``.
     stated : mapping
-        Stated values of all rows, by name.
+        Stated values of all constraints, by name.
     """
 
     points: FloatArray
@@ -179,17 +179,17 @@ class StatedPlacement:
 
     @property
     def links(self) -> Sequence[Ball]:
-        """The spheres of the hand's links, fingertips apart."""
+        """Collision spheres of the hand's links, without fingertips."""
         return [] if self.hand is None else [ball for ball in self.hand.balls(self) if not ball.is_tip]
 
     @property
     def error(self) -> float:
-        """How far a link may be off for want of digits in the file, metres."""
+        """Error bound of the links' points, by the digits in the file, metres."""
         return 0.0 if self.hand is None else self.hand.error
 
     @property
     def palm(self) -> Palm:
-        """Where the hand's palm is."""
+        """The hand's palm pose."""
         found = None if self.hand is None else self.hand.palm()
         if found is None:
             raise NotMadeError("the hand has no palm")

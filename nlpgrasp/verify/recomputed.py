@@ -1,4 +1,4 @@
-"""The rows of constraints and hand, recomputed from the problem, the positions and the hand in the file."""
+"""Recomputation of constraints and hand from problem, contacts and posture in the file."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ from nlpgrasp.verify.sources import Sources
 from nlpgrasp.verify.surface import WIDEST, face_check, size_of, surface_checks
 
 FITTING = "room for fingertips"
-ON_MESH = 10.0  # times the promise: steps over a mesh end there
-UNSEEN = 5.0  # times the size between its contacts: of a body that is neither there nor drawn, at most
-SPAN = 3.0  # times the farthest contact from the palm: the most that a hand reaches
-LEAST_SLACK = 1e-6  # in a constraint's own unit: of one that is not recomputed
+ON_MESH = 10.0  # tolerance of constraints on meshes, in units of the promise
+UNSEEN = 5.0  # largest size of a missing, undrawn body, in units of its contacts' spread
+SPAN = 3.0  # largest reach of a hand, in distances of the farthest contact from the palm
+LEAST_SLACK = 1e-6  # least tolerance of constraints that are not recomputed, in their own unit
 
 
 def recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
     """Return the checks of surface, faces, constraints and hand."""
-    with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
+    with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
         return guarded("problem", lambda: _recomputed(solution, grasp, sources))
 
 
@@ -104,7 +104,7 @@ def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources
 
 
 def _drawn_box(solution: GraspSolution, grasp: Grasp) -> FloatArray:
-    """Return about the box around a body that is not there, (2, space): that of its drawing, or of the contacts."""
+    """Return the approximate bounding box of a missing body, (2, space), from its drawing or the contacts."""
     seen = grasp.points if solution.drawing is None else solution.drawing.body.vertices
     return np.stack([seen.min(axis=0), seen.max(axis=0)])
 
@@ -119,7 +119,7 @@ def _constraint_rows(data: Json, placement: StatedPlacement) -> Iterable[RowValu
 
 
 def link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the distance of each sphere of the hand from the held body, then what keeps the hand off itself."""
+    """Yield the distance of each sphere of the hand from the held body, then the self-collision constraints."""
     balls = hand.balls(placement)
     if balls and surface is None:
         raise NotMadeError(NO_BODY)
@@ -134,7 +134,7 @@ def link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlace
 def _guarded(
     name: str, rows: Callable[[], Iterable[RowValue]], judge: Callable[[str, Iterable[RowValue]], Check]
 ) -> Check:
-    """Return what a comparison of rows says; parts of a file that make no sense fail."""
+    """Return the check of a comparison; invalid parts of a file fail."""
     try:
         return judge(name, _each(rows))
     except NotMadeError as reason:
@@ -144,12 +144,12 @@ def _guarded(
 
 
 def _each(rows: Callable[[], Iterable[RowValue]]) -> Iterator[RowValue]:
-    """Yield the rows; what cannot be had says so at the first."""
+    """Yield the constraints; an error is raised at the first one."""
     yield from rows()
 
 
 def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
-    """Return which rows each part of the problem may own, by the part's name."""
+    """Return the owner predicate of each part of the problem, by the part's name."""
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
     found = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
     found[EDGE_MARGIN], found[FITTING] = margin_owner(contacts), room_owner(contacts)
@@ -157,7 +157,7 @@ def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
 
 
 def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> Scales:
-    """Return the typical sizes of constraints, as far as the file itself says them."""
+    """Return the scales of constraints, as far as the file itself determines them."""
     pose, span = (solution.hand or {}).get("palm_pose"), size
     if pose is not None and grasp.space == 3:
         palm = array("hand.palm_pose.position", pose["position"], (3,))
@@ -172,7 +172,7 @@ def _stated_check(
     owners: Mapping[str, Owner],
     slack: Callable[[ConstraintReport], float],
 ) -> list[Check]:
-    """Return whether the stated values are within the stated limits, and every stated row is some part's own."""
+    """Return the checks that stated values keep the stated limits, and that every stated constraint has an owner."""
     if not solution.constraints:
         return []
     wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _within(c, slack(c))]
@@ -188,9 +188,9 @@ def _within(row: ConstraintReport, slack: float) -> bool:
 
 
 def _slack(row: ConstraintReport, stated: StatedRows, scales: Scales, promise: float) -> float:
-    """Return how far outside its limits a solve may leave a constraint, in its own unit.
+    """Return the allowed violation of a constraint by a solve, in its own unit.
 
-    One that was recomputed has the scale of its formula, another that of its name.
+    Recomputed constraints have the scale of their formula, others that of their name.
     """
     known = stated.slack.get(id(row))
     return max((promise + ROUNDING) * scales.of(row.name), LEAST_SLACK) if known is None else known

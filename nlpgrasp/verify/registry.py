@@ -1,7 +1,7 @@
-"""The kinds of bodies, constraints and hands that can be recomputed: each by a numeric twin of its own.
+"""Registry of numeric counterparts for bodies, constraints and hands.
 
-A twin restates in numpy, from JSON data alone, what the kind states to the solver as a CasADi expression; the two share
-no code. A new kind joins with one line, also from outside the package::
+A counterpart restates in numpy, from JSON data alone, the CasADi expressions that the kind gives to the solver; the two
+share no code. A new kind is registered in one line, also from outside the package::
 
     from nlpgrasp.verify import RowValue, register_constraint
 
@@ -33,12 +33,12 @@ HandTwin = Callable[[Json, Json, Mapping[str, float], Sources], HandNumbers]
 
 
 class Twins(Generic[Twin]):
-    """Twins by the type that stands for their kind in JSON.
+    """Numeric counterparts by the JSON type of their kind.
 
     Parameters
     ----------
     what : str
-        What they are twins of, for messages.
+        What they are counterparts of, for messages.
     """
 
     def __init__(self, what: str) -> None:
@@ -46,11 +46,11 @@ class Twins(Generic[Twin]):
         self._known: dict[str, Twin] = {}
 
     def register(self, kind: str, twin: Twin) -> None:
-        """Add the twin of a kind; a later one takes the place of an earlier one."""
+        """Add the counterpart of a kind; a later one replaces an earlier one."""
         self._known[kind] = twin
 
     def of(self, data: Json) -> Twin:
-        """Return the twin of JSON data with a ``type``; raise ``NotMadeError`` where there is none."""
+        """Return the counterpart for JSON data with a ``type``; raise ``NotMadeError`` where there is none."""
         kind = data.get("type")
         twin = self._known.get(str(kind))
         if twin is None:
@@ -59,7 +59,7 @@ class Twins(Generic[Twin]):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The types there are twins of."""
+        """The registered types."""
         return tuple(self._known)
 
 

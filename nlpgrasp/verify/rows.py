@@ -1,4 +1,4 @@
-"""Rows recomputed from numbers, and how they compare with those that a file states."""
+"""Comparison of recomputed scalar constraints with those stated in a file."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ import numpy as np
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.verify.check import Check, NotMadeError
 
-ROUNDING = 1e-6  # of a row's scale: recomputed values differ by rounding alone, by less than a thousandth of this
-LIMITS = 1e-9  # relative: limits are the problem's own numbers, or their squares
-FAR, AT = 1e-2, 1e-8  # of a row's scale: active rows are nearer to a limit than the first, rows on one within the other
-PROMISE = 1e-5  # of a row's scale: how well the solver keeps its rows; on a mesh ten times as much
+ROUNDING = 1e-6  # tolerance of recomputed values, relative to the scale; rounding is below a thousandth of it
+LIMITS = 1e-9  # relative tolerance of limits, which are the problem's numbers or their squares
+FAR, AT = 1e-2, 1e-8  # distances from a limit, relative to the scale: too far for active, and on the limit
+PROMISE = 1e-5  # the solver's feasibility tolerance, relative to the scale; ten times as much on a mesh
 
 
 @dataclass(frozen=True)
 class RowValue:
-    """One row ``lower <= value <= upper``, with its value computed from positions and hand.
+    """A scalar constraint ``lower <= value <= upper`` with its value recomputed from positions and hand.
 
     Parameters
     ----------
     name : str
-        As the file states it.
+        Name in the file.
     value : float or None
-        In the row's own unit; None where it stays unknown: then the stated value has to keep the limits.
+        In the constraint's own unit; None if unknown: then the stated value has to keep the limits.
     lower, upper : float
     scale : float
         Typical size of the value: tolerances are relative to it.
     error : float
-        How far the value may be off for want of digits in the file, in the row's own unit.
+        Error bound of the value by the digits in the file, in the constraint's own unit.
     stated_below : bool
-        Whether the solver may have stated less than the value: it keeps some distances by a lower bound.
+        Whether the stated value may be smaller, as the solver uses a lower bound of some distances.
     """
 
     name: str
@@ -44,17 +44,17 @@ class RowValue:
     stated_below: bool = False
 
     def broken(self, value: float, promise: float) -> str:
-        """Return that a value is outside the limits by more than what the solver promises, nothing where it is not."""
+        """Return a message if a value violates the limits by more than the solver's tolerance, else empty."""
         slack = promise * self.scale + self.error
         kept = self.lower - slack <= value <= self.upper + slack
         return "" if kept else f"{self.name}: {value:.9g} is outside {self._limits}"
 
     def off(self, stated: ConstraintReport) -> float:
-        """Return how far the stated value is above the recomputed one."""
+        """Return the excess of the stated value over the recomputed one."""
         return 0.0 if self.value is None else stated.value - self.value
 
     def contradicts(self, stated: ConstraintReport) -> str:
-        """Return what a stated row says that is not so, nothing where it agrees."""
+        """Return the error in a stated constraint; empty where it agrees."""
         if not (_same(stated.lower, self.lower, self.scale) and _same(stated.upper, self.upper, self.scale)):
             return f"{self.name}: stated within [{stated.lower:g}, {stated.upper:g}], the problem says {self._limits}"
         off = self.off(stated)
@@ -63,9 +63,9 @@ class RowValue:
         return f"{self.name}: stated {stated.value:.9g}, recomputed {self.value:.9g}"
 
     def _idle(self, stated: ConstraintReport) -> str:
-        """Return what is wrong with a stated row's being active, nothing where it is not far from what its value says.
+        """Return the error in a stated constraint's active flag; empty where it is compatible with the value.
 
-        A solve calls a row active within a ten thousandth of its scale from a limit, and the scale may be another here.
+        A solve calls a constraint active within 1e-4 of its scale from a limit, and the scale may differ here.
         """
         room = min(stated.value - stated.lower, stated.upper - stated.value)
         if stated.multiplier != 0.0 and not stated.active:
@@ -84,7 +84,7 @@ def _same(stated: float, own: float, scale: float) -> bool:
 
 
 class StatedRows:
-    """The rows a file states, each to be met once by a row recomputed.
+    """The scalar constraints that a file states, each matched once with a recomputed one.
 
     Parameters
     ----------
@@ -93,9 +93,9 @@ class StatedRows:
     Attributes
     ----------
     unknown : list of str
-        Names of the parts of the problem that may have rows which were not recomputed.
+        Names of the parts of the problem with constraints that were not recomputed.
     slack : dict
-        How far outside its limits the solver may leave a row that was recomputed, by the report's identity.
+        Allowed violation of each recomputed constraint, by the report's identity.
     """
 
     def __init__(self, reports: Iterable[ConstraintReport]) -> None:
@@ -106,25 +106,25 @@ class StatedRows:
             self._left.setdefault(report.name, []).append(report)
 
     def take(self, name: str) -> ConstraintReport | None:
-        """Return the next row of this name that was not taken yet, ``None`` without one."""
+        """Return the next unmatched constraint of this name, ``None`` without one."""
         waiting = self._left.get(name, [])
         return waiting.pop(0) if waiting else None
 
     def values(self) -> Mapping[str, float]:
-        """Return the stated values of the rows not taken yet, by name; of several the first."""
+        """Return the stated values of the unmatched constraints, by name; of several the first."""
         return {name: reports[0].value for name, reports in self._left.items() if reports}
 
     @property
     def left(self) -> list[str]:
-        """Names of the rows that were not taken."""
+        """Names of the unmatched constraints."""
         return [name for name, reports in self._left.items() for _ in reports]
 
 
 def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: float) -> Check:
-    """Return whether the file states these rows, their limits and values, and whether the values keep the limits.
+    """Return the check that the file states these constraints with their limits and values, and that these are kept.
 
-    Rows come as they are computed: where one raises ``NotMadeError``, those before it have been compared, and the check
-    fails by them or is not made.
+    Constraints are compared as they are computed: where one raises ``NotMadeError``, those before it have been
+    compared, and the check fails by them or is not made.
     """
     count, wrong, why = 0, [], ""
     worst = 0.0
@@ -151,7 +151,7 @@ def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: fl
 
 
 def kept(name: str, rows: Iterable[RowValue], promise: float) -> Check:
-    """Return whether rows that the file does not state keep their limits."""
+    """Return the check that constraints which the file does not state keep their limits."""
     found = list(rows)
     wrong = [lie for row in found if row.value is not None and (lie := row.broken(row.value, promise))]
     return Check(name, not wrong, _listed(wrong) if wrong else f"{len(found)} within their limits")

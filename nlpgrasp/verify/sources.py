@@ -1,4 +1,4 @@
-"""Files that a solution was made from: meshes and URDFs, looked for by the names it records."""
+"""Lookup of a solution's source files: meshes and URDFs, by their recorded names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nlpgrasp.verify.check import NotMadeError
 
 @dataclass(frozen=True)
 class Sources:
-    """Where the files are looked for.
+    """Folders in which source files are searched.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class Sources:
     Attributes
     ----------
     missing : list of str
-        Names of the files that were looked for and not found.
+        Names of the files that were not found.
     """
 
     folders: tuple[Path, ...] = (Path(),)
@@ -29,7 +29,7 @@ class Sources:
 
     @classmethod
     def beside(cls, file: Path | None, more: Iterable[str | Path] = ()) -> Sources:
-        """Return the folder of a solution file, the current one and others."""
+        """Return the search path: a solution file's folder, the current one and others."""
         own = () if file is None else (file.parent,)
         return cls((*own, Path(), *map(Path, more)))
 

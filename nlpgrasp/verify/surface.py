@@ -1,4 +1,4 @@
-"""Whether the stated contacts are on the faces that they name, with those faces' normals."""
+"""Check that the stated contacts lie on their faces, with the faces' normals."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from nlpgrasp.verify.placement import Fit, HandNumbers, Surface
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import Sources
 
-ON_FACE = 1e-6  # of the body's size
+ON_FACE = 1e-6  # tolerance relative to the body's size
 NORMAL = 1e-6  # length of the difference of unit normals
-ANGLE = 1e-5  # radians: a normal of the smooth surface so near the mesh's is the mesh's, and so are stated angles
-WIDEST = 50.0  # times the distance of the contacts that are farthest apart: more of a body's size counts for nothing
-ELSEWHERE = "unknown"  # the kind of fingertips of a hand that nothing recomputes
+ANGLE = 1e-5  # radians: tolerance of normals and stated angles on a mesh
+WIDEST = 50.0  # largest body size for tolerances, in units of the largest distance of contacts
+ELSEWHERE = "unknown"  # kind of the fingertips of a hand that cannot be recomputed
 
 
 def size_of(box: FloatArray, grasp: Grasp) -> float:
-    """Return the length that tolerances are relative to, metres.
+    """Return the reference length of tolerances, metres.
 
-    That is half the diagonal of the body's bounding box (2, space), what the solver's promise is about. A file could
-    state a body that is larger where nothing touches it, and so have its way with every tolerance: the distance
-    between contacts, which the quality depends on, bears out a multiple of itself alone.
+    It is half the diagonal of the body's bounding box (2, space), the reference of the solver's tolerance. A file could
+    state a body that is larger away from the contacts, and so widen every tolerance; therefore the length is limited to
+    a multiple of the largest distance between contacts.
     """
     points = grasp.points if len(grasp) > 1 else np.stack([grasp.points[0], grasp.torque_origin])
     apart = float(np.max(np.linalg.norm(points[:, None] - points[None], axis=2)))
@@ -37,7 +37,7 @@ def size_of(box: FloatArray, grasp: Grasp) -> float:
 
 
 def half_diagonal(solution: GraspSolution, sources: Sources) -> float:
-    """Return half the diagonal of the body's bounding box, metres; 0 where the body cannot be had."""
+    """Return half the diagonal of the body's bounding box, metres; 0 if the body is missing."""
     try:
         box = BODIES.of(solution.body)(solution.body, sources).bounds
     except (NotMadeError, *BROKEN):
@@ -48,7 +48,7 @@ def half_diagonal(solution: GraspSolution, sources: Sources) -> float:
 def surface_checks(
     solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None, sources: Sources
 ) -> tuple[Surface | None, list[Check]]:
-    """Return the held body as numbers, None where it cannot be had, and the checks of contacts and normals on it."""
+    """Return the numeric body, None if missing, and the checks of contacts and normals on it."""
     tips = _tips(hand, len(grasp))
     body = solution.body
     try:
@@ -63,7 +63,7 @@ def surface_checks(
 
 
 def face_check(solution: GraspSolution) -> Check:
-    """Return whether every contact is on a face that its model may use and that nothing forbids."""
+    """Return the check that every contact is on a face that its model allows and nothing forbids."""
     contacts, constraints = solution.problem["contacts"], solution.problem["constraints"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
     wrong = []
@@ -86,10 +86,10 @@ def _tips(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
 def _on_another_mesh(
     solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], other: OtherMeshError
 ) -> tuple[Surface | None, list[Check]]:
-    """Return what to say of a mesh with another fingerprint than the one recorded.
+    """Return body and checks for a mesh with another fingerprint than recorded.
 
-    Where contacts and normals fit it all the same, and it was read by the same versions, it is the recorded fingerprint
-    that is wrong. Otherwise it may well be another mesh, which says nothing of the file.
+    If contacts and normals fit it, and it was read by the same versions, the recorded fingerprint is wrong. Otherwise
+    it may be another mesh, which proves nothing about the file.
     """
     versions = solution.solver.get("versions", {})
     same_reader = all(versions.get(name) == version(name) for name in other.readers)
@@ -113,7 +113,7 @@ def _fitted(solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], s
 
 
 def _angles(solution: GraspSolution, count: int) -> FloatArray | None:
-    """Return the angles (k,) that the file states between its normals and the mesh's, None where it states none."""
+    """Return the stated angles (k,) between normals and the mesh's, None where none are stated."""
     stated = None if solution.surface is None else solution.surface.stated
     return stated if stated is not None and len(stated) == count else None
 
@@ -126,9 +126,9 @@ def _on_surface(fits: Sequence[Fit], most: float) -> Check:
 
 
 def _normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
-    """Return whether normals are the face's own and angles off the mesh's as stated.
+    """Return the check that normals are the face's own, and angles to the mesh's normals as stated.
 
-    Normals that fingertips keep from the solver's smooth surface are not approved: the check says how far off they are.
+    Normals kept from the solver's smooth surface are not approved: the check states their deviation.
     """
     if stated is not None:
         wrong = np.abs(stated - [fit.angle for fit in fits])

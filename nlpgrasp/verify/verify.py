@@ -1,8 +1,8 @@
-"""An independent check of a solution: from its file alone, by code that never saw the program.
+"""Verification of a solution or bound file, independent of the solver's code.
 
-The grasp map is rebuilt here from positions and normals as sums of ``(f, (p - o) x f)``, the certified bounds are
-computed again with other random directions, the finger forces are put back into the equilibrium equations, and
-contacts, constraints and hand are recomputed from the problem by formulas of this room's own.
+The grasp map is rebuilt from positions and normals as sums of ``(f, (p - o) x f)``, the certified bounds are recomputed
+with other random directions, the finger forces are inserted into the equilibrium equations, and contacts, constraints
+and hand are recomputed from the problem by this package's own formulas.
 """
 
 from __future__ import annotations
@@ -34,31 +34,30 @@ from nlpgrasp.verify.surface import half_diagonal
 def verify(
     solution: GraspSolution | str | Path, rtol: float = 0.01, folders: Iterable[str | Path] = ()
 ) -> Verification:
-    """Check a solution, a solution file or a bound file, from what is in it: problem, grasp, hand, certificate.
+    """Verify a solution, a solution file or a bound file from its own data: problem, grasp, hand, certificate.
 
     Parameters
     ----------
     solution : GraspSolution, str or Path
-        Of a file, either what ``GraspSolution.save`` or what ``BestPossible.save`` wrote.
+        A file is one written by ``GraspSolution.save`` or ``BestPossible.save``.
     rtol : float
         Relative gap of the new certificate.
     folders : iterable of str or Path
-        Where the mesh and the URDF that the file names are looked for, after its own folder and the current one.
+        Further folders to search for mesh and URDF, after the file's own folder and the current one.
 
     Returns
     -------
     Verification
-        Fails when there is no grasp, or one that status and starts speak against; when stated and recomputed intervals
-        do not overlap, when the stated interval is empty or wider than its own certificate leaves it, when a stated
-        direction contradicts the stated bounds, or when stated forces
-        do not produce their wrench from inside the cones and the force budget, or are for wrenches that the task does
-        not ask for, or, in the file of a solve, for none at all; when contacts are off their faces or
-        have other normals; when a row of the constraints or the hand is missing, has another limit than the problem
-        says, another value than positions and hand give, or is broken. What cannot be recomputed (a mesh or URDF that
-        is not there or has another fingerprint, an expression that stays in a script) is a check that was not made: the
-        verdict then says "partly verified", ``complete`` is false, and ``missing`` names the files.
+        Fails when there is no grasp, or one that contradicts status and starts; when stated and recomputed intervals do
+        not overlap; when the stated interval is empty or wider than its certificate allows; when a stated direction
+        contradicts the stated bounds; when stated forces do not produce their wrench within cones and force budget, are
+        for wrenches outside the task, or are missing from the file of a solve; when contacts are off their faces or
+        have other normals; when a constraint of problem or hand is missing, has another limit than the problem's,
+        another value than positions and hand give, or is violated. What cannot be recomputed (a missing mesh or URDF,
+        one with another fingerprint, an expression in a script) counts as a check that was not made: the verdict is
+        then "partly verified", ``complete`` is false, and ``missing`` names the files.
         A bound file, or the bound in a solution file, fails when it does not follow from its certificate
-        (docs/how_close.md). Grasps kept beside the answer are checked as the answer is, and that they are distinct.
+        (docs/how_close.md). Alternative grasps are checked like the answer, and for being distinct.
 
     Raises
     ------
@@ -76,7 +75,7 @@ def verify(
         status = solution.status.name.lower()
         return Verification((Check(NO_GRASP, False, f"there is no grasp to check ({status})"), *told), None)
     sources = Sources.beside(file, folders)
-    with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
+    with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
         found, checks = _of_one(solution, rtol, sources)
         if found is not None:
             checks += guarded("bound", partial(beside_checks, solution, grasp, found, sources))
@@ -86,19 +85,19 @@ def verify(
 
 
 def _of_one(solution: GraspSolution, rtol: float, sources: Sources) -> tuple[Bounds | None, list[Check]]:
-    """Return the quality of a solution's answer computed anew, and the checks of it and of where it is."""
+    """Return the recomputed quality of a solution's answer, and its checks."""
     grasp = solution.require_grasp()
     found, checks = _quality(solution, grasp, rtol)
     return found, [*checks, *recomputed(solution, grasp, sources)]
 
 
 def _of_other(rtol: float, sources: Sources, solution: GraspSolution) -> list[Check]:
-    """Return the checks of a solution with another of the grasps kept as its answer."""
+    """Return the checks of a solution with another kept grasp as its answer."""
     return [*_of_one(solution, rtol, sources)[1], *outcome_checks(solution)]
 
 
 def _quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds | None, list[Check]]:
-    """Return the quality computed anew and the checks of what is claimed of it, each by itself."""
+    """Return the recomputed quality, and the separate checks of the claims about it."""
     task, budget = solution.task, solution.budget
     try:
         found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)

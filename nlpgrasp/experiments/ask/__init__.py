@@ -1,1 +1,1 @@
-"""What an experiment asks: a base problem and its variations."""
+"""Specification of an experiment: base problem, variations and seeds."""

@@ -1,4 +1,4 @@
-"""Combinations of factors: every variation of one with every variation of the others, or some of them."""
+"""Combinations of factor levels into variations: full or filtered factorial design."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from nlpgrasp.experiments.ask.variation import Changes, check_fields, settled_ch
 def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | None = None) -> dict[str, Changes]:
     """Return variations that combine one level of each factor, named ``"level, level"``.
 
-    Constraints of several factors add up, and so do mappings of different options; any other field may come from one
-    factor only.
+    Constraints of several factors are concatenated, and mappings of different options merged; any other field may come
+    from one factor only.
 
     Parameters
     ----------
     *factors : mapping of str to mapping
-        Levels by name: the fields that each replaces. ``{}`` changes nothing.
+        Levels by name, each with the fields that it replaces. ``{}`` changes nothing.
     choose : callable, optional
-        Called with the names of the levels, in the order of the factors; a combination is kept where it returns
-        true. All are when left out.
+        Predicate of the levels' names, in the order of the factors, that selects combinations; all when left out.
 
     Raises
     ------
@@ -79,7 +78,7 @@ def _merged(name: str, levels: list[Changes]) -> Changes:
 
 
 def _joined(one: object, other: object) -> dict[str, object] | None:
-    """Return both mappings of options as one; None where they are not mappings of different options."""
+    """Return the merged mappings of options; None unless both are mappings with different options."""
     if isinstance(one, Mapping) and isinstance(other, Mapping) and not set(one) & set(other):
         return {**one, **other}
     return None

@@ -1,4 +1,4 @@
-"""What an experiment asks: one base problem, named variations, seeds."""
+"""Experiment: one base problem, named variations and seeds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.solve.solve import check_json
 
 @dataclass(frozen=True, order=True)
 class SolveId:
-    """One solve of an experiment.
+    """Identifier of one solve: variation and seed.
 
     Parameters
     ----------
@@ -40,30 +40,30 @@ class Experiment:
     Parameters
     ----------
     base : GraspProblem
-        What the variations change.
+        Problem that the variations change.
     variations : mapping of str to mapping, GraspProblem or callable; or a sequence of such pairs
         By name, the fields of the base problem that are replaced. Besides the fields of
         ``GraspProblem`` these are known: ``friction`` (of all contacts), ``fingers`` (how many, where
         the base's contacts are alike), ``starts``, and ``options`` (``SolveOptions``, or a mapping
-        of some of its fields). A whole problem stands for itself. A function without arguments that returns either is
+        of some of its fields). A whole problem replaces the base. A function without arguments that returns either is
         called in the worker that solves it: for hundreds of meshes that should not all be in memory.
         ``ng.combinations`` makes combinations of several factors.
     seeds : iterable of int
-        Each variation is solved once with each.
+        Each variation is solved once with each seed.
     starts : int
         Of each solve.
     options : SolveOptions, optional
-        ``workers`` plays no part: solves run side by side, each in one process. Nor does ``rank``: variations are
-        compared by mu, and so are their starts.
+        ``workers`` is ignored: solves run in parallel, each in one process. So is ``rank``: variations and their starts
+        are compared by mu.
     name : str, optional
         The base problem's when left out.
     keep, distinct : int, float
-        Of each solve, as ``ng.solve`` takes them. A grasp that is taken from another variation stands by itself.
+        For each solve, as in ``ng.solve``. A grasp taken from another variation is kept alone.
 
     Raises
     ------
     InputError
-        On two variations of one name, and on all that a problem refuses: nothing is left to fail later but functions.
+        On two variations of one name, and on invalid problems; only functions may fail later.
     """
 
     base: GraspProblem
@@ -116,7 +116,7 @@ class Experiment:
 
     @property
     def solves(self) -> tuple[SolveId, ...]:
-        """All solves, variation by variation: workers keep the programs of the variation they solved last."""
+        """All solves, grouped by variation, as workers keep the programs of the last variation."""
         return tuple(SolveId(name, seed) for name in self.names for seed in self.seeds)
 
     def deferred(self, name: str) -> bool:
@@ -124,24 +124,24 @@ class Experiment:
         return name not in self._cases
 
     def case(self, name: str) -> Case:
-        """Return what a variation asks; a deferred one is made now.
+        """Return the problem and options of a variation; a deferred one is created now.
 
         Raises
         ------
         InputError
-            When the function of a deferred variation returns what no problem can be made of.
+            When the function of a deferred variation returns something that defines no problem.
         """
         return self.maker(name)()
 
     def maker(self, name: str) -> Callable[[], Case]:
-        """Return what makes the case of a variation, without the rest of the experiment: for a worker."""
+        """Return a function that creates the case of a variation without the rest of the experiment, for a worker."""
         if self.deferred(name):
             return partial(case_of, f"Experiment.variations[{name!r}]", self._base, self._by_name[name])
         return partial(_given, self._cases[name])
 
 
 def check_names(names: Sequence[object]) -> None:
-    """Refuse names of variations that cannot be shown, or told apart."""
+    """Refuse variation names that cannot be displayed or distinguished."""
     if not names:
         raise InputError("Experiment.variations", "none", "at least one variation")
     for name in names:
@@ -153,12 +153,12 @@ def check_names(names: Sequence[object]) -> None:
 
 
 def check_seeds(given: object) -> tuple[int, ...]:
-    """Return seeds as whole numbers.
+    """Return validated integer seeds.
 
     Raises
     ------
     InputError
-        On an empty list, on other things than whole numbers, or a seed twice.
+        On an empty list, values other than integers, or a repeated seed.
     """
     try:
         if isinstance(given, str) or not isinstance(given, Iterable):

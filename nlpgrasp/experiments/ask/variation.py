@@ -1,4 +1,4 @@
-"""Variations: what they may change of a base problem, and the problem that results."""
+"""Variations of a base problem: allowed changes, and the resulting problem."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ALLOWED = f"fields of a GraspProblem ({', '.join(PARTS)}) or {', '.join(MORE)}"
 
 
 class CaseData(TypedDict, total=False):
-    """What one variation asks, as JSON data; ``deferred`` alone where a function makes it."""
+    """JSON data of one variation; ``deferred`` alone if a function creates it."""
 
     deferred: bool
     problem: Json
@@ -39,14 +39,14 @@ class CaseData(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Case:
-    """What one variation asks: a problem and how to solve it.
+    """One variation: a problem with solve options.
 
     Parameters
     ----------
     problem : GraspProblem
     starts : int
     options : SolveOptions
-        With one worker: an experiment runs its solves side by side, not their starts.
+        With one worker: an experiment parallelises over solves, not starts.
     keeping : Keeping
     """
 
@@ -56,7 +56,7 @@ class Case:
     keeping: Keeping = ONE
 
     def to_dict(self) -> CaseData:
-        """Return what decides the result, as JSON data."""
+        """Return the data that determine the result, as JSON data."""
         problem = {"name": self.problem.name, "torque_origin": self.problem.origin.tolist(), **self.problem.to_dict()}
         options = {k: v for k, v in self.options.to_dict().items() if k != "workers"}
         data: CaseData = {"problem": problem, "starts": self.starts, "options": options}
@@ -79,7 +79,7 @@ def case_of(where: str, base: Case, variation: Variation) -> Case:
     Raises
     ------
     InputError
-        On fields that a problem does not have, and on values that it refuses.
+        On unknown fields and invalid values.
     """
     if isinstance(variation, type):
         raise InputError(where, variation, "a mapping, a GraspProblem, or a function that returns one")
@@ -99,7 +99,7 @@ def case_of(where: str, base: Case, variation: Variation) -> Case:
 
 
 def settled_changes(changes: Changes) -> Changes:
-    """Return changes that can be read more than once: constraints from a generator as a tuple."""
+    """Return changes that can be read repeatedly: constraints from a generator as a tuple."""
     given = changes.get("constraints")
     return {**changes, "constraints": tuple(given)} if isinstance(given, Iterator) else changes
 
@@ -112,7 +112,7 @@ def check_fields(where: str, changes: Changes) -> None:
 
 
 def _with_fingers(base: GraspProblem, given: Changes, parts: Changes) -> Changes:
-    """Return the parts with a number of fingers and a friction put into contacts and hand."""
+    """Return the parts with number of fingers and friction applied to contacts and hand."""
     if "fingers" not in given and "friction" not in given:
         return parts
     if "contacts" in parts:
@@ -139,7 +139,7 @@ def _with_friction(model: ContactModel, friction: float) -> ContactModel:
 
 
 def _options(where: str, base: SolveOptions, given: object) -> SolveOptions:
-    """Return the options of a variation: all of them, or those named replaced."""
+    """Return the options of a variation: all of them, or the named ones replaced."""
     if given is None:
         return base
     if isinstance(given, SolveOptions):

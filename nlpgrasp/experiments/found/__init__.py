@@ -1,1 +1,1 @@
-"""What an experiment found: records, comparisons, tables."""
+"""Results of an experiment: records, comparisons and tables."""

@@ -1,4 +1,4 @@
-"""The columns of an experiment's table: what each says of a solve."""
+"""Column definitions of an experiment's table."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Row: TypeAlias = dict[str, Cell]
 
 @dataclass(frozen=True)
 class Entry:
-    """One solve and its place in the experiment.
+    """One solve with its rank and file.
 
     Parameters
     ----------
     experiment : str
     record : SolveRecord
     rank : int or None
-        Of the variation; None where nothing of it is done.
+        Rank of the variation; None if none of its solves are done.
     file : str
-        Of the solution, in the output folder.
+        File of the solution, in the output folder.
     """
 
     experiment: str
@@ -41,11 +41,11 @@ class Column:
     Parameters
     ----------
     name : str
-        Its head.
+        Heading.
     meaning : str
-        What it says.
+        Description.
     value : callable
-        ``value(entry)`` is its entry.
+        Function of an entry that returns the cell.
     """
 
     name: str

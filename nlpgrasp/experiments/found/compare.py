@@ -1,4 +1,4 @@
-"""Solutions side by side."""
+"""Comparison of solutions by certified quality."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from nlpgrasp.solution.solution import GraspSolution
 
 @dataclass(frozen=True)
 class Comparison:
-    """Solutions by certified quality, the best first.
+    """Solutions ranked by certified quality, the best first.
 
     Parameters
     ----------
     names : tuple of str
         Of the solutions, the best first.
     records : tuple of SolveRecord
-        What is known of each, in the same order.
+        Record of each, in the same order.
     ranks : tuple of int
         1 plus the number of solutions that are certainly better.
     ties : tuple of tuple of str
-        The names of those that are as good, as far as the certified bounds tell.
+        Names of the solutions with overlapping certified intervals.
     comparable : bool
         Whether all measure mu by the same task and kind of force budget.
     """
@@ -65,12 +65,12 @@ def compare(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) ->
     Parameters
     ----------
     solutions : mapping of str to GraspSolution, or iterable of GraspSolution
-        Without names those of the problems are used, numbered where they are the same.
+        Without names, those of the problems are used, numbered where equal.
 
     Raises
     ------
     InputError
-        On anything else, or no solutions.
+        On anything else, or without solutions.
     """
     given = _named(solutions)
     records = {name: SolveRecord.of(name, 0, s) for name, s in given.items()}

@@ -1,4 +1,4 @@
-"""Digests of problems: which solves are of one problem, and whose values of mu measure the same."""
+"""Digests of problems, bodies and quality measures, to tell which solves are comparable."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ ALSO_RECORDED = {
     "watched_pairs",
     "overlaps",
     "tips_apart",
-}  # not in older files
+}  # missing in older files
 
 
 def asked_of(problem: Json) -> str:
-    """Return a digest of a problem's JSON data; budgets are left out: of a hand they are stated in its posture."""
+    """Return a digest of a problem's JSON data without its budget, which for a hand depends on the posture."""
     known = without_recorded(problem)
     parts = {k: known.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def body_of(body: Json) -> str:
-    """Return a digest of a body's JSON data, the same for the same body; empty where they do not say all of it."""
-    if body.get("type") != Mesh.kind:  # of a mesh they hold a fingerprint
+    """Return a digest of a body's JSON data, equal for equal bodies; empty where the data are incomplete."""
+    if body.get("type") != Mesh.kind:  # mesh data contain a fingerprint
         try:
             body_from_dict(body)
         except InputError:
@@ -42,13 +42,13 @@ def body_of(body: Json) -> str:
 
 
 def measured_by(solution: GraspSolution) -> str:
-    """Return a digest of what mu is measured by: task and kind of budget."""
+    """Return a digest of the measure of mu: task and kind of budget."""
     text = json.dumps([solution.problem["task"], solution.budget.kind], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def without_recorded(problem: Json) -> Json:
-    """Return a problem's JSON data without what older files do not record of body and hand."""
+    """Return a problem's JSON data without the entries of body and hand that older files lack."""
     lean = dict(problem)
     for name in ("body", "hand"):
         part = lean.get(name)

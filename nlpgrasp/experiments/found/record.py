@@ -1,4 +1,4 @@
-"""What one solve of an experiment found, without the grasp itself: a few hundred of them fit in memory."""
+"""Record of one solve of an experiment, without the grasp itself."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 
 NOTHING = Bounds(0.0, 0.0)
-NOT_DONE = "not done"  # the failure of a solve whose turn has not come
-WIDE = 2.0  # relative: a gap that is as wide says next to nothing of a grasp
-HANDED = "from variation "  # begins the message of a start from another variation's grasp
+NOT_DONE = "not done"  # failure text of a solve that has not run
+WIDE = 2.0  # relative gap above which a bound counts as loose
+HANDED = "from variation "  # prefix of the message of a warm start from another variation
 
 
 @dataclass(frozen=True)
 class SolveRecord:
-    """What one solve of an experiment found.
+    """Record of one solve of an experiment.
 
     Parameters
     ----------
     variation : str
     seed : int
     status : Status or None
-        None where there is no solution: the solve failed or was not done.
+        None without a solution: the solve failed or was not run.
     mu : Bounds
-        Certified, of the grasp found; ``[0, 0]`` where none was found.
+        Certified quality of the grasp; ``[0, 0]`` without one.
     kind : str
         ``"mu"`` or ``"mu_tilde"``.
     seconds : float
@@ -40,13 +40,13 @@ class SolveRecord:
     iterations : int
         Of IPOPT.
     starts : tuple of StartRecord
-        Its own, without those from grasps of other variations.
+        Its own starts, without warm starts from other variations.
     active : tuple of str
         Constraints at their limits, with their fingers.
     prices : tuple of ShadowPrice
     contacts : int
     measured : str
-        Digest of task and force budget: values of mu can be compared where it is the same.
+        Digest of task and force budget: values of mu are comparable where it is equal.
     failure : str
         Why there is no solution, in one line.
     asked : str
@@ -56,11 +56,11 @@ class SolveRecord:
     best_start : StartRecord or None
         The start whose grasp the solution holds.
     body : str
-        Digest of the body; empty where the solution does not say all of it.
+        Digest of the body; empty where the solution does not state all of it.
     best_possible : float
         Certified bound on mu over all placements; inf where there is none.
     grasps : int
-        How many the solution keeps.
+        Number of kept grasps.
     """
 
     variation: str
@@ -90,7 +90,7 @@ class SolveRecord:
         Raises
         ------
         InputError
-            When the solution's record of the solver is not what a solve writes.
+            When the solution's solver record is not one of a solve.
         """
         try:
             return cls._of(variation, seed, solution)
@@ -126,33 +126,33 @@ class SolveRecord:
 
     @property
     def success(self) -> bool:
-        """Whether a grasp with a certified quality above zero was found."""
+        """Whether there is a grasp with a certified quality above zero."""
         return self.mu.lower > 0.0
 
     @property
     def origin(self) -> str:
-        """The variation and the seed that the grasp is from, ``"smooth, seed 2"``; empty where the solve found it."""
+        """Variation and seed of a grasp from another solve, ``"smooth, seed 2"``; empty for a grasp of its own."""
         message = "" if self.best_start is None else self.best_start.message
         return message.removeprefix(HANDED) if message.startswith(HANDED) else ""
 
     @property
     def gap(self) -> float:
-        """By how much of its own quality the grasp misses the best possible, at most; inf where nothing says so."""
+        """Relative optimality gap of the grasp, an upper bound; inf without a global bound."""
         return max(0.0, self.best_possible / self.mu.lower - 1.0) if self.success else math.inf
 
     @property
     def gap_text(self) -> str:
-        """The gap as tables show it, empty where there is none."""
+        """The gap as tables show it, empty without one."""
         return percent(self.gap)
 
     @property
     def succeeded(self) -> int:
-        """How many starts found a certified grasp."""
+        """Number of starts with a certified grasp."""
         return sum(s.status is Status.SOLVED for s in self.starts)
 
     @property
     def rising(self) -> tuple[tuple[float, float], ...]:
-        """Seconds of the starts so far, and the best certified lower bound by then."""
+        """Cumulative seconds of the starts with the best certified lower bound so far."""
         points, elapsed, best = [], 0.0, 0.0
         for start in self.starts:
             elapsed += sum(start.seconds.values())
@@ -162,14 +162,14 @@ class SolveRecord:
 
 
 def percent(gap: float) -> str:
-    """Return a gap for a table: in per cent, above 100 % as a multiple, "loose" where wide, empty where infinite."""
+    """Return a gap for a table: in per cent, above 100 % as a factor, "loose" if wide, empty if infinite."""
     if gap > WIDE:
         return "loose" if math.isfinite(gap) else ""
     return f"{gap:.1%}" if gap <= 1.0 else f"{at_most(1.0 + gap, 2)} times"
 
 
 def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
-    """Return the constraints at their limits, each once, with the fingers: ``"table, fingers 1, 2"``; no equations."""
+    """Return the active inequality constraints, each once with its fingers: ``"table, fingers 1, 2"``."""
     active: dict[str, list[tuple[int, ...]]] = {}
     for report in reports:
         if report.active and not report.is_equation:

@@ -1,4 +1,4 @@
-"""What an experiment found, in all its variations."""
+"""Result of an experiment over all variations."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ NOT_COMPARABLE = "They differ in task or force budget: their values of mu measur
 
 @dataclass(frozen=True)
 class ExperimentResult:
-    """What an experiment found, variation by variation.
+    """Result of an experiment, by variation.
 
     Parameters
     ----------
     name : str
         The experiment's.
     folder : Path
-        Where the solutions are.
+        Output folder with the solutions.
     variations : tuple of VariationResult
         In the experiment's order.
     notes : tuple of str
-        What else there is to say: files that could not be read or written.
+        Notes on files that could not be read or written.
     """
 
     name: str
@@ -74,7 +74,7 @@ class ExperimentResult:
         records: dict[SolveId, SolveRecord],
         notes: Sequence[str],
     ) -> ExperimentResult:
-        """Return the result of the solves that have a record; the others are said to be not done."""
+        """Return the result from the records of solves; solves without one are marked as not done."""
         by_variation: dict[str, list[SolveRecord]] = {}
         for solve in solves:
             record = records.get(solve) or SolveRecord(solve.variation, solve.seed, failure=NOT_DONE)
@@ -106,7 +106,7 @@ class ExperimentResult:
 
     @property
     def success(self) -> bool:
-        """Whether any solve found a grasp."""
+        """Whether any solve has a grasp."""
         return any(s.success for s in self.solves)
 
     @property
@@ -115,18 +115,18 @@ class ExperimentResult:
         return len({s.measured for s in self.solves if s.done}) <= 1
 
     def ranks(self) -> list[int]:
-        """Return for each variation 1 plus the number of those that are certainly better."""
+        """Return for each variation 1 plus the number of certainly better ones."""
         return ranks([v.mu for v in self.variations])
 
     def ties(self) -> list[tuple[str, ...]]:
-        """Return for each variation which others are as good, as far as the certified bounds tell."""
+        """Return for each variation those with overlapping certified intervals."""
         found = ties([v.mu for v in self.variations])
         return [tuple(self.variations[j].name for j in js if self.variations[j].mu.upper > 0.0) for js in found]
 
     def solution(self, variation: str, seed: int | None = None) -> GraspSolution:
-        """Return a solution from its file: of a seed, or of the best one.
+        """Return a solution from its file: that of a seed, or the best one.
 
-        It may hold no grasp: then it says why.
+        A solution without a grasp states the reason.
 
         Raises
         ------
@@ -140,7 +140,7 @@ class ExperimentResult:
         return GraspSolution.load(Folder(self.folder).file(SolveId(variation, best.seed if seed is None else seed)))
 
     def rows(self) -> list[Row]:
-        """Return the table as one mapping for each solve, by the names of ``columns.COLUMNS``."""
+        """Return the table as one mapping per solve, with the keys of ``columns.COLUMNS``."""
         place, rows = Folder(self.folder), []
         for variation, rank in zip(self.variations, self.ranks(), strict=True):
             for solve in variation.solves:

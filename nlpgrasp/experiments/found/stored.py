@@ -1,4 +1,4 @@
-"""Records of the solves that an output folder holds."""
+"""Reader of solve records from an output folder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlpgrasp.experiments.run.plan import Plan
 
 
 def _record(place: Folder, solve: SolveId) -> SolveRecord | None:
-    """Return the record of a solve from its file, None without one."""
+    """Return the record of a solve from its file; None without one."""
     solution = place.load(solve)
     if solution is None:
         return None
@@ -23,9 +23,9 @@ def _record(place: Folder, solve: SolveId) -> SolveRecord | None:
 
 
 def read_records(place: Folder, solves: Sequence[SolveId], plan: Plan) -> tuple[dict[SolveId, SolveRecord], list[str]]:
-    """Return the records of the solves that have a file, and a note for each file that cannot be used.
+    """Return the records of the solves with a file, and a note for each unusable file.
 
-    All solves of a variation have to be of the plan's problem, or where a function makes it, of the same one.
+    All solves of a variation have to belong to the plan's problem, or to one and the same problem if it is deferred.
     """
     variations = plan["variations"].items()
     asked = {name: asked_of(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}

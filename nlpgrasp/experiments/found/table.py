@@ -1,4 +1,4 @@
-"""The tidy table of an experiment: one row a solve, one column a quantity."""
+"""Table of an experiment in tidy form: one row per solve, one column per quantity."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXTRA = "tables"
 
 
 def write_csv(rows: Sequence[Row], path: str | Path) -> Path:
-    """Write rows as CSV (RFC 4180, UTF-8, numbers that read back exactly)."""
+    """Write rows as CSV (RFC 4180, UTF-8) with numbers at full precision."""
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, [column.name for column in COLUMNS])
     writer.writeheader()

@@ -1,1 +1,1 @@
-"""How an experiment runs: over cores or a cluster, into a folder, resumable."""
+"""Execution of experiments on local cores or a cluster, with resume from an output folder."""

@@ -1,4 +1,4 @@
-"""Solves over a Dask cluster (extra ``cluster``)."""
+"""Execution of solves on a Dask cluster (extra ``cluster``)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")
-REACHED = 10  # seconds to reach a scheduler
-AHEAD = 2  # solves a worker has waiting, so that it never waits for one
+REACHED = 10  # seconds: timeout for reaching a scheduler
+AHEAD = 2  # queued solves per worker
 LEAST_WINDOW = 4
 
 
@@ -40,17 +40,17 @@ def connect(address: str) -> Client:
         raise InputError("scheduler", address, allowed)
     try:
         return Client(address, timeout=REACHED, set_as_default=False)
-    except Exception as error:  # each kind of address fails in its own way
+    except Exception as error:  # every kind of address has its own errors
         raise InputError("scheduler", f"{address} ({type(error).__name__}: nobody answers)", allowed) from None
 
 
 def run_cluster(
     solves: Sequence[SolveId], pack: Callable[[SolveId], Job], client: Client
 ) -> Generator[tuple[SolveId, Outcome], None, None]:
-    """Yield each solve with its outcome as it is done, in any order.
+    """Yield each solve with its outcome when done, in any order.
 
-    A few solves a worker are submitted at a time. Those of a worker that ends are done again by others; one that ends
-    several workers has failed (Dask's ``allowed-failures``).
+    A few solves per worker are submitted at a time. Those of a terminated worker are repeated by others; a solve that
+    terminates several workers has failed (Dask's ``allowed-failures``).
     """
     from distributed import as_completed
 
@@ -74,17 +74,17 @@ def run_cluster(
             solve = under_way.pop(future)
             yield solve, _outcome(future)
             submit()
-    except (OSError, RuntimeError, KeyError, CancelledError) as error:  # as distributed says that nobody is there
+    except (OSError, RuntimeError, KeyError, CancelledError) as error:  # errors of distributed without a scheduler
         raise ClusterLostError(f"the cluster was lost ({type(error).__name__})") from None
 
 
 def _window(client: Client) -> int:
-    """Return how many solves may be with the cluster: it may grow and shrink."""
+    """Return the number of solves that may be submitted, for the cluster's current size."""
     return max(LEAST_WINDOW, AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]))
 
 
 class ClusterLostError(NlpgraspError):
-    """The scheduler went away while solves were under way."""
+    """Error on losing the scheduler during a run."""
 
 
 def _outcome(future: Future) -> Outcome:

@@ -1,8 +1,8 @@
-"""The output folder of an experiment: one file a solve, written whole or not at all.
+"""Output folder of an experiment: plan, and one atomically written file per solve.
 
-``experiment.json`` is the plan, ``solves/`` holds a solution file for each finished solve, and for each that failed a
-small file that says why. Of a solve whose answer is a grasp of another variation, ``own/`` holds what it found itself,
-and ``handed_on.json`` says among which solves grasps were handed on. Nothing here is executed when it is read.
+``experiment.json`` is the plan; ``solves/`` contains a solution file for each finished solve, and a small file with the
+reason for each failed one. For a solve whose answer is a grasp of another variation, ``own/`` contains its own result,
+and ``handed_on.json`` states the solves between which grasps were exchanged. Reading executes nothing.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FAILURE_SCHEMA = "nlpgrasp-failure/1"
 
 
 class Folder:
-    """The output folder, held by this process while it is open.
+    """Output folder, locked by this process while open.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Folder:
         self._lock: TextIO | None = None
 
     def open(self, plan: Plan, resume: bool) -> None:
-        """Take the folder for an experiment, making it where there is none.
+        """Lock the folder for an experiment, and create it if missing.
 
         Raises
         ------
@@ -77,25 +77,25 @@ class Folder:
 
     @staticmethod
     def _own(path: Path) -> bool:
-        """Return whether a run that ended before its plan was written may have left this."""
+        """Return whether a file may be left from a run that ended before its plan was written."""
         empty = path.name == SOLVES and path.is_dir() and not any(path.iterdir())
         return empty or path.name == LOCK or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
 
     def close(self) -> None:
-        """Let the folder go."""
+        """Unlock the folder."""
         if self._lock is not None:
             self._lock.close()
             self._lock = None
 
     def _hold(self) -> None:
-        """Keep other runs off."""
+        """Lock the folder against other runs."""
         self._lock = (self.path / LOCK).open("w")
         if not take(self._lock):
             self.close()
             raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own")
 
     def plan(self) -> Plan:
-        """Return the plan that the folder belongs to.
+        """Return the plan of the folder.
 
         Raises
         ------
@@ -110,11 +110,11 @@ class Folder:
         return read_plan(text, str(file))
 
     def file(self, solve: SolveId) -> Path:
-        """Return where the solution of a solve is, or will be."""
+        """Return the path of a solve's solution file."""
         return self.path / SOLVES / f"{file_name(solve.variation)}--seed{solve.seed}.json"
 
     def failure_file(self, solve: SolveId) -> Path:
-        """Return where it says why a solve failed."""
+        """Return the path of the file with a solve's failure."""
         return self.file(solve).with_suffix(".failed.json")
 
     def keep(self, solve: SolveId, text: str) -> None:
@@ -134,21 +134,21 @@ class Folder:
         return self.path / OWN / self.file(solve).name
 
     def own(self, solve: SolveId) -> Path:
-        """Return where the solution is that a solve found itself, whatever it was handed since."""
+        """Return the path of a solve's own result, without warm starts from other variations."""
         own = self._own_file(solve)
         return own if own.is_file() else self.file(solve)
 
     def keep_handed(self, texts: Mapping[SolveId, str], solves: Sequence[SolveId], state: str) -> None:
-        """Write the solutions that hold another variation's grasp; the other solves have what they found themselves.
+        """Write the solutions with grasps of other variations; restore the other solves' own results.
 
         Parameters
         ----------
         texts : mapping
             By solve.
         solves : sequence of SolveId
-            All that are done.
+            All finished solves.
         state : str
-            What the texts follow from.
+            Digest of the results that the texts are based on.
 
         Raises
         ------
@@ -169,19 +169,19 @@ class Folder:
         write_text(self.path / HANDED_ON, state)
 
     def handed_on(self) -> str:
-        """Return what the solutions that hold another variation's grasp follow from, empty where nothing says so."""
+        """Return the state on which exchanged solutions are based, empty without one."""
         try:
             return (self.path / HANDED_ON).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):
             return ""
 
     def keep_failure(self, solve: SolveId, message: str) -> None:
-        """Write why a solve failed."""
+        """Write the reason of a failed solve."""
         data = {"schema": FAILURE_SCHEMA, "variation": solve.variation, "seed": solve.seed, "message": message}
         write_text(self.failure_file(solve), json.dumps(data, indent=1) + "\n")
 
     def load(self, solve: SolveId) -> GraspSolution | None:
-        """Return the solution of a solve, or None where there is none.
+        """Return the solution of a solve, or None without one.
 
         Raises
         ------
@@ -197,7 +197,7 @@ class Folder:
         return solution
 
     def failure(self, solve: SolveId) -> str | None:
-        """Return why a solve failed, or None where nothing says so."""
+        """Return the reason of a failed solve, or None without one."""
         try:
             data = json.loads(self.failure_file(solve).read_text(encoding="utf-8"))
             return plain(str(data["message"])) or "failed"
@@ -207,7 +207,7 @@ class Folder:
             return f"its failure file cannot be read: {type(error).__name__}"
 
     def sweep(self) -> None:
-        """Remove what a run that was ended left half written."""
+        """Remove partly written files of an aborted run."""
         for stale in (p for name in ("", SOLVES, OWN) for p in (self.path / name).glob(".nlpgrasp-*.tmp")):
             with suppress(OSError):
                 os.unlink(stale)

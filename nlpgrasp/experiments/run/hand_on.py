@@ -1,9 +1,9 @@
-"""Warm starts between the variations of an experiment: grasps handed on once all solves are done.
+"""Warm starts between the variations of an experiment, after all solves are done.
 
-A grasp of one variation may be one of another too: the same body with less friction, a larger task, more constraints
-or fewer contacts asks for more. Each grasp found is certified under every other variation that it fits, and taken
-where it is better there than what was found, and improved. All look at what there was before a turn, and turns go on
-until nothing changes: the result follows from the solves alone, in whatever order they were done.
+A grasp of one variation may be feasible for another: the same body with less friction, a larger task, more constraints
+or fewer contacts is more demanding. Each grasp is certified under every other variation that it fits, and replaces a
+worse one there after refinement. Every turn uses the results before it, and turns repeat until nothing changes, so the
+result does not depend on the order of the solves.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ Run = Callable[[Sequence[SolveId], Callable[[SolveId], Job]], Generator[tuple[So
 """Does jobs of solves, here or on a cluster, and yields their outcomes in any order."""
 
 SCHEMA = "nlpgrasp-handed-on/1"
-IMPROVED, TURNS = 3, 20  # turns in which what is taken is improved, and turns at most
+IMPROVED, TURNS = 3, 20  # turns with refinement, and most turns
 
 
 @dataclass
 class Handing:
-    """The grasps of an experiment's solves, and what becomes of them.
+    """Exchange of grasps between an experiment's solves.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Handing:
     _told: set[tuple[str, SolveId, int]] = field(default_factory=set)
 
     def done(self, records: dict[SolveId, SolveRecord]) -> dict[SolveId, SolveRecord]:
-        """Hand grasps on between the solves of some records, keep what they become, and return new records for them.
+        """Run the exchange between recorded solves, write the changed solutions, and return updated records.
 
         Raises
         ------
@@ -82,7 +82,7 @@ class Handing:
         return replace(SolveRecord.of(solve.variation, solve.seed, found), earlier=earlier)
 
     def _groups(self, records: dict[SolveId, SolveRecord], solves: Sequence[SolveId]) -> dict[str, str]:
-        """Return for each variation with the body of another one what tells the body from others."""
+        """Return the body's digest for each variation that shares its body with another."""
         held: dict[str, str] = {}
         for solve in solves:
             name = solve.variation
@@ -93,12 +93,12 @@ class Handing:
         return {name: key for name, key in held.items() if key and count[key] > 1}
 
     def _state(self, solves: Sequence[SolveId]) -> str:
-        """Return in writing what the handing on starts from."""
+        """Return the exchange's inputs as text."""
         own = {str(s): hashlib.sha256(self.place.own(s).read_bytes()).hexdigest() for s in solves}
         return json.dumps({"schema": SCHEMA, "nlpgrasp": __version__, "solves": own}, indent=1) + "\n"
 
     def _turn(self, turn: int, groups: dict[str, str]) -> dict[SolveId, str]:
-        """Offer every grasp that is new to every other variation it may fit; return the solutions that changed."""
+        """Offer every new grasp to every other variation that it may fit; return the changed solutions."""
         asked: dict[SolveId, HandedOn] = {}
         for name in groups:
             best = self._best(name)
@@ -116,7 +116,7 @@ class Handing:
         return found
 
     def _best(self, name: str) -> SolveId:
-        """Return the solve of a variation with the best grasp, the first of equals."""
+        """Return the solve of a variation with the best grasp, the first among equals."""
         solves = [solve for solve in self._now if solve.variation == name]
         return max(solves, key=lambda s: self._rank(self._now[s]))
 
@@ -125,7 +125,7 @@ class Handing:
         return (found.mu.upper, found.mu.lower) if found.success else (0.0, 0.0)
 
     def _offers(self, name: str, best: SolveId, groups: dict[str, str]) -> dict[str, FoundGrasp]:
-        """Return the grasps of other variations with the same body that a variation has not seen yet."""
+        """Return the grasps of other variations with the same body that a variation has not yet tried."""
         contacts = len(self._now[best].problem["contacts"])
         offers = dict[str, FoundGrasp]()
         for solve, found in self._now.items():

@@ -1,4 +1,4 @@
-"""Solves over the cores of this machine."""
+"""Execution of solves on local processes."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.run.work import Job, Outcome, work
 from nlpgrasp.solve.workers.processes import own_processes
 
-IDLE = 30.0  # seconds after which workers that have nothing to do end
-LOOK = 0.2  # seconds between looks at Ctrl-C, which a wait without end does not see everywhere
+IDLE = 30.0  # seconds after which idle workers end
+LOOK = 0.2  # seconds between checks for Ctrl-C, which an endless wait misses on some systems
 
 
 def run_local(
     solves: Sequence[SolveId], pack: Callable[[SolveId], Job], workers: int
 ) -> Generator[tuple[SolveId, Outcome], None, None]:
-    """Yield each solve with its outcome as it is done, in any order.
+    """Yield each solve with its outcome when done, in any order.
 
-    No more solves are under way than there are workers. When a worker process ends, all workers end with it, and
-    nothing says which of the solves under way ended it: each of them is done again, alone, and the one that ends its
-    process again has failed.
+    At most one solve per worker is active. When a worker process crashes, all workers end, and the guilty solve is
+    unknown: each active solve is repeated alone, and one that crashes its process again has failed.
     """
     if multiprocessing.current_process().daemon:
         raise InputError("workers", "a daemonic process, which can have none", "a call from another process")
@@ -40,15 +39,15 @@ def run_local(
             if again:
                 yield solve, Outcome(failure=f"its process ended, twice{how}: a crash, or out of memory")
             if again or not alone:
-                del waiting[solve]  # else it was not begun: a worker ended before
+                del waiting[solve]  # else it was not started: a worker crashed before
 
 
 def _until_broken(
     waiting: dict[SolveId, None], pack: Callable[[SolveId], Job], workers: int
 ) -> Generator[tuple[SolveId, Outcome], None, tuple[list[SolveId], str]]:
-    """Yield outcomes, taking their solves from those waiting, until all are done or a worker ends.
+    """Yield outcomes of waiting solves until all are done or a worker crashes.
 
-    Returns the solves that were under way then, which go on waiting, and in words how the worker ended.
+    Returns the solves that were active then, which stay waiting, and how the worker ended, as text.
     """
     left = iter(list(waiting))
     under_way: dict[Future[Outcome], SolveId] = {}
@@ -71,6 +70,6 @@ def _until_broken(
 
 
 def _quietly(job: Job) -> Outcome:
-    """Do a job in a worker; a crash is reported by the parent, in one line."""
+    """Run a job in a worker; the parent reports a crash in one line."""
     faulthandler.disable()
     return work(job)

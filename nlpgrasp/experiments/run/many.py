@@ -1,4 +1,4 @@
-"""Many problems solved in one call, each with all its grasps in a file of one folder: a small data set."""
+"""Solution of many problems in one call, with all kept grasps of each in one file: a small data set."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.options import SolveOptions
 
-NAME = "many problems"  # of the experiment that the folder holds
+NAME = "many problems"  # name of the folder's experiment
 Made = Callable[[], GraspProblem]
 
 
 @dataclass(frozen=True)
 class ManySolved:
-    """What came of many problems.
+    """Result of solving many problems.
 
     Parameters
     ----------
     folder : Path
-        Where the solution files are.
+        Folder of the solution files.
     files : mapping of str to Path
-        Of each problem that has a solution, with a grasp or without.
+        Solution file of each problem that has one, with or without a grasp.
     failures : mapping of str to str
-        Why there is none, by problem.
+        Reason for a missing solution, by problem.
     grasps : int
-        In all files together.
+        Number of grasps in all files.
     new : int
-        Of these, found by this call.
+        Number of grasps found by this call.
     seconds : float
         Wall time of this call.
     notes : tuple of str
-        What else there is to say.
+        Further messages.
     """
 
     folder: Path
@@ -56,7 +56,7 @@ class ManySolved:
 
     @property
     def per_second(self) -> float:
-        """Grasps found a second of this call."""
+        """Grasps found per second of this call."""
         return self.new / self.seconds if self.seconds > 0.0 else 0.0
 
     def load(self, name: str) -> GraspSolution:
@@ -94,21 +94,21 @@ def solve_many(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> ManySolved:
-    """Solve many problems, side by side, and write the distinct grasps of each to a file of one folder.
+    """Solve many problems in parallel, and write the distinct grasps of each to a file of one folder.
 
     The folder is that of an experiment (docs/experiments.md): ``solves/NAME--seed0.json`` is the solution file of a
-    problem, written whole as soon as it is solved. A folder that is there already is gone on with: what has a file is
-    not solved again, and problems may be added.
+    problem, written atomically once solved. An existing folder is resumed: problems with a file are not solved again,
+    and problems may be added.
 
     Parameters
     ----------
     problems : mapping of str to GraspProblem or callable, or iterable of GraspProblem
-        By name; of an iterable, by the problems' own names. A function without arguments that returns a problem is
-        called where it is solved: for hundreds of meshes that should not all be in memory.
+        By name; for an iterable, by the problems' own names. A function without arguments that returns a problem is
+        called in the worker that solves it: for hundreds of meshes that should not all be in memory.
     out : str or Path
         Folder for the files.
     starts, seed, options, keep, distinct
-        Of each solve, as ``ng.solve`` takes them; each runs in one process.
+        For each solve, as in ``ng.solve``; each runs in one process.
     workers : int, optional
         Processes on this machine; one a core when left out.
     scheduler : str, optional
@@ -152,7 +152,7 @@ def solve_many(
 
 
 def _named(problems: object) -> dict[str, GraspProblem | Made]:
-    """Return problems by name, refusing what are none."""
+    """Return problems by name, refusing other objects."""
     allowed = "problems by name, or several problems of different names"
     if isinstance(problems, Mapping):
         named = dict(problems)

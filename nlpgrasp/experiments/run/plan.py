@@ -1,4 +1,4 @@
-"""What an output folder belongs to: the experiment as JSON data, compared before anything runs."""
+"""Plan of an output folder: the experiment as JSON data, compared before a resume."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PLAN_SCHEMA = "nlpgrasp-experiment/1"
 
 
 class Plan(TypedDict):
-    """An experiment as JSON data."""
+    """JSON data of an experiment."""
 
     schema: str
     created_by: NotRequired[dict[str, str]]
@@ -29,7 +29,7 @@ class Plan(TypedDict):
 
 
 def plan_of(experiment: Experiment) -> Plan:
-    """Return the experiment as JSON data: all that decides its results, and the version that ran it."""
+    """Return the experiment as JSON data: everything that determines its results, and the version."""
     variations = {
         name: {"deferred": True} if experiment.deferred(name) else experiment.case(name).to_dict()
         for name in experiment.names
@@ -71,12 +71,12 @@ def read_plan(text: str, where: str) -> Plan:
 
 
 def check_same(old: Plan, new: Plan, where: str) -> None:
-    """Refuse to go on with another experiment; variations and seeds may have been added.
+    """Refuse to resume another experiment; variations and seeds may be added.
 
     Raises
     ------
     InputError
-        Naming what differs.
+        Naming the differences.
     """
     theirs, ours = ({name: _lean(case) for name, case in plan["variations"].items()} for plan in (old, new))
     gone = [name for name in theirs if name not in ours]
@@ -98,7 +98,7 @@ def check_same(old: Plan, new: Plan, where: str) -> None:
 
 
 def _lean(case: CaseData) -> CaseData:
-    """Return a variation without what older plans do not record of its problem."""
+    """Return a variation without the entries that older plans lack."""
     lean: CaseData = {**case}
     if "problem" in case:
         lean["problem"] = without_recorded(case["problem"])
@@ -106,5 +106,5 @@ def _lean(case: CaseData) -> CaseData:
 
 
 def _differing(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:
-    """Return the keys of the other whose values differ."""
+    """Return the keys of the second mapping with different values."""
     return [key for key, value in other.items() if one.get(key) != value]

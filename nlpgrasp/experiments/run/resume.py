@@ -1,4 +1,4 @@
-"""Resume of a solve with warm starts from other variations: better grasps of theirs, certified and refined."""
+"""Resume of a solve with warm starts from other variations: better grasps are certified and refined."""
 
 from __future__ import annotations
 
@@ -18,34 +18,33 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import Runner
 
-MARGIN = 1e-3  # relative: rounding of certified upper bounds, above which a grasp is a better one
-FINEST = 2e-4  # relative gap of a certificate that has to tell two grasps apart
+MARGIN = 1e-3  # least relative excess of a better grasp's certified upper bound
+FINEST = 2e-4  # relative gap of a certificate that has to distinguish two grasps
 
 
 def improved(
     bench: Workbench, starts: int, solution: GraspSolution, seed: int, offers: Mapping[str, FoundGrasp], improve: bool
 ) -> GraspSolution | None:
-    """Return a solution improved by the best of some known grasps, refined; None where none of them is better.
+    """Return a solution improved by the best of some known grasps, refined; None where none is better.
 
-    Each is certified under the workbench's own contacts, task, constraints and budget. One is taken where its certified
-    upper bound is above the solution's by more than rounding, or at all where the other problem's lower bound is:
-    afterwards no grasp that was offered refutes that the other problem, where it asks for more, is no better. The new
-    certified bounds are never below the old. Where starts are compared by their worst placement (``maximise_robust``)
-    nothing is taken.
+    Each is certified under the compiled problem's own contacts, task, constraints and budget. One is taken if its
+    certified upper bound exceeds the solution's by more than rounding, or by anything if the other problem's lower
+    bound does: then no offered grasp contradicts that a more demanding problem is no better. The new certified bounds
+    are never below the old. With starts compared by their worst case (``maximise_robust``) nothing is taken.
 
     Parameters
     ----------
     bench : Workbench
     starts : int
-        That the solution's solve was asked for.
+        Number of starts of the solution's solve.
     solution : GraspSolution
-        Of the workbench's problem.
+        Solution of the compiled problem.
     seed : int
-        Of the solution.
+        Seed of the solution.
     offers : mapping of str to FoundGrasp
-        Grasps of problems with the same body, certified there, by their origin in words.
+        Grasps of problems with the same body, certified there, by their origin as text.
     improve : bool
-        Whether to refine the grasp taken; else it stays where it is.
+        Whether to refine the taken grasp.
     """
     if bench.options.maximise_robust:
         return None
@@ -77,7 +76,7 @@ def _is_no_worse(bounds: Bounds, known: Bounds) -> bool:
 def _best(
     bench: Workbench, index: int, known: Bounds, offers: Mapping[str, FoundGrasp]
 ) -> tuple[WarmStart, StartGrasp] | None:
-    """Return the best grasp offered that is better than what is known, as a warm start and certified as it is."""
+    """Return the best offered grasp above the known bounds, as a warm start and certified as it is."""
     best = None
     for warm, elsewhere in _promising(bench, offers, known.upper):
         found = certify_as_is(bench, warm, index)
@@ -90,7 +89,7 @@ def _best(
 
 
 def _certified_apart(bench: Workbench, found: StartGrasp, least: float) -> StartGrasp:
-    """Return a grasp certified so finely that its lower bound is above that of a worse one."""
+    """Return a grasp certified so tightly that its lower bound is above that of a worse one."""
     rtol = bench.options.final_rtol
     if least > 0.0:
         rtol = min(rtol, max(0.5 * (found.record.mu.upper / least - 1.0), FINEST))
@@ -98,7 +97,7 @@ def _certified_apart(bench: Workbench, found: StartGrasp, least: float) -> Start
 
 
 def _promising(bench: Workbench, offers: Mapping[str, FoundGrasp], least: float) -> Iterator[tuple[WarmStart, Bounds]]:
-    """Yield the grasps that fit the problem and whose screened upper bound is above ``least``, with their own mu."""
+    """Yield the grasps that fit the problem with a screened upper bound above ``least``, and their own mu."""
     fitting = [(warm, known.mu) for origin, known in offers.items() if (warm := adapted(bench, known, origin))]
     if not fitting:
         return

@@ -1,4 +1,4 @@
-"""The run of an experiment: what is missing is solved, and kept as it comes."""
+"""Run of an experiment: missing solves are executed and stored as they finish."""
 
 from __future__ import annotations
 
@@ -39,29 +39,28 @@ def run_experiment(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> ExperimentResult:
-    """Solve every variation with every seed; each finished solve is a file in ``out`` at once.
+    """Solve every variation with every seed, and write each finished solve to a file in ``out`` at once.
 
-    Then each grasp found is certified under every other variation that it fits, and taken there where it is better than
-    what was found: no grasp of the table refutes its order (docs/experiments.md).
+    Then each grasp is certified under every other variation that it fits, and replaces a worse one there, so that no
+    grasp of the table contradicts its ranking (docs/experiments.md).
 
     The same experiment gives the same grasps with any number of workers, on this machine or on a cluster.
 
     Parameters
     ----------
     experiment : Experiment
-        What to solve.
+        Base problem, variations and seeds.
     out : str or Path
         Folder for the results: new or empty, or with ``resume`` the one of an earlier run of this experiment.
     resume : bool
-        Do only what is missing: solves that are not done, that failed, or whose file cannot be read. Variations and
-        seeds may have been added since. A variation that is a function is compared by what it made then and makes now,
-        solve by solve.
+        Run only missing solves: those not run, failed, or with an unreadable file. Variations and seeds may have been
+        added. A variation that is a function is compared by its results then and now, solve by solve.
     workers : int, optional
         Processes on this machine; one a core when left out.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers solve instead (extra ``cluster``).
     progress : callable, optional
-        Called with the record of each solve: first those that earlier runs did, then each as it is done.
+        Called with the record of each solve: first those of earlier runs, then each when done.
 
     Returns
     -------
@@ -94,7 +93,7 @@ def run_solves(
     progress: Progress | None,
     compared: bool = True,
 ) -> ExperimentResult:
-    """Do what an experiment lacks in a folder; where variations are ``compared``, hand grasps on between them.
+    """Run the missing solves of an experiment in a folder; exchange grasps between ``compared`` variations.
 
     Raises
     ------
@@ -107,7 +106,7 @@ def run_solves(
         workers = integer("workers", workers, at_least=1, at_most=1024)
     pack = Packer(experiment, compared)
     for name in experiment.names:
-        pack(SolveId(name, 0))  # refused now rather than hours later
+        pack(SolveId(name, 0))  # raises errors now rather than hours later
     client = None if scheduler is None else connect(scheduler)
     try:
         place.open(plan_of(experiment), resume)
@@ -124,7 +123,7 @@ def run_solves(
 
 @dataclass
 class _Run:
-    """What is known so far."""
+    """State of a run."""
 
     experiment: Experiment
     place: Folder
@@ -133,7 +132,7 @@ class _Run:
     notes: list[str] = field(default_factory=list)
 
     def missing(self) -> list[SolveId]:
-        """Read what earlier runs have done; return the solves that are left."""
+        """Read the results of earlier runs; return the remaining solves."""
         self.place.sweep()
         known, self.notes = read_records(self.place, self.experiment.solves, self.place.plan())
         done = {solve: record for solve, record in known.items() if record.done}
@@ -142,7 +141,7 @@ class _Run:
         return [solve for solve in self.experiment.solves if solve not in done]
 
     def collect(self, outcomes: Generator[tuple[SolveId, Outcome], None, None]) -> bool:
-        """Keep each outcome as it comes, until all are there, the user interrupts, or one cannot be written.
+        """Store each outcome as it arrives, until all are there, the user interrupts, or writing fails.
 
         Returns whether all are there.
         """
@@ -158,7 +157,7 @@ class _Run:
         return False
 
     def hand_on(self, handing: Handing) -> None:
-        """Hand grasps on between the variations; what goes wrong leaves what the solves found themselves."""
+        """Exchange grasps between the variations; after an error the solves' own results remain."""
         try:
             self.records |= handing.done(self.records)
         except KeyboardInterrupt:
@@ -187,7 +186,7 @@ class _Run:
         self._record(solve, record)
 
     def _read(self, solve: SolveId, outcome: Outcome) -> SolveRecord:
-        """Return the record of an outcome; one of another problem than its variation's other solves is a failure."""
+        """Return the record of an outcome; one of another problem than its variation's is a failure."""
         failure = outcome.failure
         if outcome.text:
             try:
@@ -208,4 +207,4 @@ class _Run:
 
 
 class _NotWrittenError(Exception):
-    """A result could not be written."""
+    """Error on writing a result."""

@@ -1,4 +1,4 @@
-"""One solve of an experiment, as a worker process does it."""
+"""Execution of one solve of an experiment in a worker process."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.solve import check_json, solve_again
 from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
 
-_one_at_a_time = threading.Lock()  # IPOPT's linear solver is not for threads
+_one_at_a_time = threading.Lock()  # IPOPT's linear solver is not thread-safe
 
 
 @dataclass(frozen=True)
 class HandedOn:
-    """Finished solve and grasps of other variations as its warm starts.
+    """Finished solve with grasps of other variations as its warm starts.
 
     Parameters
     ----------
     own : GraspSolution
-        Of the solve.
+        Solution of the solve.
     offers : mapping of str to FoundGrasp
-        Grasps of other variations, by their origin in words.
+        Grasps of other variations, by their origin as text.
     improve : bool
         Whether to refine the best of them.
     turn : int
-        How often grasps were handed on before.
+        Number of earlier exchanges.
     """
 
     own: GraspSolution
@@ -47,15 +47,15 @@ class HandedOn:
 
 @dataclass(frozen=True)
 class Job:
-    """One solve, ready to be sent to a worker.
+    """One solve as data for a worker.
 
     Parameters
     ----------
     solve : SolveId
     parcel : Parcel
-        Of the variation in this run: workers keep the programs of the variation they solved last.
+        Data of the variation: workers keep the programs of the last variation.
     handed : HandedOn, optional
-        Where the solve is done: the grasps to compare it with.
+        Grasps to compare with, for a finished solve.
     """
 
     solve: SolveId
@@ -64,23 +64,23 @@ class Job:
 
     @property
     def key(self) -> str:
-        """A name that no other job of the run has."""
+        """Unique name of the job in the run."""
         turn = "" if self.handed is None else f"-handed{self.handed.turn}"
         return f"nlpgrasp-{self.parcel.token}-{self.solve.seed}{turn}"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one solve.
+    """Outcome of one solve.
 
     Parameters
     ----------
     text : str
-        The solution file; empty where the solve failed, and where grasps of others did not change it.
+        The solution file; empty if the solve failed, or warm starts did not change it.
     failure : str
         Why it failed, in one line.
     interrupted : bool
-        Whether the user stopped it: it counts as not done.
+        Whether the user interrupted it, so that it counts as not done.
     """
 
     text: str = ""
@@ -89,13 +89,13 @@ class Outcome:
 
 
 class Packer:
-    """Makes jobs of an experiment's solves when their turn comes: only one variation is held as bytes.
+    """Factory of jobs, created on demand: only one variation is serialised at a time.
 
     Parameters
     ----------
     experiment : Experiment
     compared : bool
-        Whether variations are compared with each other, by mu: then their starts are too.
+        Whether variations, and then their starts, are compared by mu.
     """
 
     def __init__(self, experiment: Experiment, compared: bool = True) -> None:
@@ -117,7 +117,7 @@ class Packer:
                 parcel = Parcel.of(
                     LazyBench(partial(_made, self.experiment.maker(name), self._compared)), f"{self._run} {name}"
                 )
-            except Exception as error:  # whatever the parts' own pickling raises
+            except Exception as error:  # any error of the parts' own pickling
                 reason = one_line(error)
                 raise InputError(f"variation {name!r}", reason, "parts that can be sent to other processes") from None
             self._last = (name, parcel)
@@ -125,7 +125,7 @@ class Packer:
 
 
 def work(job: Job) -> Outcome:
-    """Solve in this process. Whatever goes wrong is the outcome's message: one solve never costs another."""
+    """Solve in this process; any error becomes the outcome's message and stops no other solve."""
     with _one_at_a_time:
         try:
             asked, handed = job.parcel.unpacked(), job.handed
@@ -137,12 +137,12 @@ def work(job: Job) -> Outcome:
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
             return Outcome(text_of(solution.to_dict()))
-        except BaseException as error:  # also what a script raises to end itself: it ends this solve alone
+        except BaseException as error:  # even SystemExit ends this solve alone
             return Outcome(failure=one_line(error))
 
 
 def _made(maker: Callable[[], Case], compared: bool) -> Case:
-    """Return the case that is made, with options as a solve takes them, refusing one whose result cannot be written."""
+    """Return the created case with a solve's options; refuse one whose result cannot be written."""
     case = maker()
     check_json(case.problem.to_dict())
     options = case.options.narrow()

@@ -1,1 +1,1 @@
-"""What a hand is before anything is solved with it: which fingertips meet, and what is to be known of its file."""
+"""Inspection of a hand before any solve: fingertip opposition and warnings about its file."""

@@ -1,4 +1,4 @@
-"""Whether a palm faces where it is said to: where its fingertips are, seen from where their fingers begin."""
+"""Check of the stated palm direction against the mean direction of the fingers."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from nlpgrasp.hands.inspection.fingers import knuckles
 from nlpgrasp.hands.urdf.kinematics import link_poses
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
-POSTURES = 512  # random ones, over the joint ranges
-ALIKE = 0.2  # of the fingers' lengths: a mean direction shorter than that says nothing
-ASKEW, NEARER = 45.0, 15.0  # degrees: how far off a palm is asked about, and by how much another axis has to be nearer
+POSTURES = 512  # random postures, uniform over the joint ranges
+ALIKE = 0.2  # share of the mean finger length below which the mean direction is not used
+ASKEW, NEARER = 45.0, 15.0  # degrees: least angle of a doubtful palm direction, least gain of another axis
 
 
 def fingers_lie(tree: LinkTree) -> FloatArray | None:
-    """Return the direction in which fingertips lie from their fingers' first joints, in the mean over postures.
+    """Return the mean direction, over random postures, of the fingertips from their fingers' first joints.
 
-    A finger bends towards the side that the palm faces, so that this direction is between it and the way in which
-    straight fingers point: within 35 degrees of where the palm faces for Allegro, Shadow, Panda and Robotiq hands.
+    Fingers bend towards the side that the palm faces, so this direction lies between the palm's direction and that of
+    straight fingers: within 35 degrees of the palm's direction for Allegro, Shadow, Panda and Robotiq hands.
 
     Returns
     -------
     (3,) array or None
-        Unit, palm frame; None where nothing moves, or fingers lie in all directions alike.
+        Unit, palm frame; None without moving joints, or where the directions cancel.
     """
     links = knuckles(tree)
     if not links or not tree.robot.free_joints:
@@ -43,7 +43,7 @@ def fingers_lie(tree: LinkTree) -> FloatArray | None:
 
 
 def better_approach(tree: LinkTree) -> FloatArray | None:
-    """Return the axis of the palm's frame, (3,), that its fingers say it faces; None where what is stated may be.
+    """Return the axis of the palm frame, (3,), nearest to the fingers; None where the stated approach is plausible.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def better_approach(tree: LinkTree) -> FloatArray | None:
 
 
 def direction_words(direction: FloatArray) -> str:
-    """Return a unit direction (3,) as text: ``+z`` of an axis, else its numbers."""
+    """Return a unit direction (3,) as text: ``+z`` along an axis, else three numbers."""
     most = int(np.argmax(np.abs(direction)))
     if abs(direction[most]) > 1.0 - 1e-9:
         return f"{'+' if direction[most] > 0.0 else '-'}{'xyz'[most]}"
@@ -69,5 +69,5 @@ def direction_words(direction: FloatArray) -> str:
 
 
 def listed(direction: FloatArray) -> str:
-    """Return a direction (3,) as Python writes it, in few digits, such as ``[1, 0, 0]``."""
+    """Return a direction (3,) as a Python list with few digits, such as ``[1, 0, 0]``."""
     return f"[{', '.join(rounded(v, 3, 1e-4) for v in direction)}]"

@@ -1,4 +1,4 @@
-"""What is to be known of a hand before anything is solved with it, in sentences."""
+"""Warnings about a hand's file, palm, joints and fingertips."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from nlpgrasp.hands.tips.of_shape import overhang
 from nlpgrasp.hands.urdf.urdf_arguments import joint_remarks
 
 FULL = 2.0 * np.pi - 0.02  # radians, about a full turn
-OFF, FAR_OFF = 1e-3, 5e-3  # metres that a fingertip is beyond its link: worth a word, and wrong
-PLACEHOLDER = 100.0  # newton-metres that no motor of a finger has; newtons of a sliding joint are not judged
+OFF, FAR_OFF = 1e-3, 5e-3  # metres that a fingertip reaches beyond its link: warned of, and grave
+PLACEHOLDER = 100.0  # newton-metres, above any finger motor's torque; forces of sliding joints are not checked
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something to know.
+    """A warning about a hand.
 
     Parameters
     ----------
     text : str
         A sentence.
     grave : bool
-        Whether grasps may come out wrong for it.
+        Whether it may lead to wrong grasps.
     command : str
-        The same sentence for whoever uses the command line, where that is another one.
+        The sentence for the command line, where it differs.
     """
 
     text: str
@@ -41,13 +41,13 @@ class Finding:
 
 
 def findings(hand: Inspected, met: Opposition | None) -> tuple[Finding, ...]:
-    """Return what is to be known of a hand, grave things first.
+    """Return the warnings about a hand, grave ones first.
 
     Parameters
     ----------
     hand : Inspected
     met : Opposition or None
-        Which of its fingertips come together; None where none are stated.
+        Opposition of its fingertips; None where none are stated.
     """
     found = [
         *_palm(hand),
@@ -60,7 +60,7 @@ def findings(hand: Inspected, met: Opposition | None) -> tuple[Finding, ...]:
 
 
 def _palm(hand: Inspected) -> list[Finding]:
-    """Return what is said of a palm that probably faces elsewhere than it is said to."""
+    """Return a warning where the palm probably faces another way than stated."""
     better = better_approach(hand.tree)
     if better is None:
         return []
@@ -91,7 +91,7 @@ def _shapes(hand: Inspected) -> list[Finding]:
 
 
 def _overhangs(hand: Inspected) -> list[Finding]:
-    """Return what is said of fingertips that reach beyond the shapes of their links."""
+    """Return warnings about fingertips that reach beyond the shapes of their links."""
     found = []
     for i, (link, tip) in enumerate(hand.tree.tips):
         beyond = overhang(tip, link, hand.tree.robot)
@@ -139,7 +139,7 @@ def _tips(hand: Inspected, met: Opposition) -> list[Finding]:
 
 
 def _pair(hand: Inspected, pair: Meeting) -> Finding:
-    """Return what is said of two fingertips that do not touch face to face."""
+    """Return the warning about two fingertips that cannot touch face to face."""
     names = f"Fingertips {_named(hand, pair.fingers)}"
     if not pair.faces:
         near = "touch without facing" if pair.nearest <= TOUCH else f"come within {millimetres(pair.nearest)}"
@@ -154,7 +154,7 @@ def millimetres(distance: float) -> str:
 
 
 def _named(hand: Inspected, fingers: Sequence[int]) -> str:
-    """Return fingertips by number and link."""
+    """Return fingertips by number and link, as text."""
     names = [f"{i} ({hand.tree.tips[i][0]})" for i in fingers]
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
@@ -164,7 +164,7 @@ def _turns(robot: Robot, name: str) -> bool:
 
 
 def _some(names: Sequence[str], what: str, count: int = 0) -> str:
-    """Return names, or how many where they are all of a count."""
+    """Return names as text, or ``all n`` where they are all of a count."""
     if len(names) == count > 1:
         return f"all {count} {what}s"
     return f"{what}{'s' if len(names) > 1 else ''} {', '.join(names)}"

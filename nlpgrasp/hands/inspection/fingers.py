@@ -1,4 +1,4 @@
-"""Which joints belong to which finger: chains that begin at the palm."""
+"""Grouping of joints into fingers: kinematic chains that begin at the palm."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nlpgrasp.hands.urdf.link_tree import LinkTree
 
 @dataclass(frozen=True)
 class Finger:
-    """Joints of one chain.
+    """Joints of one finger's kinematic chain.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Finger:
 
 
 def fingers(tree: LinkTree) -> tuple[Finger, ...]:
-    """Return the free joints by finger: those with fingertips first, in the contacts' order; what carries all last."""
+    """Return the free joints by finger: those with fingertips first, in the contacts' order; shared joints last."""
     robot = tree.robot
     hub, shared = _trunk(robot)
     groups: dict[str, list[int]] = {}
@@ -45,7 +45,7 @@ def fingers(tree: LinkTree) -> tuple[Finger, ...]:
 
 
 def knuckles(tree: LinkTree) -> tuple[str, ...]:
-    """Return the first link of each fingertip's finger, in the contacts' order: the palm, of a tip that is on none."""
+    """Return the first link of each fingertip's finger, in the contacts' order; the palm for a tip on no finger."""
     robot = tree.robot
     hub, _ = _trunk(robot)
     groups = robot.rigid_groups
@@ -57,9 +57,9 @@ def knuckles(tree: LinkTree) -> tuple[str, ...]:
 
 
 def _trunk(robot: Robot) -> tuple[str, set[str]]:
-    """Return the link that every finger hangs from, and the joints above it: an arm or a wrist.
+    """Return the link at which the fingers branch, and the joints above it: an arm or a wrist.
 
-    A hand that never branches is one finger, from the root on.
+    A hand without branches is one finger that begins at the root.
     """
     groups, here = robot.rigid_groups, robot.root
     joints: set[str] = set()
@@ -72,11 +72,11 @@ def _trunk(robot: Robot) -> tuple[str, set[str]]:
 
 
 def _branch(robot: Robot, joint: Joint, hub: str) -> str:
-    """Return the name of the first moving joint beyond the link that all fingers hang from, towards a joint's child."""
+    """Return the name of the first moving joint of a joint's finger, beyond the link at which fingers branch."""
     chain = [j for j in robot.chain(joint.child) if j.moves]
     return next((j.name for j in chain if robot.rigid_groups[j.parent] == hub), chain[0].name)
 
 
 def _drivers(robot: Robot, link: str) -> set[str]:
-    """Return the free joints that move a link."""
+    """Return the names of the free joints that move a link."""
     return {robot.follows(joint)[0] for joint in robot.chain(link) if joint.moves}

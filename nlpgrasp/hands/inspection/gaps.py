@@ -1,4 +1,4 @@
-"""Distances between fingertips in many postures at once, and how far they are from facing each other."""
+"""Fingertip distances and misalignment in a batch of postures."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.tips import Tip
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
-SIDES = 9  # of the triangles that stand for a patch that is not round
-ASKEW = np.cos(np.radians(30.0))  # patches this little turned away from each other face each other
-CLOSE = 2e-3  # metres below which the direction between two points says nothing
-AT_ONCE = 2_000_000  # pairs of points that are looked at together
+SIDES = 9  # sides of the triangulation of a patch that is not round
+ASKEW = np.cos(np.radians(30.0))  # cosine of the largest angle at which patches count as facing each other
+CLOSE = 2e-3  # metres: the direction between nearer points is not used
+AT_ONCE = 2_000_000  # pairs of points in a batch
 
 
 @dataclass(frozen=True)
 class _Placed:
-    """Points of a patch, its radius about them, and outward normals of one that is not round.
+    """Sample points of a patch, its ball radius, and outward normals unless it is round.
 
     Arrays are (m, 3) in the link's frame, (b, m, 3) in the palm's in b postures.
     """
@@ -32,7 +32,7 @@ class _Placed:
 
 
 def _samples(tip: Tip) -> _Placed:
-    """Return a patch in its link's frame."""
+    """Return the samples of a patch in its link's frame."""
     if tip.standoff > 0.0:
         return _Placed(tip.backbone, tip.standoff, None)
     shape = tip.surface(SIDES)
@@ -45,7 +45,7 @@ def _samples(tip: Tip) -> _Placed:
 
 
 class TipGaps:
-    """The fingertips of a hand, and their distances.
+    """Distances between a hand's fingertips for batches of joint positions.
 
     Parameters
     ----------
@@ -57,11 +57,11 @@ class TipGaps:
         self._samples = [_samples(tip) for _, tip in tree.tips]
 
     def round(self, fingers: Sequence[int]) -> bool:
-        """Return whether all of some fingertips face everywhere."""
+        """Return whether all given fingertips are round, and so face every direction."""
         return all(self._samples[i].normals is None for i in fingers)
 
     def moving(self, fingers: Sequence[int]) -> NDArray[np.intp]:
-        """Return which free joints move some of the fingertips against others."""
+        """Return the numbers of the free joints that move some of the fingertips relative to others."""
         robot = self.tree.robot
         links = [self.tree.tips[i][0] for i in fingers]
         chains: list[set[str]] = [{j.name for j in robot.chain(link) if j.moves} for link in links]
@@ -70,7 +70,7 @@ class TipGaps:
         return np.array([i for i, j in enumerate(robot.free_joints) if j.name in drivers], dtype=np.intp)
 
     def distances(self, fingers: Sequence[int], joints: FloatArray, *, facing: bool) -> FloatArray:
-        """Return the largest of the distances between each two fingertips, (b,), metres, below zero where they overlap.
+        """Return the largest pairwise distance of fingertips, (b,), metres, negative where all overlap.
 
         Parameters
         ----------
@@ -78,16 +78,16 @@ class TipGaps:
         joints : (b, m) array
             Positions of the free joints.
         facing : bool
-            Count how far fingertips are from facing each other as distance, in units of the hand's span.
+            Add a penalty for fingertips that do not face each other: the misalignment times the hand's span.
         """
         return self._largest(fingers, joints, self.tree.span if facing else 0.0)[0]
 
     def turned_away(self, fingers: Sequence[int], joints: FloatArray) -> FloatArray:
-        """Return by how much the two that do so least lack facing each other, (b,), as a cosine; 0 where all face."""
+        """Return the largest misalignment of any pair, (b,), as a cosine; 0 where all pairs face each other."""
         return self._largest(fingers, joints, self.tree.span)[1]
 
     def _largest(self, fingers: Sequence[int], joints: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:
-        """Return the largest of the pairs' distances and of their lacks of facing, (b,) each."""
+        """Return the largest distance and the largest misalignment over the pairs, (b,) each."""
         sizes = sorted(len(self._samples[i].points) for i in fingers)
         parts = np.array_split(joints, max(1, -(-len(joints) * sizes[-1] * sizes[-2] // AT_ONCE)))
         found = [self._of_part(fingers, part, weight) for part in parts]
@@ -101,7 +101,7 @@ class TipGaps:
         return np.max([f[0] for f in found], axis=0), np.max([f[1] for f in found], axis=0)
 
     def _placed(self, i: int, poses: FloatArray) -> _Placed:
-        """Return a fingertip for the used links' poses (3, b, links, 4)."""
+        """Return a fingertip's samples for poses (3, b, links, 4) of the used links."""
         pose = poses[:, :, self.tree.used_links.index(self.tree.tips[i][0])]
         samples = self._samples[i]
         points = np.einsum("xba,ma->bmx", pose[..., :3], samples.points) + pose[..., 3].T[:, None]
@@ -110,7 +110,7 @@ class TipGaps:
 
 
 def _between(a: _Placed, b: _Placed, weight: float) -> tuple[FloatArray, FloatArray]:
-    """Return distance and lack of facing, (b,) each, of the points of two fingertips for which they are least."""
+    """Return distance and misalignment, (b,) each, of two fingertips at their best pair of points."""
     between = b.points[:, None] - a.points[:, :, None]  # (b, points of a, points of b, 3)
     length = np.linalg.norm(between, axis=3)
     lack = np.zeros_like(length)

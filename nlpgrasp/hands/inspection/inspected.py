@@ -1,4 +1,4 @@
-"""A hand to look at: its links and spheres, with fingertips or without any yet."""
+"""Data for inspecting a hand: links and spheres, with or without fingertips."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
 from nlpgrasp.hands.urdf.urdf_arguments import approach_of, torque_limits_of
 
-SPHERES = 6  # a link, as URDFHand.load has by default
-EVEN = 0.1  # of its range: a joint whose range is as even about zero rests at zero
-CLOSED = 0.35  # share of its range at which any other rests
+SPHERES = 6  # per link, the default of URDFHand.load
+EVEN = 0.1  # share of a joint's range: with its middle this near zero the joint rests at zero
+CLOSED = 0.35  # share of its range at which any other joint rests
 
 
 @dataclass(frozen=True)
 class Inspected:
-    """What there is to see of a hand.
+    """A hand under inspection: kinematics, collision spheres and torque limits.
 
     Parameters
     ----------
     tree : LinkTree
-        Without fingertips where none are stated.
+        Without fingertips if none are stated.
     fits : mapping of str to SphereFit
         Spheres around the links.
     torque_limits : mapping of str to float
         By joint, newton-metres (newtons for sliding joints).
     file : str
-        Its path as it was given, where no fingertips are stated.
+        Path as given, where no fingertips are stated.
     palm : str, optional
         The palm as it was given.
     """
@@ -51,19 +51,19 @@ class Inspected:
 
     @property
     def at_rest(self) -> FloatArray:
-        """Positions of the free joints in a relaxed posture, (m,): at zero where that is their middle."""
+        """Positions of the free joints in a relaxed posture, (m,): zero for ranges nearly symmetric about zero."""
         lower, upper = self.tree.joint_limits if self.tree.robot.free_joints else np.zeros((2, 0))
         even = np.abs(lower + upper) <= EVEN * (upper - lower)
         return np.where(even, 0.0, lower + CLOSED * (upper - lower))
 
     @property
     def leaves(self) -> tuple[str, ...]:
-        """Links that no other link hangs from: where fingertips often are."""
+        """Leaf links of the kinematic tree, where fingertips often are."""
         return leaves(self.tree.robot)
 
 
 def inspected(hand: Hand) -> Inspected:
-    """Return what there is to see of a hand.
+    """Return the inspection data of a hand.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def inspected(hand: Hand) -> Inspected:
 
 
 def without_fingertips(path: str | Path, palm: str | None, approach: ArrayLike) -> Inspected:
-    """Return what there is to see of a URDF without fingertips; arguments are those of ``ng.URDFHand.load``.
+    """Return the inspection data of a URDF without fingertips; arguments are those of ``ng.URDFHand.load``.
 
     Raises
     ------

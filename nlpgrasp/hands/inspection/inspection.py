@@ -1,4 +1,4 @@
-"""A hand looked through: what it consists of, which fingertips meet, what is to be known, and that in a few lines."""
+"""Inspection report of a hand: its parts, fingertip opposition and warnings."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ GOOD = "every visible link has a collision shape, every joint has limits, and ev
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was found.
+    """Result of inspecting a hand.
 
     Parameters
     ----------
     hand : Inspected
     met : Opposition or None
-        Which fingertips come together; None where none are stated.
+        Opposition of the fingertips; None where none are stated.
     findings : tuple of Finding
-        What is to be known, grave things first.
+        Warnings, grave ones first.
     """
 
     hand: Inspected
@@ -36,7 +36,7 @@ class Inspection:
 
     @property
     def verdict(self) -> str:
-        """Whether there is something to know, in a word or two."""
+        """The number of warnings as text, or that there are none."""
         if not self.hand.tree.tips:
             return "no fingertips stated"
         count = len(self.findings)
@@ -44,7 +44,7 @@ class Inspection:
 
     @property
     def kind(self) -> str:
-        """``good``, ``some`` (something to know) or ``bad`` (grasps may come out wrong for it)."""
+        """``good``, ``some`` (there are warnings) or ``bad`` (grasps may come out wrong)."""
         if not self.hand.tree.tips:
             return "some"
         if any(finding.grave for finding in self.findings):
@@ -53,7 +53,7 @@ class Inspection:
 
     @property
     def sentences(self) -> tuple[Finding, ...]:
-        """The findings, after what to do where no fingertips are stated; empty where there are no problems."""
+        """The warnings, after how to state fingertips where there are none; empty without problems."""
         if self.hand.tree.tips:
             return self.findings
         ends, more = ends_of(self.hand), len(self.hand.leaves) - LISTED
@@ -71,12 +71,12 @@ class Inspection:
 
     @property
     def to_paste(self) -> tuple[str, ...]:
-        """A command and a line of Python that state fingertips, where there are none yet; else empty."""
+        """A command and a line of Python that state fingertips, if there are none yet; else empty."""
         return () if self.hand.tree.tips else lines_to_paste(self.hand)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What the hand consists of and the verdict, a line each, then the findings."""
+        """The hand's parts and the verdict, a line each, then the warnings."""
         robot = self.hand.tree.robot
         follow = sum(joint.moves for joint in robot.joints) - len(robot.free_joints)
         joints = _counted(len(robot.free_joints), "joint") + f" and {follow} more that follow{'s' * (follow == 1)}" * (
@@ -91,7 +91,7 @@ class Inspection:
 
 
 def inspect(hand: Hand | Inspected) -> Inspection:
-    """Look a hand through.
+    """Return the inspection of a hand.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def inspect(hand: Hand | Inspected) -> Inspection:
         For a hand without links.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # the findings say what they say
+        warnings.simplefilter("ignore", UserWarning)  # the findings hold the same warnings
         shown = hand if isinstance(hand, Inspected) else inspected(hand)
     met = opposition(shown.tree, shown.at_rest) if shown.tree.tips else None
     return Inspection(shown, met, findings(shown, met))

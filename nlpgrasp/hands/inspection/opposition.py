@@ -1,7 +1,7 @@
-"""Which fingertips come together and face each other, searched over the joint ranges.
+"""Fingertip opposition: which fingertips meet face to face, searched over the joint ranges.
 
-The search is a dense sample of postures, narrowed about the best: distances are upper bounds, in practice close. Links
-are let through each other: what is said to meet may be stopped by other links.
+The search samples postures densely and narrows about the best: its least distances are upper bounds, in practice close.
+Collisions between links are ignored, so other links may prevent a meeting.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from nlpgrasp.hands.inspection.gaps import TipGaps
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
 TOUCH = 1e-3  # metres between fingertips that count as touching
-TOGETHER = 0.01  # metres between each two of more fingertips that count as together; twice the largest radius if more
-MOST_TIPS = 6  # of which all sets are looked at
-SAMPLES, KEPT, ROUNDS, SHRINK = 1024, 24, 16, 0.6  # random postures, those kept, rounds about them, their narrowing
-WIDTH = 0.25  # of the ranges: standard deviation about a posture in the first round
+TOGETHER = 0.01  # metres between fingertips that meet in a set; twice the largest radius if that is more
+MOST_TIPS = 6  # most fingertips of which all sets are checked
+SAMPLES, KEPT, ROUNDS, SHRINK = 1024, 24, 16, 0.6  # random postures, those kept, rounds about them, narrowing per round
+WIDTH = 0.25  # share of the joint ranges: standard deviation about a posture in the first round
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """How near fingertips come to each other.
+    """Least distances between two or more fingertips.
 
     Parameters
     ----------
     fingers : tuple of int
-        Which contacts.
+        Numbers of the contacts.
     nearest : float
-        Least distance of the surfaces of two fingertips, metres, 0 where they touch; of more, the largest of their
-        distances where that is least.
+        Least distance between the surfaces of two fingertips, metres, 0 where they touch; for more, the least value of
+        their largest pairwise distance.
     opposed : float
-        The same with the two facing each other; infinite where they never do. Of more than two this is not asked for.
+        The same with the two facing each other; infinite where they never do. For more than two facing is not required.
     joints : (m,) array
         Positions of the free joints there: opposed where that is possible.
     """
@@ -47,7 +47,7 @@ class Meeting:
 
     @property
     def faces(self) -> bool:
-        """Whether the fingertips face each other somewhere."""
+        """Whether the fingertips face each other in some posture."""
         return bool(np.isfinite(self.opposed))
 
     @property
@@ -58,16 +58,16 @@ class Meeting:
 
 @dataclass(frozen=True)
 class Opposition:
-    """Which fingertips come together.
+    """Opposition of fingertips: pairs that can meet, and sets that cannot.
 
     Parameters
     ----------
     pairs : tuple of Meeting
-        Each two fingertips.
+        All pairs of fingertips.
     apart : tuple of Meeting
-        Least sets of more than two fingertips that do not come together at once, although all smaller sets do.
+        Minimal sets of more than two fingertips that do not meet at once, although all smaller sets do.
     together : float
-        Distance between each two that counts as together, metres.
+        Largest distance of fingertips that count as meeting, metres.
     """
 
     pairs: tuple[Meeting, ...]
@@ -76,19 +76,19 @@ class Opposition:
 
     @property
     def alone(self) -> tuple[int, ...]:
-        """Fingertips that touch no other one face to face."""
+        """Fingertips that touch no other fingertip face to face."""
         every = sorted({i for pair in self.pairs for i in pair.fingers})
         return tuple(i for i in every if not any(p.touches for p in self.pairs if i in p.fingers))
 
 
 def opposition(tree: LinkTree, at_rest: FloatArray) -> Opposition:
-    """Return which fingertips come together.
+    """Return the opposition of a hand's fingertips: least distances of pairs, and sets that cannot meet.
 
     Parameters
     ----------
     tree : LinkTree
     at_rest : (m,) array
-        Positions of the free joints that do not matter.
+        Positions of the free joints, kept for those that do not move the fingertips in question.
     """
     gaps = TipGaps(tree)
     count = len(tree.tips)
@@ -108,7 +108,7 @@ def opposition(tree: LinkTree, at_rest: FloatArray) -> Opposition:
 
 
 def _meeting(gaps: TipGaps, fingers: tuple[int, ...], at_rest: FloatArray) -> Meeting:
-    """Return how near some fingertips come."""
+    """Return the least distances between some fingertips."""
     if len(fingers) > 2:
         joints, value = _least(gaps, fingers, at_rest, facing=False)
         return Meeting(fingers, value, value, joints)
@@ -122,7 +122,7 @@ def _meeting(gaps: TipGaps, fingers: tuple[int, ...], at_rest: FloatArray) -> Me
 
 
 def _least(gaps: TipGaps, fingers: Sequence[int], at_rest: FloatArray, *, facing: bool) -> tuple[FloatArray, float]:
-    """Return the joints (m,) with the least distance, and it: random postures, then others about the best."""
+    """Return the joints (m,) with the least distance, and it: random search, then refinement about the best."""
     rng = np.random.default_rng(0)
     lower, upper = gaps.tree.joint_limits
     moving = gaps.moving(fingers)

@@ -1,4 +1,4 @@
-"""How to state the fingertips of a hand that has none yet: lines to paste."""
+"""Suggested fingertips for a hand without any: a command and a line of Python."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from nlpgrasp.hands.inspection.facing import listed
 from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.hands.robot.ends import End, end
 
-LISTED = 12  # links that are named
-ALONG_Z = [0.0, 0.0, 1.0]  # where a palm faces of which nothing is said
+LISTED = 12  # most links that are named
+ALONG_Z = [0.0, 0.0, 1.0]  # default palm direction
 
 
 def ends_of(hand: Inspected) -> tuple[End, ...]:
-    """Return the links that are named, with the fingertips that their shapes make."""
+    """Return the first leaf links, with the fingertips that their shapes suggest."""
     return tuple(end(hand.tree.robot, link) for link in hand.leaves[:LISTED])
 
 
 def lines_to_paste(hand: Inspected) -> tuple[str, str]:
-    """Return the command, and the line of Python, that state the links at the ends as fingertips."""
+    """Return the command and the line of Python that state the leaf links as fingertips."""
     ends, approach = ends_of(hand), hand.tree.approach.tolist()
     command, more = ["nlpgrasp", "hand", hand.file], ""
     if hand.palm is not None:

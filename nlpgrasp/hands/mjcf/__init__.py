@@ -1,1 +1,1 @@
-"""Robots from MuJoCo's own files (MJCF), as the same plain data that a URDF gives."""
+"""MJCF reader: robot descriptions from MuJoCo's model files."""

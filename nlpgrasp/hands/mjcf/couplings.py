@@ -1,4 +1,4 @@
-"""Joints that follow others: equalities of joints and of tendons that are straight lines; the rest is said."""
+"""Coupled joints of an MJCF: linear equalities of joints and tendons as mimic joints."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ SITE = 6  # mjtObj
 
 
 def coupled(path: Path, model: MjModel, robot: Robot) -> Robot:
-    """Return the robot with the joints that follow others, and what couples joints and is not modelled.
+    """Return the robot with mimic joints, and a list of the couplings that are not modelled.
 
-    An equality of two joints makes the first follow the second. One of a tendon of two joints makes the later joint of
-    the file follow the earlier one, where their limits leave both a range.
+    An equality of two joints makes the first follow the second. A tendon of two joints with an equality makes the later
+    joint of the file follow the earlier one, where their limits leave both a range.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def coupled(path: Path, model: MjModel, robot: Robot) -> Robot:
 
 
 def _followed(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
-    """Return the robot with one joint that follows another, or is held where it is."""
+    """Return the robot after one joint equality: the joint follows another, or is fixed."""
     joints = {joint.name: joint for joint in robot.joints}
     first, second = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
     name, other = joint_name(model, first), joint_name(model, second) if second >= 0 else ""
@@ -76,7 +76,7 @@ def _followed(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
 
 
 def _tied(robot: Robot, tendon: Tendon, longer: float) -> Robot | None:
-    """Return the robot with the later of two joints of a tendon of fixed length following; None where it cannot."""
+    """Return the robot where a tendon of fixed length makes one of its two joints follow; None where it cannot."""
     joints = {joint.name: joint for joint in robot.joints}
     if len(tendon.arms) != 2 or not all(name in joints for name in tendon.arms):
         return None
@@ -95,7 +95,7 @@ def _with(robot: Robot, joint: Joint) -> Robot:
 
 
 def _loops(model: MjModel, robot: Robot, active: list[int]) -> list[str]:
-    """Return a phrase for each closed loop: bodies of the hand that are held together."""
+    """Return a phrase for each closed loop: a connect or weld constraint between bodies of the hand."""
     found = []
     for e in active:
         if int(model.eq_type[e]) in (CONNECT, WELD):

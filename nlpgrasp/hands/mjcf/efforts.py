@@ -1,4 +1,4 @@
-"""What the actuators of a model can do at each free joint."""
+"""Effort limits of free joints by an MJCF's actuators."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ FIXED_GAIN, NO_BIAS = 0, 0  # mjtGain, mjtBias
 
 
 def with_efforts(model: MjModel, robot: Robot) -> Robot:
-    """Return the robot with the greatest torque (force) of each free joint, where the file states one.
+    """Return the robot with the largest torque (force) of each free joint, where the file states one.
 
-    An actuator's greatest force is the smaller end of its ``forcerange``, without one that of a motor's ``ctrlrange``;
-    by virtual work it counts at the free joint that its own joints follow. One that pulls several free joints, by a
-    tendon, counts at none of them.
+    An actuator's largest force is the smaller end of its ``forcerange``, or of a motor's ``ctrlrange`` without one. By
+    virtual work it counts at the free joint that its joints follow. An actuator whose tendon pulls several free joints
+    counts at none of them.
     """
     joints = {joint.name: joint for joint in robot.joints}
     efforts: dict[str, float] = {}
@@ -52,7 +52,7 @@ def with_efforts(model: MjModel, robot: Robot) -> Robot:
 
 
 def _arms(model: MjModel, actuator: int) -> dict[str, float]:
-    """Return what a unit of an actuator's force gives at each joint."""
+    """Return the moment arm of an actuator at each joint: generalised force per unit of its force."""
     kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator][0])
     gear = float(model.actuator_gear[actuator][0])
     if kind in JOINT_DRIVEN:
@@ -61,7 +61,7 @@ def _arms(model: MjModel, actuator: int) -> dict[str, float]:
 
 
 def _force(model: MjModel, actuator: int) -> float | None:
-    """Return the force that an actuator has both ways, None where the file does not say."""
+    """Return the force that an actuator has in both directions; None where the file does not state it."""
     if model.actuator_forcelimited[actuator]:
         return float(np.min(np.abs(model.actuator_forcerange[actuator])))
     plain = int(model.actuator_gaintype[actuator]) == FIXED_GAIN and int(model.actuator_biastype[actuator]) == NO_BIAS

@@ -1,4 +1,4 @@
-"""Reading an MJCF file: MuJoCo compiles it, and what hangs from the palm is taken."""
+"""MJCF file reader: MuJoCo compiles the file; the bodies below the palm become links."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 def read_mjcf(path: Path, palm: str | None = None) -> Robot:
     """Return the bodies below the palm as links, their hinges and slides as joints, with their collision shapes.
 
-    A body's own joints place it in its parent: those of the palm are left out with all that is above it, as its pose
-    is a variable. Positions are MuJoCo's, so that a joint's reference position is where its body stands in the file.
+    The palm's own joints, and everything above it, are left out, as its pose is a variable. Joint positions are
+    MuJoCo's: at its reference position a joint leaves the body as in the file.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def mjcf_links(path: Path) -> tuple[str, ...]:
 
 
 def mjcf_inertials(path: Path) -> dict[str, Inertial]:
-    """Return mass and inertia of the bodies that have a mass, stated or of their geometries' density.
+    """Return mass and inertia of the bodies with mass, stated or from their geometries' density.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def _compiled(path: Path) -> MjModel:
     mujoco = import_mujoco(f"{path.name}: reading MJCF")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        spec.compiler.fusestatic = False  # every body stays a link of its own
+        spec.compiler.fusestatic = False  # every body stays a separate link
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         bad(path, " ".join(str(error).split()), "an MJCF file that MuJoCo reads, with its meshes")

@@ -1,4 +1,4 @@
-"""The joints that place a body in its parent: several in a row, each about its own anchor."""
+"""MJCF joints between a body and its parent, several in series, each about its own anchor."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 
 
 def joints_to(path: Path, model: MjModel, body: int) -> list[Joint]:
-    """Return the joints from a body's parent to the body; several have links without a shape between them.
+    """Return the joints from a body's parent to the body; several are chained by links without shapes.
 
     With anchor a and axis u in the body's frame a hinge moves what is below it by ``T(a) R(u, q - q0) T(-a)``, after
     the joints before it: each joint's frame stands in its anchor. Joints without a range have infinite limits here.
@@ -71,7 +71,7 @@ def held(joint: Joint, position: float) -> Joint:
 
 
 def closed(path: Path, joint: Joint) -> Joint:
-    """Return the joint with limits: a hinge without a range turns half a turn either way.
+    """Return the joint with finite limits: a hinge without a range turns half a turn either way.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def closed(path: Path, joint: Joint) -> Joint:
 
 
 def transform(position: FloatArray, quaternion: FloatArray | None = None) -> FloatArray:
-    """Return the (4, 4) transform of a position (3,) and a quaternion (4,) as w, x, y, z."""
+    """Return the (4, 4) transform of a position (3,) and a quaternion (4,) w, x, y, z."""
     pose = np.eye(4)
     pose[:3, 3] = position
     if quaternion is not None:
@@ -105,7 +105,7 @@ def moved(slides: bool, axis: FloatArray, position: float) -> FloatArray:
 
 
 def angles(rotation: FloatArray) -> FloatArray:
-    """Return roll, pitch and yaw (3,) of a rotation (3, 3), to all digits also where roll and yaw are not unique."""
+    """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity too."""
     yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
     rest = Rotation.from_euler("z", -yaw).as_matrix() @ rotation  # = Ry(pitch) Rx(roll)
     return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])

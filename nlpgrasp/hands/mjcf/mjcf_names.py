@@ -1,4 +1,4 @@
-"""Names of a compiled model's parts; those without one are numbered."""
+"""Names of a compiled model's parts, with numbers for unnamed ones."""
 
 from __future__ import annotations
 

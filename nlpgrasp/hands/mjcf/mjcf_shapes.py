@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from mujoco import MjModel
 
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
-COLLISION_GROUP = 3  # where models by convention keep the shapes that collide
+COLLISION_GROUP = 3  # the group of collision shapes by convention
 
 
 def read_geoms(
     model: MjModel, bodies: Sequence[int]
 ) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...], tuple[str, ...]]:
-    """Return the shapes of bodies by name, shapes that are left out, and bodies that are to be seen and have none.
+    """Return shapes by body, the shapes left out, and visible bodies without a collision shape.
 
-    A geometry counts where it can collide (``contype`` or ``conaffinity``), or is of the group that models keep for
-    that. Meshes are taken as they are, not as the convex hulls that MuJoCo collides.
+    A geometry counts if it can collide (``contype`` or ``conaffinity``) or is in the collision group. Meshes are taken
+    as they are, not as the convex hulls that MuJoCo collides.
     """
     shapes: dict[str, tuple[Shape, ...]] = {}
     missing, bare = [], []
@@ -75,7 +75,7 @@ def _mesh(model: MjModel, mesh: int, pose: FloatArray) -> Shape:
 
 
 def _mesh_file(model: MjModel, mesh: int) -> MeshFile | None:
-    """Return the file of a mesh, by the mesh's name in the model; None of one whose vertices the MJCF itself states."""
+    """Return a mesh's file by the mesh's name in the model; None if the MJCF itself states the vertices."""
     start = int(model.mesh_pathadr[mesh])
     path = Path(model.paths[start : model.paths.index(b"\0", start)].decode()) if start >= 0 else None
     return MeshFile.of(model.mesh(mesh).name, path) if path is not None and path.is_file() else None

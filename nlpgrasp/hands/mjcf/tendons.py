@@ -1,4 +1,4 @@
-"""Fixed tendons: lengths that are sums of joint positions."""
+"""MJCF tendons: lengths that are linear in the joint positions."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ TENDON_DRIVEN = 3  # mjtTrn
 
 @dataclass(frozen=True)
 class Tendon:
-    """A tendon that touches joints of the hand.
+    """A tendon that acts on joints of the hand.
 
     Parameters
     ----------
     name : str
     arms : mapping of str to float
-        Change of its length per change of each joint; empty of a tendon that runs through points.
+        Moment arms: change of length per change of each joint; empty for a spatial tendon.
     rest : float
         Its length in the reference position.
     pulls : bool
@@ -43,7 +43,7 @@ class Tendon:
     upper: float
 
     def couples(self, robot: Robot) -> bool:
-        """Return whether it does anything that the joints and their limits do not."""
+        """Return whether it acts on the robot beyond the joints' own couplings and limits."""
         if not self.arms:
             return self.pulls or np.isfinite(self.upper)
         joints = {joint.name: joint for joint in robot.joints}
@@ -54,12 +54,12 @@ class Tendon:
         return (self.pulls and len(drivers) > 1) or low < self.lower - 1e-9 or high > self.upper + 1e-9
 
     def said(self) -> str:
-        """Return it as a phrase."""
+        """Return the tendon as a phrase."""
         return f"tendon {self.name}" + (f" of joints {' and '.join(self.arms)}" if self.arms else "")
 
 
 def tendons_of(model: MjModel, robot: Robot) -> dict[int, Tendon]:
-    """Return the tendons that touch joints of the robot, and those that run through points, by number."""
+    """Return the fixed tendons that act on the robot's joints, and the spatial ones, by number."""
     driven = {
         int(i)
         for i, kind in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)
@@ -79,7 +79,7 @@ def tendons_of(model: MjModel, robot: Robot) -> dict[int, Tendon]:
 
 
 def arms_of(model: MjModel, tendon: int) -> dict[str, float]:
-    """Return the change of a fixed tendon's length per change of each joint; none of one that runs through points."""
+    """Return a fixed tendon's moment arms, change of length per change of each joint; none for spatial ones."""
     first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     wraps = [w for w in range(first, first + count) if int(model.wrap_type[w]) == WRAP_JOINT]
     return {joint_name(model, int(model.wrap_objid[w])): float(model.wrap_prm[w]) for w in wraps}

@@ -1,4 +1,4 @@
-"""Hands that people own: fingertips, approach and effort limits for the URDF of each."""
+"""Presets of common hands: fingertips, approach and effort limits for their URDFs."""
 
 from nlpgrasp.hands.presets.fingers import allegro, leap, shadow
 from nlpgrasp.hands.presets.grippers import barrett, panda, robotiq_2f85, robotiq_3f

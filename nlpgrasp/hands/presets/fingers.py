@@ -1,4 +1,4 @@
-"""Presets of hands with four and five fingers."""
+"""Presets of multifingered hands with four and five fingers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a preset states of a hand, and the hand that it makes of a URDF."""
+"""Preset: the fixed data of a known hand, and its construction from a URDF."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from nlpgrasp.hands.tips.of_shape import tip_of
 from nlpgrasp.hands.urdf.urdf_hand import URDFHand
 
 Direction = tuple[float, float, float]
-CLEARANCE = 2e-3  # metres: no arm comes to the palm's place more exactly, and what touches too early pushes the object
+CLEARANCE = 2e-3  # metres between links and body, for the positioning error of an arm
 
 
 class Options(TypedDict, total=False):
-    """What may be said of a preset's hand, with the meaning that ``URDFHand.load`` gives it.
+    """Keyword arguments of a preset, with the meaning of those of ``URDFHand.load``.
 
-    ``palm`` tells two hands of one URDF apart; ``torque_limits`` and ``clearance`` replace the preset's, which is 2 mm.
+    ``palm`` selects one of two hands in a URDF; ``torque_limits`` and ``clearance`` replace the preset's.
     """
 
     palm: str
@@ -34,7 +34,7 @@ class Options(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Preset:
-    """A hand as its maker builds it.
+    """Fixed data of a hand model: palm, fingertips, approach and limits.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Preset:
     description: str = ""
 
     def hand(self, urdf: str | Path | None, **options: Unpack[Options]) -> URDFHand:
-        """Return the hand of a URDF or an MJCF.
+        """Return the hand of a URDF or MJCF file.
 
         A spherical tip is the capsule instead where that is the collision shape of the link in the file.
 
@@ -92,10 +92,10 @@ class Preset:
         return URDFHand.load(path, tips, approach=self.approach, **options)
 
     def _from_palm(self, path: str | Path) -> Robot:
-        """Return the robot below the palm: of links with one of its names, one that all fingertips hang from.
+        """Return the robot below the palm: a link with one of its names that all fingertips hang from.
 
-        A frame of that name without fingers is no palm. Of links with the same name but for prefixes that hold each
-        other, as the base of an arm and that of its hand, it is the innermost.
+        A frame of that name without fingers is no palm. Among nested links with the same name but for prefixes, such as
+        the bases of an arm and of its hand, it is the innermost.
         """
         links = robot_links(path)
         candidates: list[Robot] = []
@@ -105,7 +105,7 @@ class Preset:
             for link in self._matches(links, name):
                 try:
                     robot = read_robot(path, link)
-                except InputError as error:  # an arm's joint of a kind that no hand has, below a link of this name
+                except InputError as error:  # an arm's joint of an unsupported kind below a link of this name
                     broken.append(error)
                     continue
                 candidates.append(robot)
@@ -125,7 +125,7 @@ class Preset:
         return candidates[0]
 
     def _check_tips(self, path: str | Path, robots: Sequence[Robot]) -> None:
-        """Refuse a file in which the fingertips hang from none of some palms, naming which from which."""
+        """Refuse a file in which no palm carries all fingertips; the message names what is missing."""
         lacking = {robot.root: self._without(robot) for robot in robots}
         if not all(lacking.values()):
             return
@@ -141,12 +141,12 @@ class Preset:
         return [tip for tip in self.tips if not self._matches(robot.links, tip)]
 
     def _matches(self, links: Sequence[str], name: str) -> list[str]:
-        """Return the links of a name, whatever their prefix."""
-        longer = [other for other in self.tips if other.endswith(f"_{name}")]  # a thumb_fingertip is no fingertip
+        """Return the links with a name, whatever their prefix."""
+        longer = [other for other in self.tips if other.endswith(f"_{name}")]  # thumb_fingertip is not a fingertip
         return [link for link in links if _is(link, name) and not any(_is(link, other) for other in longer)]
 
     def _tip(self, path: str | Path, robot: Robot, name: str) -> str:
-        """Return a fingertip's link: the one of this very name, or the only one with a prefix."""
+        """Return a fingertip's link: the one with exactly this name, or the only one with a prefix."""
         matches = [name] if name in robot.links else self._matches(robot.links, name)
         if len(matches) > 1:
             given = f"{Path(path).name} with links {', '.join(matches)}"
@@ -165,7 +165,7 @@ class Preset:
         except ModuleNotFoundError:
             install = 'pip install "nlpgrasp[descriptions]"'
             raise InputError(field, "nothing", f"the path of its URDF, or robot_descriptions: {install}") from None
-        except Exception as error:  # it clones a repository: whatever git and the network raise
+        except Exception as error:  # robot_descriptions clones a repository: any error of git or the network
             given = f"{self.description}, which robot_descriptions cannot fetch ({type(error).__name__}: {error})"
             raise InputError(field, given, "the path of its URDF") from None
         path = getattr(module, "URDF_PATH", None)
@@ -181,12 +181,12 @@ def _is(link: str, name: str) -> bool:
 
 
 def same_for_all(torque: float) -> Callable[[Robot], Mapping[str, float]]:
-    """Return limits that are the same for all joints, newton-metres."""
+    """Return equal limits for all joints, newton-metres, as a function of the robot."""
     return lambda robot: {joint.name: torque for joint in robot.free_joints}
 
 
 def by_ending(limits: Mapping[str, float]) -> Callable[[Robot], Mapping[str, float]]:
-    """Return limits by the ends of the joints' names; the URDF's efforts for the other joints."""
+    """Return limits by the endings of joint names; the URDF's efforts for the other joints."""
 
     def of(robot: Robot) -> Mapping[str, float]:
         efforts = {joint.name: joint.effort for joint in robot.free_joints if joint.effort}
@@ -197,5 +197,5 @@ def by_ending(limits: Mapping[str, float]) -> Callable[[Robot], Mapping[str, flo
 
 
 def of_urdf(robot: Robot) -> Mapping[str, float]:
-    """Return the URDF's own efforts."""
+    """Return the efforts that the URDF states."""
     return {joint.name: joint.effort for joint in robot.free_joints if joint.effort}

@@ -1,1 +1,1 @@
-"""A robot as plain data: links, joints and shapes, from whichever file they are read."""
+"""Robot descriptions as plain data: links, joints and shapes of a URDF or MJCF."""

@@ -1,4 +1,4 @@
-"""The links at the ends of a robot, where fingertips often are, and the fingertips that their shapes make."""
+"""Leaf links of a robot and the fingertips that their shapes suggest."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from nlpgrasp.hands.tips import SphereTip
 from nlpgrasp.hands.tips.of_shape import sphere_about, tip_of
 
 GUESS = 0.01  # metres: radius of a fingertip whose link has no shape
-DIGITS = 4  # of a radius
-NOTHING = 5e-5  # metres: coordinates below are 0
+DIGITS = 4  # significant digits of a radius
+NOTHING = 5e-5  # metres: smaller coordinates count as 0
 
 
 @dataclass(frozen=True)
 class End:
-    """A link that may be a fingertip.
+    """A leaf link as a possible fingertip.
 
     Parameters
     ----------
     link : str
     command : str
-        What ``--fingertip`` takes for it: the link, with a radius where its sphere is about the link's origin.
+        Value of ``--fingertip``: the link, with a radius where its sphere is about the link's origin.
     code : str
-        What ``ng.URDFHand.load`` takes for it.
+        Python expression for ``ng.URDFHand.load``.
     guessed : bool
         Whether it has no shape, so that its radius is a guess.
     """
@@ -38,9 +38,9 @@ class End:
 
 
 def leaves(robot: Robot) -> tuple[str, ...]:
-    """Return the links that no other link hangs from: of those that move against the palm, one each, where any do.
+    """Return the leaf links, one per rigid group; only those that move against the palm, where any do.
 
-    Of several that are fixed to each other the first with a collision shape.
+    Of several links fixed to each other, it is the first with a collision shape.
     """
     parents, groups = set(robot.parents.values()), robot.rigid_groups
     last = [link for link in robot.links if link not in parents]
@@ -54,7 +54,7 @@ def leaves(robot: Robot) -> tuple[str, ...]:
 
 
 def end(robot: Robot, link: str) -> End:
-    """Return how to state the fingertip that a link's shapes make."""
+    """Return the fingertip that a leaf link's shapes suggest, as command and code."""
     shapes = robot.shapes.get(link, ())
     own = tip_of(shapes)
     tip = own or sphere_about(shapes)

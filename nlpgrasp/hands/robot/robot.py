@@ -17,7 +17,7 @@ MOVABLE = ("revolute", "continuous", "prismatic")
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another: ``value = multiplier * other + offset``."""
+    """Mimic relation of a joint to another: ``value = multiplier * other + offset``."""
 
     joint: str
     multiplier: float
@@ -26,7 +26,7 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint of a URDF.
+    """A joint between two links.
 
     Parameters
     ----------
@@ -57,18 +57,18 @@ class Joint:
 
     @property
     def turns(self) -> bool:
-        """Whether its position is an angle."""
+        """Whether the joint's position is an angle."""
         return self.kind != "prismatic"
 
     @property
     def moves(self) -> bool:
-        """Whether this joint is not fixed."""
+        """Whether the joint is not fixed."""
         return self.kind in MOVABLE
 
 
 @dataclass(frozen=True)
 class Robot:
-    """The links below one link of a URDF, with the joints between them.
+    """The links below a palm link, with the joints between them.
 
     Parameters
     ----------
@@ -88,11 +88,11 @@ class Robot:
     sha256 : str
         Of that file's bytes, hexadecimal.
     bare : tuple of str
-        Links that are to be seen and have no collision shape.
+        Visible links without a collision shape.
     turned : tuple of str
         Followers whose limits were taken with the other sign (``urdf_mimics.with_signs``).
     unmodelled : tuple of str
-        What couples joints in the file and is left out, a phrase each.
+        Couplings of joints in the file that are left out, a phrase each.
     """
 
     name: str
@@ -109,23 +109,23 @@ class Robot:
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:
-        """The joints that move and follow no other."""
+        """The moving joints that follow no other."""
         return tuple(j for j in self.joints if j.moves and j.mimic is None)
 
     @property
     def mesh_files(self) -> dict[str, str]:
-        """The sha256 of each mesh file that a collision shape was read from, by the file's name for it."""
+        """SHA-256 of each mesh file of the collision shapes, by its name in the robot file."""
         every = (shape.file for shapes in self.shapes.values() for shape in shapes)
         return {file.name: file.sha256 for file in every if file is not None}
 
     @cached_property
     def parents(self) -> dict[str, str]:
-        """Each link's parent link."""
+        """Parent of each link."""
         return {j.child: j.parent for j in self.joints}
 
     @cached_property
     def rigid_groups(self) -> dict[str, str]:
-        """Each link's topmost link among those fixed to it."""
+        """Topmost link of the rigid group of each link."""
         by_child = {j.child: j for j in self.joints}
         groups: dict[str, str] = {}
         for link in self.links:
@@ -134,14 +134,14 @@ class Robot:
         return groups
 
     def fixed_transform(self, link: str, other: str) -> FloatArray | None:
-        """Return the transform (4, 4) from a link's frame to another's that no joint moves against it; else None."""
+        """Return the transform (4, 4) from a link's frame to another's if both are rigidly connected; else None."""
         groups = self.rigid_groups
         if groups[link] != groups[other]:
             return None
         return np.asarray(np.linalg.inv(self._in_group(other)) @ self._in_group(link))
 
     def _in_group(self, link: str) -> FloatArray:
-        """Return the pose (4, 4) of a link in the topmost link that it is fixed to."""
+        """Return the pose (4, 4) of a link in the topmost link of its rigid group."""
         pose, top = np.eye(4), self.rigid_groups[link]
         for joint in reversed(self.chain(link)):
             if joint.child == top:
@@ -153,13 +153,13 @@ class Robot:
         return pose
 
     def adjacent(self, a: str, b: str) -> bool:
-        """Return whether one moving joint alone is between two links."""
+        """Return whether exactly one moving joint lies between two links."""
         groups = self.rigid_groups
         return any({groups[j.parent], groups[j.child]} == {groups[a], groups[b]} for j in self.joints if j.moves)
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float, str]]:
-        """Limits of each free joint and of those that follow it together: lower, upper, who narrowed them last."""
+        """Limits of each free joint with those of its mimic joints: lower, upper, the joint that narrowed them last."""
         result = {j.name: (j.lower, j.upper, j.name) for j in self.free_joints}
         for joint in self.joints:
             if joint.moves and joint.mimic is not None:
@@ -175,7 +175,7 @@ class Robot:
         return result
 
     def follows(self, joint: Joint) -> tuple[str, float, float]:
-        """Return which free joint drives a moving joint, with multiplier and offset (chains are resolved)."""
+        """Return the free joint that drives a moving joint, with multiplier and offset (mimic chains resolved)."""
         by_name = {j.name: j for j in self.joints}
         name, multiplier, offset = joint.name, 1.0, 0.0
         while (mimic := by_name[name].mimic) is not None:

@@ -1,4 +1,4 @@
-"""Reading a robot's file, whatever language it is in: URDF, xacro or MJCF."""
+"""Robot file reader for URDF, xacro and MJCF."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def read_robot(path: str | Path, palm: str | None = None) -> Robot:
     Parameters
     ----------
     path : str or Path
-        A URDF, a xacro file of one, or an MJCF file: the element at its top says which.
+        A URDF, xacro or MJCF file; its root element says which.
     palm : str, optional
         The link that everything else hangs from; the topmost when left out.
 
@@ -60,7 +60,7 @@ def robot_inertials(path: str | Path) -> Mapping[str, Inertial]:
 
 
 def _is_mjcf(path: object) -> bool:
-    """Return whether the file's first element is MuJoCo's; what cannot be read is left to the reader of URDFs."""
+    """Return whether the file's root element is MuJoCo's; unreadable files are left to the URDF reader."""
     if not isinstance(path, str | Path):
         return False
     try:

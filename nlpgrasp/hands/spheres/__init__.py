@@ -1,1 +1,1 @@
-"""Links as spheres: fitted, kept apart."""
+"""Collision spheres of links: fitting, self-collision and fingertip clearance."""

@@ -1,4 +1,4 @@
-"""Spheres for all links of a hand, with room for its fingertips to touch."""
+"""Collision spheres for all links of a hand, reduced next to fingertips so that these can touch."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from nlpgrasp.hands.spheres.shapes import Shape
 from nlpgrasp.hands.tips import Tip
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
-WORTH_A_WARNING = 6e-4  # metres that a link may be deep in the body
-PALM_SHARE = 5  # the palm is broad: it gets so many times the spheres of a finger's link
+WORTH_A_WARNING = 6e-4  # metres: possible penetration of a link that is warned of
+PALM_SHARE = 5  # spheres of the palm over those of a finger's link
 
 
 def fits_of(robot: Robot, per_link: int) -> dict[str, SphereFit]:
-    """Return spheres around each link that has a collision shape, at most so many (more for the palm)."""
+    """Return spheres for each link that has a collision shape, at most ``per_link`` (more for the palm)."""
     result = {}
     known: dict[tuple[bytes, int], SphereFit] = {}
     for link, shapes in robot.shapes.items():
@@ -33,7 +33,7 @@ def fits_of(robot: Robot, per_link: int) -> dict[str, SphereFit]:
 
 
 def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: float) -> dict[str, SphereFit]:
-    """Return the spheres, those fixed to a fingertip as small as lets it touch, those inside one left out."""
+    """Return the spheres with those rigidly connected to a fingertip shrunk or removed so that it can touch."""
     result = {}
     for link, fit in whole.items():
         beside: list[tuple[FloatArray, Tip]] = []
@@ -41,7 +41,7 @@ def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: 
             transform = tree.rigid(link, other)
             if transform is not None:
                 there = fit.centres @ transform[:3, :3].T + transform[:3, 3]
-                ball = 0.0 if tip.slides else tip.standoff  # one that slides is not always there
+                ball = 0.0 if tip.slides else tip.standoff  # a sliding tip's ball is not fixed to the link
                 inside = np.linalg.norm(there - tip.centre, axis=1) + fit.radii <= ball * (1.0 + 1e-6)
                 fit = fit.limited(tip.most_radius(there) - clearance, inside)
                 beside.append((transform, tip))
@@ -57,7 +57,7 @@ def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: 
 
 
 def _uncovered(shapes: Sequence[Shape], fit: SphereFit, beside: Sequence[tuple[FloatArray, Tip]]) -> float:
-    """Return how far the shapes stick out of the spheres and of the solids of the fingertips."""
+    """Return how far the shapes stick out of the spheres and the fingertip solids, metres."""
     points, _ = surface_points(shapes, np.random.default_rng(0))
     gaps = [tip.beyond(points @ T[:3, :3].T + T[:3, 3]) for T, tip in beside]
     if len(fit.radii):

@@ -1,4 +1,4 @@
-"""Convex hulls of collision shapes: whether those of two links meet, in many postures at once."""
+"""Convex hulls of collision shapes, and penetration depths of two links in a batch of postures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from nlpgrasp.common.directions import directions_around
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.spheres.shapes import Shape
 
-MOST = 64  # corners, and normals, of a hull that are looked at
-BETWEEN = 60  # directions beside the hulls' normals: for edges across edges
+MOST = 64  # most corners, and normals, of a hull
+BETWEEN = 60  # further directions: for contact of edges with edges
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -23,9 +23,9 @@ class Hull:
     Parameters
     ----------
     corners : (v, 3) array
-        Metres, link frame; of a hull with many those that are farthest in ``MOST`` directions.
+        Metres, link frame; of a hull with many, the extreme points in ``MOST`` directions.
     normals : (d, 3) array
-        Unit; of a hull with many ``MOST`` directions all around.
+        Unit; of a hull with many, ``MOST`` directions all around.
     """
 
     corners: FloatArray
@@ -43,11 +43,10 @@ class Hull:
 
 
 def meet(one: Sequence[Hull], other: Sequence[Hull], frames: FloatArray) -> FloatArray:
-    """Return how deep the hulls of two links are in each other at most, (b,), metres; negative where they are apart.
+    """Return the largest penetration depth of the hulls of two links, (b,), metres; negative where they are apart.
 
-    Two convex sets are apart if the sum of their support functions in a direction and its opposite is negative in
-    some direction; the least sum is looked for among their normals and others all around, so that it is never below
-    the depth itself.
+    Two convex sets are disjoint if, in some direction, one's support function plus the other's in the opposite
+    direction is negative. The least sum over the hulls' normals and further directions is an upper bound on the depth.
 
     Parameters
     ----------

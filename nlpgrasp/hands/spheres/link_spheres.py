@@ -1,9 +1,8 @@
-"""Spheres that enclose a link's collision shapes, with a stated error.
+"""Sphere covering of a link's collision shapes, with a stated error.
 
-A sphere around an inner point whose depth below the surface is ``d`` with radius ``d + e`` reaches at most ``e``
-beyond the shape. Among many such spheres the fewest that cover the surface are chosen greedily; the error e
-grows until they are few enough. So nothing of the link sticks out of its spheres, and they reach at most
-``error`` beyond it: a clearance kept by the spheres is kept by the link.
+A sphere of radius ``d + e`` about an inner point at depth ``d`` reaches at most ``e`` beyond the shape. A greedy set
+cover chooses few such spheres that cover samples of the surface; the error e grows until they are few enough. So the
+spheres contain the link and reach at most ``error`` beyond it: a clearance kept by the spheres is kept by the link.
 """
 
 from __future__ import annotations
@@ -25,26 +24,26 @@ if TYPE_CHECKING:
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
-SURFACE, INSIDE = 900, 400  # samples a link
+SURFACE, INSIDE = 900, 400  # samples per link
 SWEEPS = 30
-INSETS = (1.0, 1.3, 1.7, 2.2)  # of half a cell: how far the outer spheres are from the ends
-FIRST_ERROR, GROWTH = 0.05, 1.25  # first error, of the link's size; its growth
-MARGIN = 0.25  # of the samples' spacing, kept at each sample for what is between them
+INSETS = (1.0, 1.3, 1.7, 2.2)  # distances of the outer spheres from the ends, in half cells
+FIRST_ERROR, GROWTH = 0.05, 1.25  # first error as a share of the link's size; growth factor
+MARGIN = 0.25  # share of the sample spacing added to distances, for the surface between samples
 
 
 @dataclass(frozen=True)
 class SphereFit:
-    """Spheres of one link, in its frame.
+    """Collision spheres of one link, in its frame.
 
     Parameters
     ----------
     centres : (m, 3) array
     radii : (m,) array
     error : float
-        Farthest that the spheres reach beyond the collision shapes, metres.
+        Largest distance that the spheres reach beyond the collision shapes, metres.
     uncovered : float
-        How far the shapes stick out of spheres and fingertips where spheres were made smaller for a fingertip's
-        sake, metres: the link may be as deep in the body there.
+        Distance that the shapes stick out of spheres and fingertips where spheres were shrunk next to a fingertip,
+        metres: the link may penetrate the body this far there.
     """
 
     centres: FloatArray
@@ -53,18 +52,18 @@ class SphereFit:
     uncovered: float = 0.0
 
     def to_dict(self) -> dict[str, float]:
-        """Return the number of spheres and how closely they fit, metres."""
+        """Return the number of spheres and their fitting errors, metres."""
         return {"count": len(self.radii), "error": self.error, "uncovered": self.uncovered}
 
     def limited(self, most: FloatArray, inside: BoolArray) -> SphereFit:
-        """Return the spheres no larger than ``most`` (m,), without those that are ``inside`` (m,) a fingertip."""
+        """Return the spheres with radii limited to ``most`` (m,), without those ``inside`` (m,) a fingertip."""
         radii = np.minimum(self.radii, most)
         kept = (radii > 0.0) & ~inside
         return SphereFit(self.centres[kept], radii[kept], self.error, self.uncovered)
 
 
 def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
-    """Return at most ``most`` spheres around the shapes of one link (one a shape where all are spheres)."""
+    """Return at most ``most`` spheres that cover the shapes of one link (one per shape if all are spheres)."""
     if all(s.centre is not None for s in shapes):
         return SphereFit(np.array([s.centre for s in shapes]), np.array([s.radius for s in shapes]), 0.0)
     found = kept("spheres", [str(most).encode(), *(shape.content for shape in shapes)], lambda: _fitted(shapes, most))
@@ -72,13 +71,13 @@ def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
 
 
 def _fitted(shapes: Sequence[Shape], most: int) -> dict[str, FloatArray]:
-    """Return centres and radii of the better of two ways, and the error."""
+    """Return centres, radii and error of the better of set cover and regular arrangement."""
     fit = min((_chosen(shapes, most), _regular(shapes, most)), key=lambda fit: fit.error)
     return {"centres": fit.centres, "radii": fit.radii, "error": np.asarray(fit.error)}
 
 
 def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
-    """Return spheres chosen among many, each moved to where it covers its share best."""
+    """Return spheres by greedy set cover, each moved to cover its share with the least error."""
     rng = np.random.default_rng(0)
     surface, spacing = surface_points(shapes, rng)
     inner, depth = _inside(shapes, rng)
@@ -99,7 +98,7 @@ def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
 
 
 def _regular(shapes: Sequence[Shape], most: int) -> SphereFit:
-    """Return the best regular arrangement of spheres in the box around the shapes: best for boxes and fingers."""
+    """Return the best regular arrangement of spheres in the shapes' bounding box: best for boxes and fingers."""
     surface, spacing = surface_points(shapes, np.random.default_rng(0))
     low, high = surface.min(axis=0), surface.max(axis=0)
     best: SphereFit | None = None
@@ -122,7 +121,7 @@ def _regular(shapes: Sequence[Shape], most: int) -> SphereFit:
 
 
 def _arrangements(most: int) -> list[tuple[int, int, int]]:
-    """Return numbers of spheres along three axes, together at most ``most`` and at least half of it."""
+    """Return numbers of spheres along three axes whose product is from half of ``most`` to ``most``."""
     return [
         (a, b, c)
         for a in range(1, most + 1)
@@ -133,7 +132,7 @@ def _arrangements(most: int) -> list[tuple[int, int, int]]:
 
 
 def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
-    """Move each sphere to where it covers its own samples with the least error; return centres and radii."""
+    """Move each sphere to cover its own samples with the least error; return indices of centres, and radii."""
     best = np.array(chosen)
     radii = np.zeros(len(best))
     least = np.inf
@@ -155,7 +154,7 @@ def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[
 
 
 def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, float]:
-    """Return samples of the union's surface with the shapes' corners, (m, 3), and their spacing, metres."""
+    """Return samples of the union's surface with the shapes' vertices, (m, 3), and their spacing, metres."""
     import trimesh
 
     area = sum(float(s.mesh.area) for s in shapes)
@@ -172,7 +171,7 @@ def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[F
 
 
 def _inside(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return points inside the union and how deep, those half way between opposite sides among them."""
+    """Return points inside the union and their depths, medial points among them."""
     import trimesh
 
     points = []
@@ -198,7 +197,7 @@ def _inside(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArr
 
 
 def _axis_points(mesh: trimesh.Trimesh) -> FloatArray:
-    """Return points along the middle of the longest side: where a finger's spheres are best."""
+    """Return points along the central axis of the longest side, the best sphere centres for fingers."""
     low, high = mesh.bounds
     t = np.linspace(0.0, 1.0, 41)[:, None]
     middle = np.repeat(((low + high) / 2.0)[None], len(t), axis=0)
@@ -208,7 +207,7 @@ def _axis_points(mesh: trimesh.Trimesh) -> FloatArray:
 
 
 def _cover(covers: BoolArray, most: int) -> list[int] | None:
-    """Return a greedy set cover of all columns by at most ``most`` rows, or None."""
+    """Return a greedy set cover of all columns by at most ``most`` rows; None where it needs more."""
     chosen: list[int] = []
     left = np.ones(covers.shape[1], dtype=bool)
     while left.any():

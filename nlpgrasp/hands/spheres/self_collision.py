@@ -1,10 +1,10 @@
-"""Which links of a hand can get into each other's way, and how far their spheres may overlap before they do.
+"""Self-collision pairs of links, with the sphere overlap that each pair may have.
 
-Spheres around a link reach beyond it: among random postures of a hand hardly any keeps all of them apart, while a
-quarter keeps the links apart. So each pair of links states an overlap that is no collision, from random postures: the
-least overlap of their spheres among those postures in which the links' hulls are a millimetre deep in each other, less
-what a uniform sample misses of its minimum, ``(largest - least) / m`` for m such postures. Links whose spheres meet in
-many postures and whose hulls do in none are not watched (docs/hands.md).
+Spheres around a link reach beyond it: hardly any random posture keeps all spheres of a hand apart, while a quarter of
+them keep the links apart. So each pair of links has an allowed overlap, from random postures: the least overlap of
+their spheres among the postures in which the links' hulls penetrate by a millimetre, less the expected bias of a
+uniform sample's minimum, ``(largest - least) / m`` for m such postures. Links whose spheres meet in many postures and
+whose hulls do in none are not constrained (docs/hands.md).
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from nlpgrasp.hands.spheres.link_spheres import SphereFit
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
 SAMPLES = 1500
-LOOKED_AT = 300  # postures of a pair of links in which their spheres meet
-ALWAYS = 0.95  # links that collide in this share of positions do so by construction
-SURE = 20  # postures in which spheres meet and hulls do not, from which on links are not watched
-DEEP = 1e-3  # metres from which on hulls in each other count as meeting
+LOOKED_AT = 300  # most postures per pair whose hulls are compared
+ALWAYS = 0.95  # share of postures: links that collide more often do so by construction
+SURE = 20  # postures with meeting spheres and disjoint hulls after which a pair is not constrained
+DEEP = 1e-3  # metres of penetration above which hulls count as colliding
 
 
 @dataclass(frozen=True)
 class WatchedLinks:
-    """Two links that are kept apart.
+    """A pair of links with self-collision constraints.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class WatchedLinks:
     overlap : float
         How far their spheres may overlap, metres.
     pairs : tuple of pairs of int
-        The numbers of the spheres that meet farther than that in some postures.
+        Numbers of the spheres that overlap more than that in some posture.
     """
 
     links: tuple[str, str]
@@ -49,7 +49,7 @@ class WatchedLinks:
 
 
 def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[WatchedLinks, ...]:
-    """Return the pairs of links that are kept apart: they can meet, and can be apart.
+    """Return the pairs of links with self-collision constraints: those that collide in some, not all, postures.
 
     Neighbours in the chain are left out, as are links that overlap in nearly all positions.
     """
@@ -70,7 +70,7 @@ def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[Watche
 
 
 def _random_poses(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, FloatArray]:
-    """Return the links' frames in random joint positions, (samples, 4, 4), palm frame."""
+    """Return the links' frames for random joint positions, (samples, 4, 4), palm frame."""
     names, limits = tree.used_links, tree.joint_limits
     rng = np.random.default_rng(0)
     joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
@@ -79,7 +79,7 @@ def _random_poses(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, Fl
 
 
 def _not_neighbours(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of links that move against each other and have more than one joint between them."""
+    """Yield the pairs of links with more than one moving joint between them."""
     groups = tree.robot.rigid_groups
     for a, b in combinations(fits, 2):
         if groups[a] != groups[b] and not tree.robot.adjacent(a, b):
@@ -87,7 +87,7 @@ def _not_neighbours(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[t
 
 
 def _gaps(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: str, b: str) -> FloatArray:
-    """Return the distances of each two spheres of two links, (samples, m, n), metres, negative where they overlap."""
+    """Return signed distances between spheres of two links, (samples, m, n), metres, negative where they overlap."""
     apart = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
     return np.asarray(apart - fits[a].radii[:, None] - fits[b].radii)
 
@@ -99,7 +99,7 @@ def _overlaps(
     centres: Mapping[str, FloatArray],
     couples: Sequence[tuple[str, str]],
 ) -> FloatArray:
-    """Return the overlap that each pair of links may have, (c,), metres: infinite for those that never meet."""
+    """Return the allowed overlap of each pair of links, (c,), metres: infinite for those that never collide."""
 
     def make() -> dict[str, FloatArray]:
         hulls = {link: [Hull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
@@ -114,7 +114,7 @@ def _overlaps(
 def _overlap(
     one: Sequence[Hull], other: Sequence[Hull], frames: FloatArray, others: FloatArray, gaps: FloatArray
 ) -> float:
-    """Return the overlap that two links may have, metres, from postures with the gaps (b, m, n) of their spheres."""
+    """Return the allowed overlap of two links, metres, from postures with sphere distances (b, m, n)."""
     overlap = -gaps.min(axis=(1, 2), initial=np.inf)
     where = np.flatnonzero(overlap > 0.0)
     where = where[:: max(1, len(where) // LOOKED_AT)]
@@ -129,7 +129,7 @@ def _overlap(
 
 
 def apart(watched: Sequence[WatchedLinks], spheres: Sequence[LinkSphere], span: float) -> list[Row]:
-    """Return one row a pair of spheres: they overlap no more than their links may.
+    """Return one constraint per pair of spheres: their overlap is at most the allowed one.
 
     Parameters
     ----------

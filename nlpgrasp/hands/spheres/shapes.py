@@ -1,4 +1,4 @@
-"""Collision shapes of links, as surface samples and signed distances."""
+"""Collision shapes of links as triangle meshes with signed distances."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class MeshFile(NamedTuple):
-    """A mesh file by the name that the hand's file has for it, and the sha256 of its bytes, hexadecimal."""
+    """A mesh file: its name in the robot file, and the SHA-256 of its bytes, hexadecimal."""
 
     name: str
     sha256: str
@@ -41,11 +41,11 @@ class Shape:
     centre, radius : (3,) array and float, optional
         Of a sphere; the radius of a capsule too.
     size : tuple of float
-        Of what is no sphere and no mesh, metres: radius and length, or the lengths of a box.
+        Dimensions of other shapes than spheres and meshes, metres: radius and length, or the lengths of a box.
     pose : (4, 4) array, optional
-        Of the same in the link's frame, along its z axis.
+        Pose of such a shape in the link's frame; its axis is z.
     file : MeshFile, optional
-        That the mesh was read from.
+        Source of the mesh.
     """
 
     kind: str
@@ -68,7 +68,7 @@ class Shape:
 
     @classmethod
     def cylinder(cls, radius: float, length: float, pose: FloatArray) -> Shape:
-        """Return a cylinder along z at a pose (4, 4), of 32 sides that enclose the exact one."""
+        """Return a cylinder along z at a pose (4, 4), a prism of 32 sides that encloses the exact one."""
         import trimesh
 
         sides = 32
@@ -94,7 +94,7 @@ class Shape:
         import trimesh
 
         mesh = trimesh.creation.icosphere(subdivisions=3)
-        inner = np.min(np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles[:, 0]))  # its faces' least distance
+        inner = np.min(np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles[:, 0]))  # radius of its inner ball
         mesh.apply_scale(semi_axes / inner)
         mesh.apply_transform(pose)
         return cls("ellipsoid", mesh)
@@ -116,17 +116,17 @@ class Shape:
 
     @property
     def content(self) -> bytes:
-        """All that the shape is."""
+        """Bytes that determine the shape."""
         own = [self.mesh.vertices, self.mesh.faces, np.zeros(0) if self.centre is None else self.centre, [self.radius]]
         return self.kind.encode() + b"".join(np.asarray(part, dtype=float).tobytes() for part in own)
 
     @property
     def fingerprint(self) -> bytes:
-        """The same for shapes that are alike."""
+        """Digest that is equal for equal shapes."""
         return np.asarray(self.mesh.vertices, dtype=float).round(9).tobytes()
 
     def depth(self, points: FloatArray) -> FloatArray:
-        """Return how deep points (m, 3) are inside, metres, negative outside."""
+        """Return the depth of points (m, 3) below the surface, metres, negative outside."""
         if self.centre is not None:
             return np.asarray(self.radius - np.linalg.norm(points - self.centre, axis=1))
         return -self._tree.signed_distance(points)

@@ -1,4 +1,4 @@
-"""Round fingertips of one hand do not overlap each other."""
+"""Constraints against overlap of round fingertips of one hand."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nlpgrasp.hands.urdf.link_tree import LinkTree
 
 
 def tips_that_meet(tree: LinkTree) -> tuple[tuple[int, int], ...]:
-    """Return the pairs of round fingertips that can get into each other: not those on neighbouring links of a chain."""
+    """Return the pairs of round fingertips that can collide: not those on neighbouring links of a chain."""
     groups, robot = tree.robot.rigid_groups, tree.robot
     round_ones = [(i, link) for i, (link, tip) in enumerate(tree.tips) if tip.standoff > 0.0]
     return tuple(
@@ -21,7 +21,7 @@ def tips_that_meet(tree: LinkTree) -> tuple[tuple[int, int], ...]:
 
 
 def tips_apart(tree: LinkTree, variables: dict[str, Expression]) -> list[Row]:
-    """Return one row a pair: the balls behind the contacts are at least as far apart as their radii ask for.
+    """Return one constraint per pair: the ball centres are at least the sum of the radii apart.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Fingertips: which part of a link may touch the body."""
+"""Fingertip geometries: the patch of a link that may touch the body."""
 
 from nlpgrasp.hands.tips.base import Tip, Touch
 from nlpgrasp.hands.tips.capsule import CapsuleTip

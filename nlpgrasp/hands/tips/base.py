@@ -1,4 +1,4 @@
-"""What every fingertip states about itself."""
+"""Base class of fingertip geometries."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.tips.patches import DOT, FINE, dome
 
-SLACK = 2e-4  # metres that spheres of a touching link stay behind its patch: the contact itself keeps them off
-TILT = np.sin(np.radians(20.0))  # a finger may lean this far over before its own link is in the way
+SLACK = 2e-4  # metres that a touching link's spheres stay behind its patch
+TILT = np.sin(np.radians(20.0))  # sine of the largest tilt of a finger without collision of its link
 
 
 @dataclass(frozen=True)
 class Touch:
-    """Where a tip's link and its contact are, as symbols.
+    """Symbolic link pose and contact of a fingertip.
 
     Parameters
     ----------
     link : str
         The link's name.
     finger : int
-        Which contact.
+        Number of the contact.
     pose : casadi.SX
         (4, 4) transform from the link's frame to the body's.
     p, n : casadi.SX
@@ -55,7 +55,7 @@ class Touch:
     def row(
         self, part: str, expression: Expression, lower: float = 0.0, upper: float = np.inf, *, length: bool = False
     ) -> Row:
-        """Return a row of the tip, of a length in metres or of a number; ``part`` says what of it."""
+        """Return a constraint of the tip, on a length in metres or a number; ``part`` names it."""
         scale, unit = (self.size, "m") if length else (1.0, "")
         return Row(
             ON_FINGERTIP, expression, lower, upper, scale, unit, fingers=(self.finger,), link=self.link, part=part
@@ -74,25 +74,25 @@ class Tip(ABC):
     @property
     @abstractmethod
     def centre(self) -> FloatArray:
-        """Point in the middle of the patch or behind it, (3,), metres, link frame: where to begin."""
+        """Point in the middle of the patch or behind it, (3,), metres, link frame: the initial position."""
 
     @property
     def standoff(self) -> float:
-        """Radius of the ball behind the contact that belongs to the patch, metres; 0 where it is not round."""
+        """Radius of the patch's ball behind the contact, metres; 0 for patches that are not round."""
         return 0.0
 
     @property
     def slides(self) -> bool:
-        """Whether the patch has a coordinate of its own, between 0 and 1."""
+        """Whether the patch has a sliding coordinate between 0 and 1."""
         return False
 
     @property
     def first_slide(self) -> float:
-        """The patch's own coordinate where its ball is at ``centre``: where to begin."""
+        """Initial sliding coordinate: that with the ball at ``centre``."""
         return 0.5
 
     def slide_at(self, point: FloatArray) -> float:
-        """Return the patch's own coordinate of a contact (3,), metres, link frame."""
+        """Return the sliding coordinate of a contact (3,), metres, link frame."""
         del point
         return self.first_slide
 
@@ -102,23 +102,23 @@ class Tip(ABC):
 
     @abstractmethod
     def rows(self, touch: Touch) -> list[Row]:
-        """Return the rows that put the contact onto the patch."""
+        """Return the constraints that put the contact onto the patch."""
 
     @abstractmethod
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return how far points (m, 3) of the link's frame are outside the patch's solid, (m,), metres."""
+        """Return the distance of points (m, 3), link frame, outside the patch's solid, (m,), metres."""
 
     @abstractmethod
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return how large spheres about points (m, 3) of the link may be to leave the patch free, (m,), metres."""
+        """Return the largest radii of link spheres about points (m, 3) that leave the patch free, (m,), metres."""
 
     @property
     def backbone(self) -> FloatArray:
-        """Centres of the balls of radius ``standoff`` behind the patch, (m, 3), metres, link frame."""
+        """Ball centres of radius ``standoff`` behind the patch, (m, 3), metres, link frame."""
         return self.centre[None]
 
     def surface(self, sides: int = FINE) -> Triangles:
-        """Return the patch as triangles in the link's frame, outward; a ball where a kind does not say its own.
+        """Return the patch as outward triangles in the link's frame; by default a ball.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class Tip(ABC):
 
 
 def equal(touch: Touch, left: Expression, right: Expression) -> list[Row]:
-    """Return rows for ``left = right``, columns of 3."""
+    """Return constraints ``left = right`` for columns of 3."""
     return [touch.row(axis, left[i] - right[i], 0.0, 0.0, length=True) for i, axis in enumerate("xyz")]
 
 
@@ -150,13 +150,13 @@ def frame_of(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
 def offset_and_rpy(
     field: str, offset: ArrayLike, rpy: ArrayLike, pose: Pose | None
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the offset and roll, pitch, yaw that were given, or those of a pose that was given instead."""
+    """Return the given offset and roll, pitch, yaw, or those of a pose given instead."""
     if pose is not None:
         if np.any(np.asarray(offset, dtype=object) != 0.0) or np.any(np.asarray(rpy, dtype=object) != 0.0):
             raise InputError(f"{field}.pose", "a pose beside offset or rpy", "one of them")
         frame = pose_matrix(f"{field}.pose", pose)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # a pitch of a right angle leaves roll and yaw a choice
+            warnings.simplefilter("ignore", UserWarning)  # roll and yaw are not unique at a pitch of a right angle
             offset, rpy = frame[:3, 3], Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
     frame_of(field, offset, rpy)
     return tuple(np.asarray(offset, float).tolist()), tuple(np.asarray(rpy, float).tolist())

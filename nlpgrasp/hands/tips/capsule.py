@@ -1,4 +1,4 @@
-"""A finger's last link: a contact on its round end, or anywhere along its side."""
+"""Capsule fingertip: contact on its round ends or anywhere along its side."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from nlpgrasp.hands.tips.base import SLACK, Touch, equal
 from nlpgrasp.hands.tips.cylinder import CylinderTip
 from nlpgrasp.hands.tips.patches import FINE, dome, tube
 
-ROUNDING = 1e-4  # of the axis' length: how far at most a contact is inside the capsule
+ROUNDING = 1e-4  # largest depth of a contact inside the capsule, as a share of the axis' length
 
 
 @dataclass(frozen=True)
 class CapsuleTip(CylinderTip):
-    """A cylinder with round ends, between two points of its axis: side and both ends in one.
+    """A capsule between two points of its axis: side and both round ends.
 
     With s from 0 to 1 along the axis and v = u . n the contact normal's share of the axis' direction u,
     ``a + s (b - a) = p - r n`` puts a ball that touches at p on the axis. It touches where the capsule does, if v = 0
-    within the axis, v >= 0 at b and v <= 0 at a: ``(1 - s) max(v, 0) = 0`` and ``s max(-v, 0) = 0``. The rows are
-    ``(1 - s) v <= e`` and ``-s v <= e`` with e = 1e-4, which are smooth and have an inside; p is then inside the
+    within the axis, v >= 0 at b and v <= 0 at a: ``(1 - s) max(v, 0) = 0`` and ``s max(-v, 0) = 0``. The program has
+    ``(1 - s) v <= e`` and ``-s v <= e`` with e = 1e-4, which are smooth and have interior points; p is then inside the
     capsule by at most e times the axis' length (docs/hands.md).
 
     Parameters
@@ -40,12 +40,12 @@ class CapsuleTip(CylinderTip):
 
     @property
     def centre(self) -> FloatArray:
-        """Centre of the round end, (3,), metres, link frame: fingertips touch there rather than behind."""
+        """Centre of the distal round end, (3,), metres, link frame: the usual place of contact."""
         return np.array(self.end, dtype=float)
 
     @property
     def first_slide(self) -> float:
-        """The end of the axis, 1: as a sphere there a search begins."""
+        """Initial sliding coordinate 1: the distal end."""
         return 1.0
 
     def surface(self, sides: int = FINE) -> Triangles:
@@ -60,9 +60,9 @@ class CapsuleTip(CylinderTip):
         return Triangles(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return how far spheres about points (m, 3) may reach within the capsule's own radius, (m,), metres.
+        """Return the largest radii of spheres about points (m, 3) within the capsule's own radius, (m,), metres.
 
-        Behind the start the finger may go on as thick as the capsule is.
+        Behind the start, the finger may continue as thick as the capsule.
         """
         a, b = self.ends
         t = np.minimum((centres - a) @ (b - a) / np.sum((b - a) ** 2), 1.0)
@@ -70,7 +70,7 @@ class CapsuleTip(CylinderTip):
         return np.asarray(np.maximum(self.radius - off - SLACK, 0.0))
 
     def rows(self, touch: Touch) -> list[Row]:
-        """Return ``a + s (b - a) = p - r n``, and that n leans over the ends there alone."""
+        """Return ``a + s (b - a) = p - r n``, and that n tilts beyond the side only at the ends."""
         a, b = self.ends
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
         leans = ca.dot(along, touch.n)

@@ -1,4 +1,4 @@
-"""The side of a finger link: a contact anywhere along it."""
+"""Cylindrical fingertip: contact anywhere along the side of a finger link."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from nlpgrasp.hands.tips.patches import FINE, tube
 
 @dataclass(frozen=True)
 class CylinderTip(Tip):
-    """The side of a cylinder between two points of its axis; where along it is the patch's own coordinate.
+    """The side of a cylinder between two points of its axis, with the position along it as sliding coordinate.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class CylinderTip(Tip):
         return True
 
     def slide_at(self, point: FloatArray) -> float:
-        """Return how far along the axis the contact is, a share of it."""
+        """Return the contact's position along the axis, as a share of its length."""
         a, b = self.ends
         return float(np.clip((point - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0))
 
@@ -75,7 +75,7 @@ class CylinderTip(Tip):
         return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(a) + slide * ca.DM(b - a))
 
     def rows(self, touch: Touch) -> list[Row]:
-        """Return ``a + s (b - a) = p - r n`` and ``n`` across the axis."""
+        """Return the constraints ``a + s (b - a) = p - r n`` and ``n`` perpendicular to the axis."""
         a, b = self.ends
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
         return [
@@ -84,13 +84,13 @@ class CylinderTip(Tip):
         ]
 
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return how far points (m, 3) are outside the cylinder with round ends, metres."""
+        """Return the distance of points (m, 3) outside the cylinder with round ends, (m,), metres."""
         a, b = self.ends
         t = np.clip((points - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
         return np.asarray(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return how far spheres about points (m, 3) may reach within the cylinder's own radius, (m,), metres."""
+        """Return the largest radii of spheres about points (m, 3) within the cylinder's own radius, (m,), metres."""
         a, b = self.ends
         t = np.clip((centres - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
         off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)

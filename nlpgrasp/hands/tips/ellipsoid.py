@@ -1,4 +1,4 @@
-"""A convex fingertip: a patch of an ellipsoid."""
+"""Ellipsoidal fingertip: a convex patch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from nlpgrasp.hands.tips.patches import FINE, dome
 
 @dataclass(frozen=True)
 class EllipsoidTip(Tip):
-    """The part of an ellipsoid whose outward normal is within an angle of a direction.
+    """The patch of an ellipsoid whose outward normals are within an angle of a direction.
 
     With A = diag(semi-axes) and the normal m in the ellipsoid's axes, the point with that normal is
     ``A^2 m / |A m|`` (the gradient of the support function).
@@ -71,7 +71,7 @@ class EllipsoidTip(Tip):
         return np.asarray(self.offset, dtype=float)
 
     def rows(self, touch: Touch) -> list[Row]:
-        """Return ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and the patch's edge."""
+        """Return the constraint ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and the patch's limit."""
         here = ca.mtimes(touch.pose, ca.DM(frame_of("EllipsoidTip", self.offset, self.rpy)))
         m = ca.mtimes(here[:3, :3].T, touch.n)
         scaled = ca.DM(np.asarray(self.semi_axes)) * m
@@ -83,19 +83,19 @@ class EllipsoidTip(Tip):
         return rows
 
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return at most how far points (m, 3) are outside the ellipsoid, metres."""
+        """Return an upper bound on the distance of points (m, 3) outside the ellipsoid, (m,), metres."""
         frame = frame_of("EllipsoidTip", self.offset, self.rpy)
         axes = np.asarray(self.semi_axes, dtype=float)
         gauge = np.linalg.norm((points - frame[:3, 3]) @ frame[:3, :3] / axes, axis=1)
         return np.asarray((gauge - 1.0) * np.max(axes))
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return radii for points (m, 3), (m,), metres: those of a cone of 20 degrees around the smallest semi-axis."""
+        """Return radii for points (m, 3), (m,), metres, within a cone of 20 degrees around the smallest semi-axis."""
         smallest = float(np.min(self.semi_axes))
         return np.asarray(smallest + TILT * np.linalg.norm(centres - self.centre, axis=1))
 
     def surface(self, sides: int = FINE) -> Triangles:
-        """Return the patch as triangles: its points by their outward normals."""
+        """Return the patch as triangles, sampled by outward normals."""
         frame, axes = frame_of("EllipsoidTip", self.offset, self.rpy), np.asarray(self.semi_axes, dtype=float)
         facing = np.array([0.0, 0.0, 1.0]) if self.facing is None else np.asarray(self.facing, dtype=float)
         found = dome(facing, np.pi if self.facing is None else self.angle, sides)

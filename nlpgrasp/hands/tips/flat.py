@@ -1,4 +1,4 @@
-"""A flat fingertip: a pad, or a part of the palm."""
+"""Flat fingertip: a pad, or a part of the palm."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class FlatTip(Tip):
         return np.asarray(self.offset, dtype=float)
 
     def rows(self, touch: Touch) -> list[Row]:
-        """Return: the normals agree, the contact is in the plane, and within the rectangle."""
+        """Return constraints: equal normals, and the contact in the plane and within the rectangle."""
         here = ca.mtimes(touch.pose, ca.DM(self.frame))
         local = ca.mtimes(here[:3, :3].T, touch.p - here[:3, 3])
         m = ca.mtimes(here[:3, :3].T, touch.n)
@@ -74,12 +74,12 @@ class FlatTip(Tip):
         ]
 
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return how far points (m, 3) are in front of the pad's plane, metres."""
+        """Return the distance of points (m, 3) in front of the pad's plane, (m,), metres."""
         frame = self.frame
         return np.asarray((points - frame[:3, 3]) @ frame[:3, 2])
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return how far points (m, 3) are behind the pad's plane, (m,), metres."""
+        """Return the distance of points (m, 3) behind the pad's plane, (m,), metres."""
         frame = self.frame
         return np.asarray(np.maximum(-(centres - frame[:3, 3]) @ frame[:3, 2] - SLACK, 0.0))
 

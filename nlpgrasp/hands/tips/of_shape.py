@@ -1,4 +1,4 @@
-"""Fingertips and the collision shapes of their links: the tip that a shape is, and how far a tip is beyond them."""
+"""Fingertips from collision shapes, and their overhang beyond the shapes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlpgrasp.hands.tips.sphere import SphereTip
 
 
 def tip_of(shapes: Sequence[Shape]) -> Tip | None:
-    """Return the patch of a link's only sphere or capsule; None where there is no such shape, or several.
+    """Return the patch of a link's only sphere or capsule; None where there is not exactly one.
 
     A capsule's end is the one farther from the link's origin.
     """
@@ -29,10 +29,10 @@ def tip_of(shapes: Sequence[Shape]) -> Tip | None:
 
 
 def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
-    """Return how far a fingertip's patch reaches beyond the shapes of its link and of what is fixed to it, metres.
+    """Return how far a fingertip's patch reaches beyond the shapes of its rigid group of links, metres.
 
-    Where the patch is beyond them, the finger does not touch what the patch touches. None where none of these links has
-    a shape. At rest: links that are fixed to each other do not move.
+    Where the patch is beyond them, the finger itself does not touch. None if none of these links has a shape. Links of
+    a rigid group do not move against each other, so the result holds in every posture.
     """
     groups, surface = robot.rigid_groups, tip.surface().vertices
     outside = []
@@ -45,7 +45,7 @@ def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
 
 
 def sphere_about(shapes: Sequence[Shape]) -> SphereTip | None:
-    """Return a sphere as thick as the shapes of a link, about their middle; None where there are none."""
+    """Return a sphere about the centre of a link's shapes, as thick as they are; None without shapes."""
     if not shapes:
         return None
     low = np.min([shape.mesh.bounds[0] for shape in shapes], axis=0)

@@ -1,4 +1,4 @@
-"""Patches as triangles: domes, tubes and rectangles, for pictures and for samples."""
+"""Triangulated patches: domes, tubes and rectangles."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.validation import FloatArray
 
-FINE = 28  # sides of a round patch in a picture
-DOT = 2e-3  # metres, radius of what stands for a patch of unknown shape
+FINE = 28  # sides of a round patch in pictures
+DOT = 2e-3  # metres: radius of the ball drawn for a patch of unknown shape
 
 
 def dome(facing: FloatArray, angle: float, sides: int) -> Triangles:
@@ -22,7 +22,7 @@ def dome(facing: FloatArray, angle: float, sides: int) -> Triangles:
     angle : float
         Radians, up to pi: the whole sphere.
     sides : int
-        Of each ring of triangles.
+        Sides of each ring of triangles.
     """
     rings = max(2, round(sides * angle / (2.0 * np.pi)))
     polar, turn = np.linspace(0.0, angle, rings + 1), 2.0 * np.pi * np.arange(sides) / sides
@@ -44,7 +44,7 @@ def tube(radius: float, start: FloatArray, end: FloatArray, sides: int) -> Trian
 
 
 def rectangle(extents: FloatArray, frame: FloatArray, steps: int) -> Triangles:
-    """Return a rectangle of full lengths (2,) in the xy plane of a frame (4, 4), which faces along its z axis."""
+    """Return a rectangle of full lengths (2,) in the xy plane of a frame (4, 4), facing along z."""
     share = np.linspace(-0.5, 0.5, steps + 1)
     x, y = np.meshgrid(share * extents[0], share * extents[1], indexing="ij")
     flat = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
@@ -55,7 +55,7 @@ def rectangle(extents: FloatArray, frame: FloatArray, steps: int) -> Triangles:
 
 
 def _woven(rings: int, sides: int) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
-    """Return the triangles between rows of points that close upon themselves."""
+    """Return the triangles between consecutive closed rings of points."""
     row, column = (i.ravel() for i in np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij"))
     a, b = row * sides + column, row * sides + (column + 1) % sides
     c, d = a + sides, b + sides

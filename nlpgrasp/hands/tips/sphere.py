@@ -1,4 +1,4 @@
-"""A spherical fingertip, fixed to a link."""
+"""Spherical fingertip, fixed to a link."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlpgrasp.hands.tips.base import TILT, Tip, Touch, equal
 
 @dataclass(frozen=True)
 class SphereTip(Tip):
-    """A sphere fixed to a link: ``c(q) = p - r n`` (docs/hands.md).
+    """A sphere fixed to a link, with the constraint ``c(q) = p - r n`` (docs/hands.md).
 
     Parameters
     ----------
@@ -50,15 +50,15 @@ class SphereTip(Tip):
         return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(self.centre))
 
     def rows(self, touch: Touch) -> list[Row]:
-        """Return the rows of ``c = p - r n``."""
+        """Return the constraints ``c = p - r n``."""
         return equal(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
 
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return how far points (m, 3) are outside the sphere, metres."""
+        """Return the distance of points (m, 3) outside the sphere, (m,), metres."""
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return radii for points (m, 3), (m,), metres: those of a cone of 20 degrees around the sphere."""
+        """Return radii for points (m, 3), (m,), metres, within a cone of 20 degrees around the sphere."""
         return np.asarray(self.radius + TILT * np.linalg.norm(centres - self.centre, axis=1))
 
     def to_dict(self) -> Json:

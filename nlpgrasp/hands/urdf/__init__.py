@@ -1,1 +1,1 @@
-"""Hands from URDF files."""
+"""URDF hands: file reader, kinematics and the hand itself."""

@@ -1,4 +1,4 @@
-"""Mass and inertia of a robot's links, as a URDF states them."""
+"""Mass and inertia of a URDF's links."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 @dataclass(frozen=True)
 class Inertial:
-    """How heavy a link is, and where.
+    """Mass, centre of mass and inertia of a link.
 
     Parameters
     ----------

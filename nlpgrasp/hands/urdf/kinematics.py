@@ -14,7 +14,7 @@ from nlpgrasp.common.types import Expression
 from nlpgrasp.errors import MissingExtraError
 from nlpgrasp.hands.robot.robot import Joint, Robot
 
-ROUNDING = 1e-15  # constants of a rotation this small are zero
+ROUNDING = 1e-15  # smaller constants of a rotation are zero
 
 
 def require_kinematics() -> None:
@@ -30,8 +30,8 @@ def require_kinematics() -> None:
 def link_poses(robot: Robot, links: Iterable[str], joints: Expression) -> dict[str, Expression]:
     """Return the poses of links in the palm's frame, (4, 4) homogeneous transforms.
 
-    The library gets the palm's part of the robot alone, with unit axes and without mimic joints: it knows
-    neither default axes nor joints that follow others.
+    The library gets the robot below the palm alone, with unit axes and without mimic joints: it supports
+    neither default axes nor mimic joints.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def link_poses(robot: Robot, links: Iterable[str], joints: Expression) -> dict[s
 
 
 def _urdf(robot: Robot) -> str:
-    """Return the robot's kinematics alone as a URDF."""
+    """Return a URDF with the robot's kinematics alone."""
     root = ET.Element("robot", name=robot.name)
     for link in robot.links:
         _link(root, link)
@@ -100,7 +100,7 @@ def _text(values: Iterable[float]) -> str:
 
 
 def rotation_of(quaternion: Expression) -> Expression:
-    """Return the rotation matrix of a unit quaternion (w, x, y, z), a polynomial."""
+    """Return the rotation matrix of a unit quaternion (w, x, y, z), as a polynomial."""
     w, x, y, z = (quaternion[i] for i in range(4))
     return ca.vertcat(
         ca.horzcat(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),

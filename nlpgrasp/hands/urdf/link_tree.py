@@ -1,4 +1,4 @@
-"""Where the links of a robot are: as CasADi expressions and as numbers."""
+"""Kinematic tree of a hand: link poses and contact Jacobians, symbolic and numeric."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from nlpgrasp.hands.tips import Tip
 from nlpgrasp.hands.urdf.kinematics import link_poses, rotation_of
 
 COMPILED = ("link_function", "contact_function", "_tip_function")
-MIDDLE = (0.1, 0.7)  # share of the joint ranges that random starts are drawn from
+MIDDLE = (0.1, 0.7)  # shares of the joint ranges between which random starts are drawn
 
 
 class LinkTree:
-    """The links of a robot that have a fingertip or a collision shape, with their kinematics.
+    """Kinematic tree of the links with a fingertip or a collision shape.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class LinkTree:
 
     @cached_property
     def joint_limits(self) -> FloatArray:
-        """Lower and upper limits of the free joints, (2, m), those of joints that follow them included."""
+        """Lower and upper limits of the free joints, (2, m), narrowed by those of mimic joints."""
         return np.array([ends[:2] for ends in self.robot.ranges.values()], dtype=float).T
 
     def with_limits(self, limits: FloatArray) -> LinkTree:
@@ -50,7 +50,7 @@ class LinkTree:
         return result
 
     def joint_positions(self, joints: FloatArray) -> dict[str, float]:
-        """Return every moving joint's position by name, for positions of the free joints (m,)."""
+        """Return the position of every moving joint by name, for positions of the free joints (m,)."""
         index = {j.name: i for i, j in enumerate(self.robot.free_joints)}
         result = {}
         for joint in self.robot.joints:
@@ -85,7 +85,7 @@ class LinkTree:
         return {name: base @ found[:, 4 * i : 4 * i + 4] for i, name in enumerate(self.used_links)}
 
     def tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
-        """Return link, patch and the patch's own coordinate, if any, of each contact."""
+        """Return link, patch and sliding coordinate, if any, of each contact."""
         slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
         return [(link, tip, next(slides) if tip.slides else None) for link, tip in self.tips]
 
@@ -104,7 +104,7 @@ class LinkTree:
         ]
 
     def rigid(self, link: str, other: str) -> FloatArray | None:
-        """Return the transform (4, 4) from a link's frame to another's that is fixed to it, or None."""
+        """Return the transform (4, 4) from a link's frame to another's if both are rigidly connected, else None."""
         poses = np.asarray(self.link_function(np.zeros(len(self.robot.free_joints))).full())
         groups = self.robot.rigid_groups
         if groups[link] != groups[other]:
@@ -146,7 +146,7 @@ class LinkTree:
 
     @cached_property
     def contact_function(self) -> ca.Function:
-        """Palm position, quaternion, joints and contact points (3, k) to Jacobians, one below the other, (6 k, m)."""
+        """Function of palm position, quaternion, joints and contact points (3, k) to stacked Jacobians (6 k, m)."""
         variables = {"palm_position": ca.SX.sym("t", 3), "palm_quaternion": ca.SX.sym("r", 4)}
         variables["joints"] = ca.SX.sym("q", len(self.robot.free_joints))
         rates, points = ca.SX.sym("rates", len(self.loaded_joints)), ca.SX.sym("p", 3, len(self.tips))
@@ -156,23 +156,23 @@ class LinkTree:
 
     @cached_property
     def span(self) -> float:
-        """Farthest that a fingertip gets from the palm's origin, metres (of 500 random joint positions)."""
+        """Largest distance of a fingertip from the palm's origin, metres (over 500 random joint positions)."""
         rng = np.random.default_rng(0)
         lower, upper = self.joint_limits
         tips = self.palm_tips(rng.uniform(lower, upper, (500, len(lower))))
         return float(np.max(np.linalg.norm(tips, axis=2)))
 
     def palm_tips(self, joints: FloatArray) -> FloatArray:
-        """Return the fingertips' centres in the palm's frame for joint positions (b, m), (b, k, 3)."""
+        """Return the fingertip centres (b, k, 3) in the palm's frame for joint positions (b, m)."""
         found = self._tip_function.map(len(joints))(joints.T)
         return np.asarray(found.full()).T.reshape(len(joints), len(self.tips), 3)
 
     def draw(
         self, count: int, around: FloatArray, rng: np.random.Generator
     ) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Return random palm orientations and joints, (count, m) each, and the fingertips' centres, (count, k, 3).
+        """Return random palm poses and joints, (count, m) each, and the fingertips' centres, (count, k, 3).
 
-        The fingertips' middle is at the points given, (count, 3).
+        The fingertips' centroid is at the given points, (count, 3).
         """
         lower, upper = self.joint_limits
         shares = rng.uniform(*MIDDLE, (count, len(lower)))
@@ -185,19 +185,19 @@ class LinkTree:
         return values | self.first_slides(count), position[:, None] + tips
 
     def first_slides(self, count: int) -> dict[str, FloatArray]:
-        """Return the fingertips' own coordinates where searches begin, (count, m), where there are any."""
+        """Return the initial sliding coordinates of the fingertips, (count, m), if there are any."""
         slides = [tip.first_slide for _, tip in self.tips if tip.slides]
         return {"slides": np.tile(slides, (count, 1))} if slides else {}
 
     @cached_property
     def used_links(self) -> tuple[str, ...]:
-        """The links that are looked at, parents first."""
+        """Links whose poses are computed, parents first."""
         used = {link for link, _ in self.tips} | set(self.robot.shapes)
         return tuple(link for link in self.robot.links if link in used)
 
     @cached_property
     def link_function(self) -> ca.Function:
-        """Joints to the used links' poses in the palm's frame, side by side."""
+        """Function of joints to the used links' poses in the palm's frame, side by side."""
         q = ca.SX.sym("q", len(self.robot.free_joints))
         poses = link_poses(self.robot, self.used_links, q)
         return ca.Function("links", [q], [ca.horzcat(*[poses[name] for name in self.used_links])], {"cse": True})
@@ -210,5 +210,5 @@ class LinkTree:
         return ca.Function("tips", [q], [ca.vertcat(*tips)], {"cse": True})
 
     def __getstate__(self) -> dict[str, object]:
-        """Keep what defines the tree; compiled functions are made again where it is unpickled."""
+        """Keep the defining fields; compiled functions are rebuilt after unpickling."""
         return {k: v for k, v in self.__dict__.items() if k not in COMPILED}

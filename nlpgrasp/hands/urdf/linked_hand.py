@@ -1,4 +1,4 @@
-"""A hand of links that move: everything that follows from where they are."""
+"""Hand with a kinematic tree: pose, posture and contact kinematics."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.urdf.link_tree import LinkTree
 
 CARD = ("nlpgrasp.report.hand.card", "card")
-NAMED = 6  # fingertips that a line names
+NAMED = 6  # most fingertips named in a line
 
 
 class LinkedHand(InNotebook, PosedHand):
-    """A hand whose variables are the palm's pose and the joints.
+    """A hand whose variables are the palm's pose and the joint positions.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class LinkedHand(InNotebook, PosedHand):
 
     @property
     def shown_name(self) -> str:
-        """What this hand is called on its page: the robot's name."""
+        """Name of the hand on its page: the robot's name."""
         return self.tree.robot.name
 
     def __repr__(self) -> str:
@@ -56,12 +56,12 @@ class LinkedHand(InNotebook, PosedHand):
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """Names of the joints that move some contact; those that follow others count as these."""
+        """Names of the free joints that move some contact."""
         return self.tree.loaded_joints
 
     @property
     def sliding_joints(self) -> dict[str, bool]:
-        """Of the joints that move some contact, which slide."""
+        """Whether each joint that moves some contact slides, by joint name."""
         kinds = {joint.name: not joint.turns for joint in self.tree.robot.free_joints}
         return {name: kinds[name] for name in self.loaded_joints}
 
@@ -72,13 +72,13 @@ class LinkedHand(InNotebook, PosedHand):
         return self.tree.contact_motion(variables, rates, points)
 
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3), metres."""
+        """Return contact Jacobians (k, 6, m): velocities of points (k, 3), metres, per rate of the loaded joints."""
         quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
         found = self.tree.contact_function(values["palm_position"], quaternion, values["joints"], points.T)
         return np.asarray(found.full()).reshape(self.count, 6, len(self.loaded_joints))
 
     def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return random palm orientations and joints, with the fingertips' middle at ``around`` (count, space).
+        """Return random palm orientations and joints, with the fingertips' centroid at ``around`` (count, space).
 
         Returns
         -------
@@ -90,7 +90,7 @@ class LinkedHand(InNotebook, PosedHand):
         return self.tree.draw(count, around, rng)
 
     def describe(self, values: Values) -> Json:
-        """Return joint positions by name (those that follow others included) and the palm's pose."""
+        """Return joint positions by name (mimic joints included) and the palm's pose."""
         quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
         return {
             "joint_positions": self.tree.joint_positions(values["joints"]),
@@ -99,7 +99,7 @@ class LinkedHand(InNotebook, PosedHand):
         }
 
     def values_of(self, posture: Json) -> Values:
-        """Return values of palm pose and joints, in the variables' order, in a posture as ``describe`` states it.
+        """Return the variables' values, palm pose and joints, in a posture in the format of ``describe``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What a user says of a URDF hand: fingertips, approach and torque limits; what is to be said of the file."""
+"""Arguments of a URDF hand: fingertips, approach and torque limits; warnings about the file."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from nlpgrasp.hands.robot.robot import Robot
 from nlpgrasp.hands.tips import SphereTip, Tip
 from nlpgrasp.hands.tips.of_shape import tip_of
 
-MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # of limits: a full turn, if it was written as radians
+MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
 Fingertips = Mapping[str, float | Tip | Sequence[Tip] | None] | Sequence[str]
 
 
 def tips_of(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]]:
-    """Return link and patch of each contact, in the order given."""
+    """Return link and patch of each contact, in the given order."""
     if fingertips is None:
         raise InputError("URDFHand.fingertips", "nothing", f"links with their radii, such as {_at_the_ends(robot)}")
     if isinstance(fingertips, list | tuple) and all(isinstance(name, str) for name in fingertips):
@@ -48,12 +48,12 @@ def tips_of(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]
 
 
 def _radius(field: str, given: object) -> float:
-    """Return the radius of a fingertip, metres."""
+    """Return a fingertip's radius, checked, metres."""
     return of_a_hand(field, number(field, given, above=0.0), LARGEST_TIP)
 
 
 def _at_the_ends(robot: Robot) -> str:
-    """Return the fingertips that links at the ends make, as Python writes them."""
+    """Return the fingertips that the leaf links suggest, as Python code."""
     names = leaves(robot)
     each = ", ".join(f'"{link}": {end(robot, link).code}' for link in names[:MOST])
     more = f" ({len(names) - MOST} more links are at ends)" if len(names) > MOST else ""
@@ -61,7 +61,7 @@ def _at_the_ends(robot: Robot) -> str:
 
 
 def _own_shape(robot: Robot, link: str) -> Tip:
-    """Return the fingertip that a link's collision shape is."""
+    """Return the fingertip given by a link's collision shape."""
     shapes = robot.shapes.get(link, ())
     tip = tip_of(shapes)
     if tip is None:
@@ -72,7 +72,7 @@ def _own_shape(robot: Robot, link: str) -> Tip:
 
 
 def approach_of(given: ArrayLike) -> FloatArray:
-    """Return the direction in which the palm faces, as a unit vector (3,)."""
+    """Return the palm's facing direction as a unit vector (3,)."""
     direction = array("URDFHand.approach", given, (3,))
     if np.linalg.norm(direction) == 0.0:
         raise InputError("URDFHand.approach", given, "a direction in the palm's frame")
@@ -94,7 +94,7 @@ def torque_limits_of(robot: Robot, given: Mapping[str, float] | float | None) ->
 
 
 def remarks(robot: Robot) -> list[str]:
-    """Return what a user has to know about a file that is not refused, a sentence each."""
+    """Return the warnings about a file that is accepted, a sentence each."""
     found = []
     if robot.missing:
         found.append(f"left out {'; '.join(robot.missing)}")
@@ -104,7 +104,7 @@ def remarks(robot: Robot) -> list[str]:
 
 
 def joint_remarks(robot: Robot) -> list[str]:
-    """Return what a user has to know about joints that are taken otherwise than the file says, a sentence each."""
+    """Return the warnings about joints that are modelled otherwise than in the file, a sentence each."""
     found = []
     if robot.turned:
         found.append(f"taken with the other sign: {'; '.join(robot.turned)}")

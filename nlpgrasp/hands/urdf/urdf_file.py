@@ -1,4 +1,4 @@
-"""Reading a URDF: errors name the element, what it says and what is allowed."""
+"""URDF reader: kinematic tree, joint limits and collision shapes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FULL_TURN = 2.0 * np.pi  # limits of a continuous joint: half a turn either way
 
 
 class Edge(NamedTuple):
-    """A joint by what it joins."""
+    """A joint element with its parent and child links."""
 
     name: str
     parent: str
@@ -154,7 +154,7 @@ def _joint(source: Path, edge: Edge) -> Joint:
     along = numbers(source, f"{label}, axis", None if axis is None else axis.get("xyz"), [1.0, 0.0, 0.0])
     if kind in MOVABLE and np.linalg.norm(along) < 1e-9:
         bad(source, f"{label} with axis zero", "a direction")
-    along = along / max(float(np.max(np.abs(along))), 1e-300)  # first: the square of a large number overflows
+    along = along / max(float(np.max(np.abs(along))), 1e-300)  # scaled first: the square of a large number overflows
     along = along / max(float(np.linalg.norm(along)), 1e-300)
     lower, upper, effort = _limits(source, element, kind, label)
     return Joint(name, kind, parent, child, xyz, rpy, along, lower, upper, effort, _mimic(source, element, label))
@@ -192,7 +192,7 @@ def _mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:
 
 
 def _base(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
-    """Return the one link that is nobody's child, refusing anything but a tree."""
+    """Return the root link; refuse anything but a tree."""
     children = [j.child for j in joints]
     twice = sorted({c for c in children if children.count(c) > 1})
     if twice:

@@ -1,4 +1,4 @@
-"""A hand given by a URDF or by MJCF."""
+"""Robot hand given by a URDF or MJCF file."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
 from nlpgrasp.hands.urdf.urdf_arguments import Fingertips, approach_of, remarks, tips_of, torque_limits_of
 
-TIP_DEPTH = 0.2  # of its radius: how far a round tip may be in the way of the body elsewhere than at its contact
+TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
 
 
 class URDFHand(LinkedHand):
-    """A hand whose palm pose and joints are variables of the program; made by ``load``.
+    """A robot hand whose palm pose and joint positions are variables of the program; made by ``load``.
 
     Parameters
     ----------
     tree : LinkTree
-        Where the links are.
+        Kinematic tree.
     torque_limits : mapping of str to float, optional
         By joint, newton-metres (newtons for sliding joints).
     clearance, spheres_per_link, self_collision
@@ -52,7 +52,7 @@ class URDFHand(LinkedHand):
     tips : tuple of (str, Tip)
         Link and patch of each contact, in the order of the contacts.
     fits : mapping of str to SphereFit
-        Spheres that stand for each link, with their error.
+        Collision spheres of each link, with their error.
     """
 
     kind: ClassVar[str] = "urdf"
@@ -91,13 +91,13 @@ class URDFHand(LinkedHand):
         spheres_per_link: int = 6,
         self_collision: bool = True,
     ) -> URDFHand:
-        """Return the hand of a file.
+        """Return the hand of a robot file.
 
         Parameters
         ----------
         path : str or Path
-            A URDF, a xacro file (with the package ``xacro``) or MuJoCo's MJCF (extra ``sim``); the element at its top
-            says which. Bodies of an MJCF are links, hinges and slides are joints.
+            A URDF, a xacro file (with the package ``xacro``) or MuJoCo's MJCF (extra ``sim``); the root element says
+            which. Bodies of an MJCF are links, hinges and slides are joints.
         fingertips : mapping or sequence of str
             Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips; None, or
             names alone, take the only sphere or capsule among the link's collision shapes. Contact i belongs to
@@ -106,13 +106,13 @@ class URDFHand(LinkedHand):
             Newton-metres (newtons for sliding joints), for the force budget ``"hand_torques"``; the URDF's efforts
             when left out.
         palm : str, optional
-            Link whose pose is a variable; the root when left out. Links that do not hang from it are left out.
+            Link whose pose is a variable; the root when left out. Links that are not below it are left out.
         approach : (3,) array
             Direction in which the palm faces, palm frame.
         clearance : float
             Least distance between the links and the body, metres.
         spheres_per_link : int
-            Most spheres that stand for a link (five times as many for the palm): more are closer to its shape,
+            Largest number of collision spheres of a link (five times as many for the palm): more fit the shape better
             and cost time.
         self_collision : bool
             Keep the links from each other.
@@ -128,10 +128,10 @@ class URDFHand(LinkedHand):
         Warns
         -----
         UserWarning
-            Naming mesh files that do not exist, and links that are to be seen and have no collision shape: the hand
-            goes on with the shapes there are. Naming joints that follow others the other way round and have limits
-            without the sign: they are taken with it. Naming tendons and closed loops of an MJCF that couple joints and
-            are not modelled. On an MJCF whose joints hardly turn: its limits may be radians, and it does not say so.
+            On missing mesh files and on visible links without a collision shape: the other shapes are used. On mimic
+            joints with a negative multiplier whose limits lack the sign: they are taken with it. On tendons and closed
+            loops of an MJCF that couple joints and are not modelled. On an MJCF whose joints hardly turn: its limits
+            may be radians without stating so.
         """
         robot = read_robot(path, palm)
         tips = tips_of(robot, fingertips)
@@ -165,12 +165,12 @@ class URDFHand(LinkedHand):
         return result
 
     def check(self, space: int) -> None:
-        """Refuse planar bodies, which have no room for links."""
+        """Refuse planar bodies, on which links cannot be placed."""
         if space != 3:
             raise InputError("GraspProblem.hand", "a URDF hand for a planar body", "a body in space")
 
     def variables(self, bounds: FloatArray) -> list[HandVariable]:
-        """Return palm position, palm quaternion (w, x, y, z), joints, and the tips' own coordinates."""
+        """Return palm position, palm quaternion (w, x, y, z), joints, and the tips' sliding coordinates."""
         lower, upper = self.tree.joint_limits
         margin = 1.2 * self.tree.span
         result = [
@@ -195,7 +195,7 @@ class URDFHand(LinkedHand):
         return values | {"slides": np.array(slides)} if slides else values
 
     def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
-        """Return: the quaternion's length, each contact on its fingertip, links apart from each other."""
+        """Return constraints: unit quaternion, contacts on fingertips, no self-collision."""
         rows = [Row(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
         poses = self.tree.poses(variables)
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
@@ -206,7 +206,7 @@ class URDFHand(LinkedHand):
         return rows + apart(self.watched, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
-        """Return the links' spheres in the body's frame."""
+        """Return the links' collision spheres in the body's frame."""
         poses = self.tree.poses(variables)
         result = []
         for link, fit in self.fits.items():
@@ -222,21 +222,21 @@ class URDFHand(LinkedHand):
 
     @cached_property
     def fits(self) -> dict[str, SphereFit]:
-        """Spheres around each link; those beside a fingertip are as small as lets it touch."""
+        """Spheres of each link, shrunk next to a fingertip so that it can touch."""
         return fits_beside_tips(self.whole_fits, self.tree, self.clearance)
 
     @cached_property
     def watched(self) -> tuple[WatchedLinks, ...]:
-        """Pairs of links that are kept apart, and how far their spheres may overlap."""
+        """Pairs of links with self-collision constraints, and their allowed sphere overlap."""
         return watched_links(self.tree, self.fits) if self.self_collision else ()
 
     @cached_property
     def whole_fits(self) -> dict[str, SphereFit]:
-        """Spheres around each link, before those beside fingertips are made smaller."""
+        """Spheres of each link before any are shrunk next to fingertips."""
         return fits_of(self.robot, self.spheres_per_link)
 
     def to_dict(self) -> Json:
-        """Return source, fingerprints, fingertips, limits, the spheres and how closely they fit."""
+        """Return source, fingerprints, fingertips, limits, and the spheres with their errors, as JSON data."""
         return {
             "type": self.kind,
             "source": self.robot.source,
@@ -257,5 +257,5 @@ class URDFHand(LinkedHand):
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
-        """Refuse: the data name a URDF and do not hold it."""
+        """Refuse to load: the data name a URDF and do not contain it."""
         raise incomplete("hand of type urdf", "its links, which stay in their file: ng.URDFHand.load(path, fingertips)")

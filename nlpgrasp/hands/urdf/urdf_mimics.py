@@ -1,4 +1,4 @@
-"""Joints that follow others: whether they can, and within which limits."""
+"""Mimic joints of a URDF: validation and limits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nlpgrasp.hands.urdf.urdf_values import bad
 
 
 def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
-    """Refuse joints that follow joints that are not there, or each other."""
+    """Refuse joints that follow missing joints, or each other."""
     by_name = {j.name: j for j in joints if j.moves}
     for joint in by_name.values():
         seen, here = [joint.name], joint
@@ -27,10 +27,10 @@ def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
 
 
 def with_signs(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
-    """Return the joints with the limits of followers in the direction in which they move, and those turned round.
+    """Return the joints with the limits of mimic joints in their direction of motion, and those that were negated.
 
-    Files often give a follower with a negative multiplier the limits of the joint it follows, without the sign. No
-    position, or one alone, would keep both. Where the limits taken with the other sign leave a range, they are meant.
+    Files often give a mimic joint with a negative multiplier the limits of the joint it follows, without the sign, so
+    that at most one position keeps both. Such limits are negated where that leaves a range.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def with_signs(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[str,
 
 
 def check_ranges(source: Path, robot: Robot) -> None:
-    """Refuse joints whose followers leave them nowhere to go."""
+    """Refuse joints whose mimic joints leave them an empty range."""
     for joint in robot.free_joints:
         lower, upper, why = robot.ranges[joint.name]
         if lower > upper or (lower == upper and joint.lower < joint.upper):

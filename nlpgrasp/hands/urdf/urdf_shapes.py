@@ -19,7 +19,7 @@ from nlpgrasp.hands.urdf.urdf_values import numbers
 def read_shapes(
     source: Path, links: Mapping[str, ET.Element], names: Sequence[str]
 ) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...]]:
-    """Return the collision shapes of the named links, and the mesh files that could not be found or read.
+    """Return the collision shapes of the named links, and the mesh files that are missing or unreadable.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missin
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         missing.append(f"{name} (link {link}: no triangles)")
         return None
-    if path.suffix.lower() == ".dae":  # the one format of these that states its unit
+    if path.suffix.lower() == ".dae":  # the only format here that states its unit
         mesh.apply_scale(trimesh.units.unit_conversion(mesh.units or "meters", "meters"))
     mesh.apply_scale(scale)
     mesh.apply_transform(pose)

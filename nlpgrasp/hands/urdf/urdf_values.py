@@ -1,4 +1,4 @@
-"""Values of a URDF's attributes."""
+"""Attribute values of URDF elements, with errors that name the file."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from nlpgrasp.errors import InputError
 
 
 def bad(source: Path, given: str, allowed: str) -> NoReturn:
-    """Refuse what a URDF says."""
+    """Raise ``InputError`` for an invalid statement in a URDF."""
     raise InputError(f"URDFHand.path: {source.name}", given, allowed)
 
 
 def numbers(source: Path, where: str, text: str | None, default: Iterable[float]) -> FloatArray:
-    """Return the numbers of an attribute, (m,), or the default where it is left out."""
+    """Return the numbers of an attribute, (m,), or the default where it is missing."""
     wanted = np.array(list(default), dtype=float)
     if text is None:
         return wanted

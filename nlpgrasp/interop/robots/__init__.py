@@ -1,1 +1,1 @@
-"""Grasps for the programs that move robots: what a hand does before, in and after closing, in their formats."""
+"""Grasp formats for robot control and benchmarks: hand states before, in and after closing."""

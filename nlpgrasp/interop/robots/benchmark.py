@@ -1,4 +1,4 @@
-"""Grasps as arrays, a row a grasp, named and shaped as the public benchmarks of dexterous grasping name theirs."""
+"""Array formats of grasps, with the names and shapes of public dexterous-grasping benchmarks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ IDENTITY = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = None) -> bytes:
-    """Return the grasps kept as the bytes of an ``.npz`` file, best first: docs/interop.md lists the n rows' arrays.
+    """Return the kept grasps as the bytes of an ``.npz`` file, best first, with the arrays of docs/interop.md.
 
     Parameters
     ----------
@@ -64,15 +64,15 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
     """Return the answer as the bytes of one grasp's ``.npy`` file of DexGraspBench: a pickled dictionary.
 
     Its fields are those that https://github.com/JYChen18/DexGraspBench evaluates: ``pregrasp_qpos``, ``grasp_qpos`` and
-    ``squeeze_qpos`` (7 + j,), ``obj_pose`` (7,), ``obj_scale``, ``obj_path``. Beside them, for other readers:
-    ``has_pregrasp``, ``way_in_free``, and of parallel jaws ``closing_axis`` and ``approach_axis`` (3,).
+    ``squeeze_qpos`` (7 + j,), ``obj_pose`` (7,), ``obj_scale``, ``obj_path``. Additional fields for other readers:
+    ``has_pregrasp``, ``way_in_free``, and for parallel jaws ``closing_axis`` and ``approach_axis`` (3,).
 
     Parameters
     ----------
     solution : GraspSolution
         With a hand that has a pose and joints, and its squeeze.
     options : ExportOptions, optional
-        ``object`` is the folder of the benchmark's object, ``joints`` the joints in the order of its hand.
+        ``object`` is the folder of the benchmark's object, ``joints`` the joints in its hand's order.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Warnings of exported hands: a gripper that closes along another axis, grasps without a squeeze or a free way in."""
+"""Warnings on exported hands: mismatched closing axes, missing squeezes and blocked approaches."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from nlpgrasp.hands.jaw_pose import direction_of, named
 from nlpgrasp.interop.base import ExportOptions
 from nlpgrasp.interop.robots.states import NOT_ADDED, HandStates
 
-CLOSING_AXES = {  # parts of names in public models of grippers, to the axis of the base's frame along which jaws close
+CLOSING_AXES = {  # part of a gripper's name in public models to its closing axis, base frame
     "panda": "y",  # franka_description: both fingers slide along y of panda_hand or fr3_hand
     "franka": "y",
     "fr3_hand": "y",
     "robotiq_arg2f": "y",  # robotiq_2f_85_gripper_visualization of ROS-Industrial
     "robotiq_85_base_link": "x",  # robotiq_description of ros2_robotiq_gripper
 }
-ALONG = 1e-3  # of a unit direction
-MOST = 3  # grasps that a warning names
+ALONG = 1e-3  # tolerance of parallel unit directions
+MOST = 3  # most grasps named in a warning
 
 
 def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
-    """Warn where options name a gripper that is known to close along another axis than the pose has.
+    """Warn where options name a gripper whose known closing axis differs from that of the pose.
 
-    Either sign will do: the jaws of such a gripper mirror each other.
+    The sign does not matter: the jaws of such a gripper are symmetric.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
 
 
 def warn_of_squeezes(hands: Mapping[str, HandStates], empty: str) -> None:
-    """Warn of grasps whose squeeze the solve left out.
+    """Warn of grasps without a squeeze.
 
     Parameters
     ----------
     hands : mapping of str to HandStates
         By the names of the grasps.
     empty : str
-        What the export has in its place, in words.
+        What the export contains instead, as text.
     """
     left = [name for name, hand in hands.items() if hand.no_squeeze == NOT_ADDED]
     if left:
@@ -59,7 +59,7 @@ def warn_of_squeezes(hands: Mapping[str, HandStates], empty: str) -> None:
 
 
 def warn_of_ways(hands: Mapping[str, HandStates]) -> None:
-    """Warn of grasps whose straight way in is not free, in formats without a field that says so."""
+    """Warn of grasps without a free straight approach, for formats without a field for it."""
     blocked = {name: hand.blocked for name, hand in hands.items() if hand.blocked}
     if blocked:
         first = next(iter(blocked.values()))
@@ -67,12 +67,12 @@ def warn_of_ways(hands: Mapping[str, HandStates]) -> None:
 
 
 def not_free(hand: HandStates) -> str:
-    """Return in words why the way in, or the pregrasp, cannot be relied on; empty where both can."""
+    """Return the reason why approach or pregrasp is unreliable, as text; empty where both are fine."""
     return hand.blocked or ("" if hand.has_pregrasp else "no pregrasp is stated: its joints are those of the grasp")
 
 
 def axes_comment(hand: HandStates) -> str:
-    """Return the axes of a gripper's own frame as a line of comment; empty of other hands."""
+    """Return the axes of a gripper's own frame as a comment line; empty for other hands."""
     axes = {name: [round(x, 9) for x in (axis + 0.0).tolist()] for name, axis in hand.axes().items()}
     return "".join(f"# {name} of the gripper's frame: {axis}\n" for name, axis in axes.items())
 

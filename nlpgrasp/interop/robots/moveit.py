@@ -1,7 +1,7 @@
-"""Grasps as ``moveit_msgs/Grasp`` messages in YAML: postures with efforts, the hand's pose, approach and retreat.
+"""MoveIt export: ``moveit_msgs/Grasp`` messages in YAML with postures, efforts, pose, approach and retreat.
 
 Field names are those of https://github.com/moveit/moveit_msgs (``msg/Grasp.msg``, ``msg/GripperTranslation.msg``) and
-of the ROS 2 messages in them. What is left out has its default: stamps, velocities of points.
+of the ROS 2 messages in them. Omitted fields have their defaults: stamps, velocities of points.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from nlpgrasp.interop.robots.export_warnings import (
 from nlpgrasp.interop.robots.states import HandStates, each_state
 from nlpgrasp.solution.solution import GraspSolution
 
-OBJECT = "object"  # name of the body's frame where none is given
-DESIRED, LEAST = 0.1, 0.05  # metres of approach and retreat, asked for and at least
-SECONDS = 1  # from the beginning of a posture's trajectory to its only point
+OBJECT = "object"  # default name of the body's frame
+DESIRED, LEAST = 0.1, 0.05  # metres of approach and retreat: desired and least
+SECONDS = 1  # seconds to the only point of a posture's trajectory
 
 
 def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str:
-    """Return the grasps kept as a list of ``moveit_msgs/Grasp`` messages in YAML, best first.
+    """Return the kept grasps as a list of ``moveit_msgs/Grasp`` messages in YAML, best first.
 
-    ``grasp_quality`` is the certified lower bound of mu, ``effort`` what the joints exert in the squeeze,
+    ``grasp_quality`` is the certified lower bound of mu, ``effort`` the joint torques of the squeeze,
     ``max_contact_force`` the problem's limit or 0 (none). Comments before the list state the axes of a gripper's own
-    frame, and which grasps have no free way in: the messages have no field for them.
+    frame, and which grasps have no free approach, as the messages have no field for them.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     Warns
     -----
     UserWarning
-        Of a gripper that closes along another axis, and of grasps without a squeeze or a free way in.
+        On a gripper that closes along another axis, and on grasps without a squeeze or a free approach.
     """
     given = options or ExportOptions()
     states = {f"grasp_{i}": state for i, state in enumerate(each_state(solution, given.joints))}
@@ -69,7 +69,7 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
 
 
 def _message(name: str, solution: GraspSolution, hand: HandStates, options: ExportOptions) -> Json:
-    """Return one message."""
+    """Return the message of one grasp."""
     if hand.approach is None:
         raise InputError(name, "no direction of approach", "a solution of this version, whose hand states it")
     thing, frame = options.object or OBJECT, options.gripper or hand.frame
@@ -93,7 +93,7 @@ def _message(name: str, solution: GraspSolution, hand: HandStates, options: Expo
 
 
 def _posture(positions: Mapping[str, float], efforts: Mapping[str, float]) -> Json:
-    """Return a ``trajectory_msgs/JointTrajectory`` of one point; joints without a torque of their own exert none."""
+    """Return a ``trajectory_msgs/JointTrajectory`` of one point; joints without a stated torque have effort 0."""
     point = {
         "positions": [float(position) for position in positions.values()],
         "velocities": [],
@@ -105,7 +105,7 @@ def _posture(positions: Mapping[str, float], efforts: Mapping[str, float]) -> Js
 
 
 def _translation(frame: str, direction: FloatArray) -> Json:
-    """Return a ``moveit_msgs/GripperTranslation``."""
+    """Return a ``moveit_msgs/GripperTranslation`` along a direction."""
     vector = dict(zip("xyz", (direction + 0.0).tolist(), strict=True))
     return {
         "direction": {"header": {"frame_id": frame}, "vector": vector},

@@ -1,4 +1,4 @@
-"""Pose and joints of a hand before, in and after closing, of any hand that has a pose."""
+"""Pose and joints of a hand before, in and after closing."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ from nlpgrasp.solution.obstructions import of_the_grasp, of_the_way
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.squeeze import squeeze_for_task
 
-FINGER_JOINT = "finger_joint"  # of parallel jaws where none is named: its position is the opening
+FINGER_JOINT = "finger_joint"  # default joint of parallel jaws; its position is the opening
 UNKNOWN_WAY = "the file states no way in"
 NOT_ADDED = "the solve left it out"
 
 
 @dataclass(frozen=True)
 class HandStates:
-    """A hand before, in and after closing.
+    """Pose and joints of a hand in pregrasp, grasp and squeeze.
 
     Parameters
     ----------
     frame : str
-        The link whose pose it is.
+        Link of the pose.
     pose, open_pose : (7,) array
-        Of that link in the body's frame, in the grasp and in the pregrasp: metres, then a unit quaternion, w first. Of
-        parallel jaws that of the gripper's own frame.
+        Pose of that link in the body's frame, in the grasp and in the pregrasp: metres, then a unit quaternion, w
+        first. For parallel jaws that of the gripper's own frame.
     joints, open_joints : mapping of str to float
-        Positions in the grasp and in the pregrasp, radians (metres of sliding joints).
+        Positions in the grasp and in the pregrasp, radians (metres for sliding joints).
     commands : mapping of str to float
-        Positions to command in the squeeze, of the joints that it moves.
+        Position commands of the squeeze, for the joints that it moves.
     efforts : mapping of str to float
-        What these joints exert in the squeeze, newton-metres (newtons of sliding joints); positive towards larger
-        positions. Empty where no squeeze is known.
+        Torques of these joints in the squeeze, newton-metres (newtons for sliding joints); positive towards larger
+        positions. Empty without a squeeze.
     approach : (3,) array or None
-        Unit direction in which the hand moves to the body, in its own frame; None where it is not known.
+        Unit direction in which the hand moves to the body, in its own frame; None if unknown.
     closing : (3,) array or None
-        Unit direction from jaw to jaw in the gripper's own frame, of parallel jaws.
+        Unit direction from jaw to jaw in the gripper's own frame, for parallel jaws.
     has_pregrasp : bool
-        Whether the solution states a pregrasp; where it does not, that of these states is the grasp itself.
+        Whether the solution states a pregrasp; otherwise the grasp itself is used.
     blocked : str
-        Why the straight way in is not free, or not known to be; empty where it is free.
+        Why the straight approach is not free, or not known to be; empty where it is free.
     no_squeeze : str
-        Why no squeeze is known; empty where one is.
+        Why there is no squeeze; empty where there is one.
     """
 
     frame: str
@@ -65,13 +65,13 @@ class HandStates:
 
     @classmethod
     def of(cls, solution: GraspSolution, joints: Sequence[str] = (), name: str = "solution") -> HandStates:
-        """Return the states of the hand of a solution.
+        """Return the states of a solution's hand.
 
         Parameters
         ----------
         solution : GraspSolution
         joints : sequence of str
-            Of a hand with joints those that are wanted, in this order; of parallel jaws those that share the opening
+            For a hand with joints, those to export, in this order; for parallel jaws, those that share the opening
             evenly, by default ``finger_joint`` alone.
         name : str
             Of the grasp, for messages.
@@ -92,7 +92,7 @@ class HandStates:
         return _of_jaws(solution, hand, tuple(joints) or (FINGER_JOINT,))
 
     def row(self, at: str) -> FloatArray:
-        """Return pose and joints, (7 + j,), ``at`` "pregrasp", "grasp" or "squeeze"; NaN where no squeeze is known."""
+        """Return pose and joints, (7 + j,), ``at`` "pregrasp", "grasp" or "squeeze"; NaN without a squeeze."""
         pose = self.open_pose if at == "pregrasp" else self.pose
         positions = self.open_joints if at == "pregrasp" else self.joints
         if at == "squeeze":
@@ -101,17 +101,17 @@ class HandStates:
         return np.concatenate([pose, [positions[name] for name in self.joints]])
 
     def effort_row(self) -> FloatArray:
-        """Return what each joint exerts in the squeeze, (j,): 0 of joints that move no contact; NaN where not known."""
+        """Return the joint torques of the squeeze, (j,): 0 for joints that move no contact; NaN if unknown."""
         return np.array([self.efforts.get(name, np.nan if self.no_squeeze else 0.0) for name in self.joints])
 
     def axes(self) -> dict[str, FloatArray]:
-        """Return closing and approach axis in the gripper's own frame by name, (3,) each; nothing of other hands."""
+        """Return closing and approach axis in the gripper's own frame by name, (3,) each; empty for other hands."""
         if self.closing is None or self.approach is None:
             return {}
         return {"closing_axis": self.closing, "approach_axis": self.approach}
 
     def _chosen(self, names: Sequence[str]) -> HandStates:
-        """Return the same with some joints alone, in their order; all where none is named."""
+        """Return the states with the named joints alone, in their order; with all if none are named."""
         unknown = [name for name in names if name not in self.joints]
         if unknown:
             raise InputError("--joint", unknown[0], "joints of the hand: " + ", ".join(self.joints))
@@ -155,14 +155,14 @@ def _of_joints(solution: GraspSolution, hand: Json) -> HandStates:
 
 
 def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> HandStates:
-    """Return the states of parallel jaws, whose joints share the opening evenly; they close with the squeeze's force.
+    """Return the states of parallel jaws, whose joints share the opening evenly and close with the squeeze's force.
 
     Virtual work: with ``sum q_j`` the opening, each joint exerts the force between the pads, towards smaller positions.
     """
     asked = solution.problem["hand"]
     try:
         force = float(np.mean(squeeze_for_task(solution).normal))
-    except InputError as error:  # contacts that cannot press
+    except InputError as error:  # contacts that cannot be squeezed
         efforts, why = {}, str(error)
     else:
         efforts, why = dict.fromkeys(joints, -force), ""
@@ -190,8 +190,8 @@ def _pose(data: Json) -> FloatArray:
 
 
 def each_state(solution: GraspSolution, joints: Sequence[str]) -> list[tuple[GraspSolution, HandStates]]:
-    """Return every grasp that was kept as a solution of its own, best first, with its hand."""
+    """Return every kept grasp as a solution of its own, best first, with its hand states."""
     if solution.grasp is None:
-        HandStates.of(solution, joints)  # refuses it
+        HandStates.of(solution, joints)  # raises the error
     alone = [solution.with_answer(found) for found in solution.grasps]
     return [(one, HandStates.of(one, joints, f"grasp_{i}")) for i, one in enumerate(alone)]

@@ -1,1 +1,1 @@
-"""The page of a body."""
+"""HTML page of a body."""

@@ -1,4 +1,4 @@
-"""The page of a body: its surface to turn, how large it is and where, and what its faces are called."""
+"""HTML page of a body: 3D view, extents and names of faces."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from nlpgrasp.report.scene.alone import ScenePage
 from nlpgrasp.report.scene.axes import has_origin
 from nlpgrasp.report.solution.panel import Fact
 
-LARGE = 1.0  # metres: above, a body is no thing for a hand, and most often one in millimetres
-SMALL = 1e-3  # metres
-LISTED = 12  # faces whose names are listed
-NOTHING = 1e-4  # of the size: coordinates below are 0
+LARGE = 1.0  # metres: larger bodies are probably in millimetres
+SMALL = 1e-3  # metres: smaller bodies probably have a wrong unit
+LISTED = 12  # most names of faces that are listed
+NOTHING = 1e-4  # share of the size: smaller coordinates are shown as 0
 UNBROKEN = "\N{NO-BREAK SPACE}"
 UNDER = "ng.Table.under(body)"
-EXACT = 4  # digits of a table's height
+EXACT = 4  # digits of a suggested table height
 
 
 def write_body(body: Body, path: str | Path) -> Path:
-    """Write a page that shows a body; it opens from disk and needs no network.
+    """Write a self-contained HTML page that shows a body.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def write_body(body: Body, path: str | Path) -> Path:
 
 
 def card(body: Body) -> str:
-    """Return a small page that shows a body, for a notebook's frame."""
+    """Return a small page that shows a body, for a notebook."""
     return _shown(body).small(_size(body))
 
 
 def facts(body: Body) -> list[Fact]:
-    """Return what is to be known of a body before anything is solved with it."""
+    """Return the facts about a body: extents, faces and warnings."""
     extents = np.ptp(body.bounds, axis=0)
     names = body.face_names
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
@@ -72,7 +72,7 @@ def facts(body: Body) -> list[Fact]:
 
 
 def _bounds(body: Body) -> Fact:
-    """Return where the body is along each axis, and what to write for a table under it."""
+    """Return the body's range along each axis, and the height of a table under it as code."""
     bounds = 1e3 * body.bounds
     least = NOTHING * float(np.max(np.ptp(bounds, axis=0)))
     ends = [[rounded(v, least=least) for v in column] for column in bounds.T]
@@ -109,6 +109,6 @@ def _shown(body: Body) -> ScenePage:
 
 
 def _size(body: Body) -> str:
-    """Return the extents of a body in millimetres."""
+    """Return the extents of a body in millimetres, as text."""
     extents = vector(1e3 * np.ptp(body.bounds, axis=0)).split(", ")
     return " \N{MULTIPLICATION SIGN} ".join(extents) + " mm"

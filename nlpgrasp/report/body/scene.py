@@ -1,4 +1,4 @@
-"""What the page draws of a body: its surface, and where its faces are."""
+"""3D scene of a body: its surface and labels of its faces."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from nlpgrasp.report.scene.axes import body_axes
 from nlpgrasp.report.scene.camera import FROM_ABOVE, FROM_ASIDE, framed
 from nlpgrasp.report.scene.surfaces import cut, surface
 
-MOST = 6000  # triangles
-ENOUGH = 2000  # triangles among which the middle of a face is looked for
-NAMED = 24  # faces that have labels, at most
-DOT = 0.02  # radius of the mark under a label, of the body's size
-DIGITS = 7  # after the point, metres: what is for looking at
+MOST = 6000  # most triangles
+ENOUGH = 2000  # triangles for locating the middle of a face
+NAMED = 24  # most labelled faces
+DOT = 0.02  # radius of the mark under a label, as a share of the body's size
+DIGITS = 7  # decimals of coordinates for display, metres
 
 
 def drawn_shape(body: Body) -> Triangles:
-    """Return the surface that is drawn of a body."""
+    """Return the triangles that are drawn for a body."""
     return Triangles(*triangles(body, MOST))
 
 
 def scene(body: Body, shape: Triangles | None = None) -> Json:
-    """Return what the viewer draws of a body; metres, body frame: as ``report.scene`` does of a grasp.
+    """Return the viewer's scene of a body; metres, body frame, in the format of ``report.scene``.
 
-    The names of the faces stand at ``contacts``; ``axes`` are those of the frame. ``shape`` is ``drawn_shape(body)``,
-    where that is there already.
+    The names of the faces are under ``contacts``; ``axes`` are those of the frame. ``shape`` is ``drawn_shape(body)``,
+    if already computed.
     """
     shape = drawn_shape(body) if shape is None else shape
     size = drawn_size(Drawing(shape), None)
@@ -54,7 +54,7 @@ def scene(body: Body, shape: Triangles | None = None) -> Json:
 
 
 def _labels(body: Body, shape: Triangles) -> list[Json]:
-    """Return where each face's name stands, of a body with several: near its middle, on it."""
+    """Return the labels of a body with several faces, each on its face near the middle."""
     if not 1 < len(body.faces) <= NAMED:
         return []
     corners = cut(shape, ENOUGH)
@@ -62,7 +62,7 @@ def _labels(body: Body, shape: Triangles) -> list[Json]:
     areas = np.linalg.norm(across, axis=1)
     near = np.stack([_distance(body, name, centres) for name in body.face_names])
     owner = np.argmin(near, axis=0)
-    if body.space == 2:  # a plate's upper and lower side are none of its faces
+    if body.space == 2:  # the plate's upper and lower sides are not faces of the body
         owner[np.abs(across[:, 2]) > 0.5 * np.maximum(areas, 1e-300)] = -1
     found = []
     for i, name in enumerate(body.face_names):
@@ -75,7 +75,7 @@ def _labels(body: Body, shape: Triangles) -> list[Json]:
 
 
 def _distance(body: Body, name: str, points: FloatArray) -> FloatArray:
-    """Return how far points (m, 3) are from a face, (m,), metres, as far as surface and extents tell."""
+    """Return approximate distances of points (m, 3) from a face, (m,), metres, from surface and extents."""
     h, slope, _, extent = body.evaluate(name, points[:, : body.space])
     return np.asarray(np.abs(h) / np.maximum(slope, 1e-12) + np.maximum(extent, 0.0))
 

@@ -1,1 +1,1 @@
-"""A page and plots of an experiment."""
+"""HTML page and plots of an experiment."""

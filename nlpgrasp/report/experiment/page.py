@@ -1,4 +1,4 @@
-"""One self-contained page of an experiment: table, intervals, pictures, what failed, how to do it again."""
+"""HTML page of an experiment: table, certified intervals, plots, failures and how to reproduce it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CAPTIONS = {
 
 
 def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -> Path:
-    """Write the page; it opens from disk and needs nothing else.
+    """Write the self-contained HTML page.
 
     Raises
     ------

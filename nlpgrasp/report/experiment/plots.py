@@ -1,4 +1,4 @@
-"""Pictures of an experiment, by matplotlib (extra ``viz``)."""
+"""Plots of an experiment, by matplotlib (extra ``viz``)."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
     Draw = Callable[[Sequence[VariationResult]], Figure]
 
-WHAT = "a picture"  # that needs matplotlib
-MOST_SHOWN = 30  # variations in a picture: the best
-MOST_COLOURS = 10  # of them with a colour and a name where lines are drawn
-SMALLEST = 1e-6  # share drawn for none
-Z = 1.96  # of a 95 % interval
+WHAT = "a picture"  # for the message on missing matplotlib
+MOST_SHOWN = 30  # most variations in a plot: the best ones
+MOST_COLOURS = 10  # most variations with a colour and a name in line plots
+SMALLEST = 1e-6  # share that is drawn for zero
+Z = 1.96  # normal quantile of a 95 % interval
 
 
 def write_plots(result: ExperimentResult, folder: Path) -> list[Path]:
-    """Write the pictures into a folder and return their paths; none where nothing was found.
+    """Write the plots into a folder and return their paths; none without any grasp.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def draw_mu(variations: Sequence[VariationResult]) -> Figure:
 
 
 def draw_time(variations: Sequence[VariationResult]) -> Figure:
-    """Draw the best certified lower bound against the solver's time, a line a seed."""
+    """Draw the best certified lower bound over the solver's time, a line per seed."""
     figure, ax = _blank(4.0)
     for i, v in enumerate(variations[:MOST_COLOURS]):
         for j, solve in enumerate(s for s in v.solves if s.success):
@@ -84,7 +84,7 @@ def draw_time(variations: Sequence[VariationResult]) -> Figure:
 
 
 def draw_convergence(variations: Sequence[VariationResult]) -> Figure:
-    """Draw how far the exchange was from where it ended, round by round, of each variation's best start."""
+    """Draw the relative distance of the refinement from its final value, by round, for each variation's best start."""
     figure, ax = _blank(4.0)
     for i, v in enumerate(variations[:MOST_COLOURS]):
         start = None if v.best is None else v.best.best_start
@@ -101,7 +101,7 @@ def draw_convergence(variations: Sequence[VariationResult]) -> Figure:
 
 
 def draw_success(variations: Sequence[VariationResult]) -> Figure:
-    """Draw the share of starts that found a certified grasp, with Wilson's 95 % interval."""
+    """Draw the share of starts with a certified grasp, with Wilson's 95 % interval."""
     figure, ax = _blank(1.2 + 0.32 * len(variations))
     for row, v in enumerate(variations):
         good, total = v.starts
@@ -118,7 +118,7 @@ def draw_success(variations: Sequence[VariationResult]) -> Figure:
 
 
 def wilson(good: int, total: int) -> tuple[float, float]:
-    """Return Wilson's interval of a share (1927, doi:10.1080/01621459.1927.10502953)."""
+    """Return Wilson's score interval of a proportion (1927, doi:10.1080/01621459.1927.10502953)."""
     share, z2 = good / total, Z**2 / total
     middle = share + 0.5 * z2
     half = Z * np.sqrt(share * (1.0 - share) / total + 0.25 * z2 / total)
@@ -133,7 +133,7 @@ def _blank(height: float) -> tuple[Figure, Axes]:
 
 def _written(path: Path, draw: Draw, variations: Sequence[VariationResult]) -> Path:
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # names in scripts that the font lacks: drawn as boxes
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # characters that the font lacks are drawn as boxes
         return write_figure(draw(variations), path)
 
 
@@ -149,4 +149,4 @@ def _legend(ax: Axes, count: int) -> None:
 
 def _short(name: str, longest: int = 32) -> str:
     short = name if len(name) <= longest else name[: longest - 3] + "..."
-    return short.replace("$", r"\$")  # no mathematics
+    return short.replace("$", r"\$")  # no math mode

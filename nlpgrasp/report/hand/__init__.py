@@ -1,1 +1,1 @@
-"""A hand on a page of its own, before anything is solved with it."""
+"""HTML page of a hand before any solve."""

@@ -1,4 +1,4 @@
-"""A hand as a small page, for a notebook's frame: the scene to turn, and postures to set."""
+"""Small page of a hand for a notebook: 3D view and postures."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from nlpgrasp.report.frame import ICON, page, style, viewer
 from nlpgrasp.report.hand import controls
 from nlpgrasp.report.hand.stage import VIEWER, data, palm_words, stage
 
-FEW = 12_000  # triangles of all links together: a notebook keeps the page
+FEW = 12_000  # most triangles of all links together: a notebook stores the page
 
 
 def card(hand: Hand) -> str:
-    """Return the page.
+    """Return the small page of a hand.
 
     Raises
     ------

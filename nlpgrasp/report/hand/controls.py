@@ -1,4 +1,4 @@
-"""What moves the hand on its page: postures and sliders, those of a finger together; switches of what is shown."""
+"""Controls of a hand's page: postures, joint sliders by finger, and visibility switches."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.hands.inspection.opposition import Opposition
 from nlpgrasp.report.hand.tree import listed
 
-ONE_DIGIT = 100.0  # degrees or millimetres below which a tenth is shown
+ONE_DIGIT = 100.0  # degrees or millimetres below which one decimal is shown
 GENERAL = ("relaxed", "zero", "lower limits", "upper limits")
 SWITCHES = (
     ("links", "Links", True),
@@ -26,7 +26,7 @@ SWITCHES = (
 
 
 def postures(hand: Inspected, met: Opposition | None) -> Json:
-    """Return positions of the free joints by the name that a button has for them; radians or metres."""
+    """Return positions of the free joints for each posture button; radians or metres."""
     found = {"relaxed": listed(hand.at_rest)}
     if hand.tree.robot.free_joints:
         lower, upper = hand.tree.joint_limits
@@ -38,12 +38,12 @@ def postures(hand: Inspected, met: Opposition | None) -> Json:
 
 
 def posture_name(numbers: tuple[int, ...]) -> str:
-    """Return the name of the posture in which fingertips are nearest to each other."""
+    """Return the name of the posture in which given fingertips are nearest to each other."""
     return "tips " + " ".join(map(str, numbers))
 
 
 def posture_button(name: str, text: str, pressed: bool = False) -> str:
-    """Return a button that puts the joints into a posture."""
+    """Return a button that sets the joints to a posture."""
     return (
         f'<button type="button" data-posture="{escape(name)}" aria-pressed="{str(pressed).lower()}">'
         f"{escape(text)}</button>"
@@ -51,13 +51,13 @@ def posture_button(name: str, text: str, pressed: bool = False) -> str:
 
 
 def general_postures() -> str:
-    """Return the buttons of the postures that every hand has."""
+    """Return the buttons of the postures common to all hands."""
     named = "".join(posture_button(name, name.capitalize(), name == "relaxed") for name in GENERAL)
     return f'<div class="postures">{named}</div>'
 
 
 def sliders(hand: Inspected) -> str:
-    """Return the sliders of all free joints, by finger, with what follows them."""
+    """Return the sliders of all free joints, by finger, with their mimic joints."""
     groups = "".join(_group(hand, finger) for finger in fingers(hand.tree))
     if not groups:
         return '<aside class="sliders"><p class="note">No joint moves.</p></aside>'
@@ -71,7 +71,7 @@ def _group(hand: Inspected, finger: Finger) -> str:
 
 
 def _slider(hand: Inspected, number: int) -> str:
-    """Return the slider of a free joint, and the positions of those that follow it."""
+    """Return the slider of a free joint, with the positions of its mimic joints."""
     robot = hand.tree.robot
     joint = robot.free_joints[number]
     lower, upper, _ = robot.ranges[joint.name]

@@ -1,4 +1,4 @@
-"""The page of a hand: its links and fingertips to turn and move, and what is to be known of them."""
+"""HTML page of a hand: 3D view with movable joints, and warnings about it."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ KEY = (("link", "collision shapes"), ("finger", "fingertips"), ("task", "where t
 
 
 def write_hand(hand: Hand | Inspected | Inspection, path: str | Path) -> Path:
-    """Write a page that shows a hand; it opens from disk and needs no network.
+    """Write a self-contained HTML page that shows a hand.
 
     Parameters
     ----------
     hand : Hand, Inspected or Inspection
-        With links; an ``Inspected`` may lack fingertips; an ``Inspection`` is not looked through again.
+        A hand with links; an ``Inspected`` may lack fingertips; an ``Inspection`` is not repeated.
     path : str or Path
-        Where the page goes; a file that is there is replaced.
+        Path of the page; an existing file is replaced.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the page draws of a hand: surfaces in their links' frames, spheres, fingertips, and where the camera is."""
+"""3D scene of a hand: link surfaces, collision spheres, fingertips and camera."""
 
 from __future__ import annotations
 
@@ -16,33 +16,32 @@ from nlpgrasp.report.scene.axes import frame_axes
 from nlpgrasp.report.scene.camera import TILTS, TURNS
 from nlpgrasp.report.scene.surfaces import surface
 
-MOST, FEWEST, ALL = 3000, 200, 60_000  # triangles of a collision shape, and of all together
-DIGITS = 7  # after the point, metres: what is for looking at
-AXIS = 0.2  # length of the palm's axes, of the hand's size
-DOT = 0.012  # of the hand's size: a frame that may become a fingertip
-ABOVE = 0.05  # how much a view from above counts against one from below
-FACED = 0.35  # how much a view into the palm counts against one that shows the hand at its broadest
-PADS = 1.5  # how much a view at the fingertips' patches counts
+MOST, FEWEST, ALL = 3000, 200, 60_000  # most and least triangles of a shape, most of all together
+DIGITS = 7  # decimals of coordinates for display, metres
+AXIS = 0.2  # length of the palm's axes, as a share of the hand's size
+DOT = 0.012  # share of the hand's size: mark of a possible fingertip
+ABOVE = 0.05  # weight of a view from above over one from below
+FACED = 0.35  # weight of a view into the palm, relative to the broadest view
+PADS = 1.5  # weight of a view at the fingertips' patches
 
 
 def scene(hand: Inspected, most: int = ALL) -> Json:
-    """Return what is drawn of a hand; metres, each in its link's frame.
+    """Return the scene of a hand; metres, in each link's frame.
 
     Parameters
     ----------
     hand : Inspected
     most : int
-        Triangles of all links together, about.
+        Approximate largest number of triangles of all links together.
 
     Returns
     -------
     dict
-        ``surfaces``: each once. ``parts``: number of link and surface. ``spheres``: number of link, and centre and
-        radius of each ball. ``tips``: number of link, name, surface, centre. ``leaves``: numbers of the links that may
-        have a fingertip, where none are stated. ``corners``: number of link and corners of the box around its shapes,
-        for the frame. ``approach``: from where and along which unit direction, palm frame. ``axes``: of the
-        palm's frame. ``size``, ``dot``: of the hand and of a leaf's mark. ``view``: of the camera, turn and tilt,
-        degrees.
+        ``surfaces``: distinct surfaces. ``parts``: link number and surface. ``spheres``: link number, centre and radius
+        of each sphere. ``tips``: link number, name, surface, centre. ``leaves``: numbers of the links that may have a
+        fingertip, if none are stated. ``corners``: link number and corners of its shapes' bounding box, for framing.
+        ``approach``: origin and unit direction, palm frame. ``axes``: of the palm's frame. ``size``, ``dot``: of the
+        hand and of a leaf's mark. ``view``: azimuth and elevation of the camera, degrees.
     """
     robot = hand.tree.robot
     index = {name: i for i, name in enumerate(robot.links)}
@@ -92,7 +91,7 @@ def scene(hand: Inspected, most: int = ALL) -> Json:
 
 
 def _corners(vertices: FloatArray) -> list[list[float]]:
-    """Return the corners of the box around points."""
+    """Return the corners of the bounding box of points."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     every = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
     return [listed(corner, DIGITS) for corner in every]
@@ -103,7 +102,7 @@ def _balls(centres: FloatArray, radii: FloatArray) -> list[list[float]]:
 
 
 def _palm(hand: Inspected) -> list[float]:
-    """Return where the palm's direction is drawn from: the far side of its shapes; its origin where it has none."""
+    """Return the origin of the drawn palm direction: the far side of the palm's shapes, or the palm's origin."""
     shapes = hand.tree.robot.shapes.get(hand.tree.robot.root, ())
     if not shapes:
         return [0.0, 0.0, 0.0]
@@ -113,7 +112,7 @@ def _palm(hand: Inspected) -> list[float]:
 
 
 def _poses(hand: Inspected) -> dict[str, FloatArray]:
-    """Return the poses (4, 4) of the links that are looked at, palm frame, in the relaxed posture."""
+    """Return the poses (4, 4) of the used links, palm frame, in the relaxed posture."""
     names = hand.tree.used_links
     if not names:
         return {}
@@ -122,7 +121,7 @@ def _poses(hand: Inspected) -> dict[str, FloatArray]:
 
 
 def _placed(hand: Inspected, corners: Sequence[Json]) -> FloatArray:
-    """Return the corners (n, 3) in the palm's frame, of the links that are looked at, and the palm's origin."""
+    """Return the used links' corners (n, 3) in the palm's frame, and the palm's origin."""
     poses, links = _poses(hand), hand.tree.robot.links
     placed = [np.zeros((1, 3))]
     for entry in corners:
@@ -133,7 +132,7 @@ def _placed(hand: Inspected, corners: Sequence[Json]) -> FloatArray:
 
 
 def _facing(hand: Inspected) -> FloatArray:
-    """Return the mean outward normal of each fingertip's patch, (k, 3), palm frame: zero of a ball."""
+    """Return the mean outward normal of each fingertip's patch, (k, 3), palm frame; zero for a ball."""
     poses, means = _poses(hand), [np.zeros((0, 3))]
     for link, tip in hand.tree.tips:
         shape = tip.surface()
@@ -145,7 +144,7 @@ def _facing(hand: Inspected) -> FloatArray:
 
 
 def _view(points: FloatArray, hand: Inspected) -> list[float]:
-    """Return turn and tilt, degrees, that show the hand broadly, look into the palm and at flat fingertips."""
+    """Return azimuth and elevation, degrees, of a view that is broad, into the palm and at flat fingertips."""
     turn, tilt = (x.ravel() for x in np.meshgrid(TURNS, [*TILTS, *-TILTS], indexing="ij"))
     eyes = np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], axis=1)
     centred = points - points.mean(axis=0)

@@ -1,4 +1,4 @@
-"""The scene of a hand on a page, and the data that its viewer reads."""
+"""Scene of a hand in a page, with the viewer's data."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def stage(hand: Inspected) -> str:
 
 
 def data(hand: Inspected, met: Opposition | None, most: int) -> str:
-    """Return what the viewer reads, as JSON for a script element.
+    """Return the viewer's data as JSON for a script element.
 
     Parameters
     ----------
     hand : Inspected
     met : Opposition or None
-        Which fingertips come together, for postures.
+        Opposition of the fingertips, for postures.
     most : int
-        Triangles of all links together, about.
+        Approximate largest number of triangles of all links together.
     """
     found = {"tree": joint_tree(hand), "drawn": scene(hand, most), "postures": controls.postures(hand, met)}
     return json.dumps(found, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def palm_words(hand: Inspected) -> str:
-    """Return where the palm faces, in words."""
+    """Return the palm's facing direction as text."""
     return f"palm faces {listed(hand.tree.approach)} of link {hand.tree.robot.root}"

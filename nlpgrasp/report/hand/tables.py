@@ -1,4 +1,4 @@
-"""What the page of a hand says below its scene: findings, fingertips, joints and links."""
+"""Tables of a hand's page: warnings, fingertips, joints and links."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from nlpgrasp.report.table import Html, table
 
 
 def told(found: Inspection) -> str:
-    """Return what is to be known, as a list."""
+    """Return the warnings as an HTML list."""
     good = (f"{GOOD[0].upper()}{GOOD[1:]}", "good")
-    # what is to be pasted keeps its minus signs
+    # code to paste keeps its minus signs
     said = [(f.text if f.command else typeset(f.text), "grave" if f.grave else "some") for f in found.sentences]
     paste = f"<pre>{escape(chr(10).join(found.to_paste))}</pre>" if found.to_paste else ""  # of the first sentence
     entries = "".join(
@@ -32,7 +32,7 @@ def told(found: Inspection) -> str:
 
 
 def fingertips(hand: Inspected) -> str:
-    """Return the fingertips, one a row."""
+    """Return the table of fingertips."""
     robot = hand.tree.robot
     rows = []
     for i, (link, tip) in enumerate(hand.tree.tips):
@@ -43,7 +43,7 @@ def fingertips(hand: Inspected) -> str:
 
 
 def patch_words(tip: Tip) -> str:
-    """Return a patch as text: its kind and its sizes."""
+    """Return a patch as text: its kind and dimensions."""
     data = tip.to_dict()
     kind, parts = str(data["type"]).replace("_", " "), []
     if tip.standoff > 0.0:
@@ -59,7 +59,7 @@ def patch_words(tip: Tip) -> str:
 
 
 def meetings(met: Opposition | None) -> str:
-    """Return how near each two fingertips come, face to face, as buttons that show it."""
+    """Return the least distance of each pair of fingertips face to face, as buttons that set the posture."""
     if met is None or not met.pairs:
         return ""
     count = max(i for pair in met.pairs for i in pair.fingers) + 1
@@ -77,7 +77,7 @@ def meetings(met: Opposition | None) -> str:
 
 
 def _sets(met: Opposition) -> str:
-    """Return the sets that do not come together, with buttons."""
+    """Return the sets of fingertips that do not meet, with buttons."""
     if not met.apart:
         return ""
     buttons = "".join(
@@ -101,7 +101,7 @@ def _far(met: Meeting) -> str:
 
 
 def joints(hand: Inspected) -> str:
-    """Return the joints, one a row: limits, and efforts by the file and as they are used."""
+    """Return the table of joints: limits, and effort limits of the file and in use."""
     robot = hand.tree.robot
     order = [robot.free_joints[i].name for finger in fingers(hand.tree) for i in finger.joints]
     moving = sorted((j for j in robot.joints if j.moves), key=lambda j: order.index(robot.follows(j)[0]))
@@ -131,7 +131,7 @@ def _effort(joint: Joint, effort: float | None) -> str:
 
 
 def links(hand: Inspected) -> str:
-    """Return the links, one a row: their shapes, and how closely spheres fit."""
+    """Return the table of links: their shapes, and the fitting errors of their spheres."""
     robot = hand.tree.robot
     rows = []
     for link in robot.links:

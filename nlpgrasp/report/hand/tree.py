@@ -1,4 +1,4 @@
-"""The joint tree of a hand as data: all that the page's own kinematics need."""
+"""Kinematic tree of a hand as data for the page's kinematics."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.inspection.inspected import Inspected
 from nlpgrasp.hands.robot.robot import Joint
 
-DIGITS = 12  # after the point, of lengths in metres and of cosines
+DIGITS = 12  # decimals of lengths in metres and of cosines
 
 
 def joint_tree(hand: Inspected) -> Json:
-    """Return links, joints and what drives them.
+    """Return links, joints and their drivers.
 
     Returns
     -------
@@ -23,7 +23,7 @@ def joint_tree(hand: Inspected) -> Json:
         ``parent`` and ``child``, ``origin`` (the child's frame in the parent's at position 0, the 12 numbers of its
         upper three rows), ``kind`` (fixed, turns, slides), unit ``axis`` in the joint's frame, and for one that moves
         ``driver``, ``multiplier`` and ``offset``: its position is ``multiplier * positions[driver] + offset``.
-        ``drivers``: the joints that follow none, with name, whether they turn, and limits, radians or metres.
+        ``drivers``: the free joints, with name, whether they turn, and limits, radians or metres.
     """
     robot = hand.tree.robot
     index = {name: i for i, name in enumerate(robot.links)}
@@ -57,5 +57,5 @@ def _origin(joint: Joint) -> FloatArray:
 
 
 def listed(values: FloatArray, digits: int = DIGITS) -> list[float]:
-    """Return numbers as a list, rounded, with no -0."""
+    """Return numbers as a rounded list, without -0."""
     return [float(v) + 0.0 for v in np.round(np.asarray(values, dtype=float), digits)]

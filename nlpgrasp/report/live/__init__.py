@@ -1,1 +1,1 @@
-"""A grasp on a page of this computer that Python answers: sliders over task wrenches, finger forces and the hand."""
+"""Interactive viewer of a grasp by a local server: sliders for task wrenches, finger forces and the hand."""

@@ -1,4 +1,4 @@
-"""Sliders beside the scene: which wrench of the task and how much of it, the hand; and what each finger presses."""
+"""Controls of the interactive viewer: task wrench, its share, the hand's approach, and the finger forces as text."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from nlpgrasp.report.solution.chosen_wrenches import ChosenWrench, pushed
 from nlpgrasp.report.solution.panel import verdict
 from nlpgrasp.solution.solution import GraspSolution
 
-WHOLE = 100.0  # per cent of the task
-HEAD = 2.4  # radius of an arrow's head, of its shaft's
+WHOLE = 100.0  # per cent: the whole task
+HEAD = 2.4  # radius of an arrow's head over its shaft's
 SHORT = 1e-3  # share of the task below which no arrow is drawn
 
 
 class Controls:
-    """What moves arrows and hand, and says what they are.
+    """Sliders that move arrows and hand, with text about the forces.
 
     Parameters
     ----------
@@ -30,13 +30,13 @@ class Controls:
     solution : GraspSolution
         With a grasp.
     chosen : sequence of ChosenWrench
-        What the slider goes through; none of a grasp that holds no wrench.
+        Wrenches of the slider; empty for a grasp that holds none.
     data : mapping
         The scene.
     way : Way or None
-        Of the hand.
+        Approach of the hand.
     hand : sequence of handle
-        What is drawn of it.
+        Drawn parts of the hand.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Controls:
             self.seen.on_update(lambda _: self.hide(hand))
 
     def press(self) -> None:
-        """Draw the finger forces of the wrench and share that the sliders say, and state them in newtons."""
+        """Draw the finger forces for the selected wrench and share, and state them in newtons."""
         i = min(int(self.which.value), len(self.chosen) - 1)
         share = float(self.share.value) / WHOLE
         arrows = np.asarray(self.data["arrows"][i], dtype=float)
@@ -87,7 +87,7 @@ class Controls:
         self.told.content = self.words(i, share)
 
     def words(self, i: int, share: float) -> str:
-        """Return a share of a wrench of the task as given, and what each finger does for it, as Markdown."""
+        """Return the share of a task wrench and the finger forces for it, as Markdown."""
         grasp, chosen = self.solution.require_grasp(), self.chosen[i]
         name = chosen.label.partition(":")[0]
         lines = [
@@ -101,13 +101,13 @@ class Controls:
         return "\n".join(lines)
 
     def move(self, way: Way) -> None:
-        """Put the hand where its slider says."""
+        """Move the hand to the slider's position."""
         at = float(self.along.value)
         way.put(at)
         self.where.content = way.where(at)
 
     def hide(self, hand: Sequence[Any]) -> None:
-        """Show the hand or not."""
+        """Set the visibility of the hand."""
         for part in hand:
             part.visible = bool(self.seen.value)
 
@@ -121,5 +121,5 @@ def _newtons(value: float) -> str:
 
 
 def _plain(name: str) -> str:
-    """Return a name without what Markdown makes something else of."""
+    """Return a name without Markdown syntax."""
     return "".join(c for c in name if c.isalnum() or c in " -.,:()")

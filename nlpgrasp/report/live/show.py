@@ -1,4 +1,4 @@
-"""Serving a grasp on this computer alone, or saying in a sentence why not."""
+"""Start of the interactive viewer on this computer, or a message why not."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from nlpgrasp.solution.solution import GraspSolution
 
 HOST = "127.0.0.1"
 LARGEST_PORT = 65535
-_viewers: dict[int, Viewer] = {}  # by port: what is shown again takes the place of what was shown before
+_viewers: dict[int, Viewer] = {}  # by port: a new grasp replaces the previous one
 
 
 def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | None = None) -> str | None:
-    """Show a grasp on a page of this computer, and return its address; a script waits there until Ctrl-C.
+    """Show a grasp in the local viewer, and return its address; a script waits until Ctrl-C.
 
     Parameters
     ----------
     solution : GraspSolution
     port : int or None
-        None for the one that was used before, and for a free one.
+        None for the previously used port, or a free one.
     hand : Hand or None
-        The hand that the grasp was found with, for a slider over its way; a solve's solution knows it.
+        The hand of the problem, for a slider over its approach; the solution of a solve knows it.
 
     Returns
     -------
     str or None
-        None, after a sentence, without the extra, where the port is taken, or without a port and without a display;
-        None too without a grasp to draw, and without a port where no browser opens.
+        None, after a message, without the extra, where the port is taken, or without a port and a display; None too
+        without a grasp to draw, and without a port where no browser opens.
 
     Raises
     ------
     InputError
-        On a port that is none, and another hand.
+        On an invalid port, and another hand.
     """
     if port is not None:
         integer("show.port", port, at_least=1, at_most=LARGEST_PORT)
@@ -78,15 +78,15 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
 def served(
     viser: ModuleType, solution: GraspSolution, port: int | None = None, hand: Hand | None = None
 ) -> Viewer | None:
-    """Return what serves a grasp at a port, a free one for None; None where another program has the port."""
+    """Return the viewer of a grasp at a port, a free one for None; None where another program has the port."""
     chosen = next(iter(_viewers), None) if port is None else port
     if chosen not in _viewers:
         chosen = _free(0 if port is None else port)
         if chosen is None:
             return None
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints a banner
+        with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
             viewer = Viewer(viser, HOST, chosen)
-        if viewer.port != chosen:  # taken in between
+        if viewer.port != chosen:  # taken in the meantime
             viewer.stop()
             return None
         _viewers[chosen] = viewer
@@ -95,7 +95,7 @@ def served(
 
 
 def stop(port: int) -> None:
-    """Stop what is served at a port."""
+    """Stop the viewer at a port."""
     with contextlib.redirect_stdout(io.StringIO()):
         _viewers.pop(port).stop()
 
@@ -103,7 +103,7 @@ def stop(port: int) -> None:
 def _free(port: int) -> int | None:
     """Return the port, or any free one for 0; None where it is taken."""
     with socket.socket() as probe:
-        if sys.platform != "win32":  # there it would share a port that is taken
+        if sys.platform != "win32":  # on Windows it would share a taken port
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))
@@ -113,7 +113,7 @@ def _free(port: int) -> int | None:
 
 
 def _wait(port: int) -> None:
-    """Keep a script where it is until Ctrl-C; at a prompt and in a notebook, come back at once."""
+    """Block a script until Ctrl-C; return at once at a prompt and in a notebook."""
     if hasattr(sys, "ps1") or sys.flags.interactive or "ipykernel" in sys.modules:
         return
     sys.stdout.write("Ctrl-C ends it.\n")

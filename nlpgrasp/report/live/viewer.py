@@ -1,4 +1,4 @@
-"""The scene of a report, drawn by viser: what the page's own viewer draws, from the same data."""
+"""Viser viewer of a grasp, with the same scene data as the HTML report."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from nlpgrasp.report.scene.scene import scene
 from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches
 from nlpgrasp.solution.solution import GraspSolution
 
-GLASS = {"link": 0.6, "tip": 0.85, "obstacle": 0.45, "table": 0.5}  # how much of a part is seen, by its group
+GLASS = {"link": 0.6, "tip": 0.85, "obstacle": 0.45, "table": 0.5}  # opacity by group
 FREE_TIP = 0.5
-SIDES = 32  # of a disc
-OVER = 0.006  # of the body's size: how far discs stand out
-AWAY = 2.9  # of the body's size, from its middle to the eye
-CELLS = 12  # of a table's grid, along a side
+SIDES = 32  # sides of a disc
+OVER = 0.006  # share of the body's size: height of discs over the surface
+AWAY = 2.9  # distance of the camera from the body's middle, in body sizes
+CELLS = 12  # grid cells along a side of a table
 
 
 class Viewer:
-    """A server of this computer that draws one grasp at a time.
+    """A local viser server that draws one grasp at a time.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Viewer:
     """
 
     def __init__(self, viser: ModuleType, host: str, port: int) -> None:
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that goes away is no error
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a closed browser is not an error
         self.server: Any = viser.ViserServer(host=host, port=port, label="nlpgrasp", verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self.host = host
@@ -46,11 +46,11 @@ class Viewer:
 
     @property
     def address(self) -> str:
-        """Where a browser finds the page."""
+        """Address of the page."""
         return f"http://{self.host}:{self.port}"
 
     def show(self, solution: GraspSolution, hand: Hand | None = None) -> None:
-        """Draw a solution that has a grasp, in place of what was drawn; with its hand, the way of the hand."""
+        """Draw a solution that has a grasp, in place of the previous one; with its hand, the approach too."""
         chosen = chosen_wrenches(solution)
         data = scene(solution, chosen)
         if data is None:
@@ -73,7 +73,7 @@ class Viewer:
         self.server.stop()
 
     def _look(self, data: Json) -> None:
-        """Put the camera where the report has it at first."""
+        """Set the camera to the report's initial view."""
         frame = np.asarray(data["frame"], dtype=float)
         middle, size = (frame.min(axis=0) + frame.max(axis=0)) / 2.0, float(data["size"])
         turn, tilt = np.radians(data["view"])
@@ -83,7 +83,7 @@ class Viewer:
         camera.look_at, camera.position = tuple(middle), tuple(middle + AWAY * size * back)
 
     def _parts(self, data: Json) -> list[tuple[str, Any]]:
-        """Draw the surfaces; return the hand's links with their names, and all else without."""
+        """Draw the surfaces; return the hand's links with their names, other parts without."""
         found = []
         for i, part in enumerate(data["parts"]):
             group = part["group"]
@@ -114,12 +114,12 @@ class Viewer:
 
 
 def unpacked(text: str, kind: str) -> FloatArray:
-    """Return the numbers of a surface's data (``report.scene.surfaces.packed``)."""
+    """Return the numbers of packed surface data (``report.scene.surfaces.packed``)."""
     return np.asarray(np.frombuffer(base64.b64decode(text), kind))
 
 
 def rgb(role: str) -> tuple[int, int, int]:
-    """Return a colour of all pages as red, green and blue, from 0 to 255."""
+    """Return a colour of the pages as red, green and blue, from 0 to 255."""
     red, green, blue = bytes.fromhex(COLOURS[role].removeprefix("#"))
     return red, green, blue
 

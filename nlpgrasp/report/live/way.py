@@ -1,4 +1,4 @@
-"""The way of the hand to its grasp: where its parts are on it, for a slider."""
+"""Approach of a hand to its grasp, as positions of its drawn parts for a slider."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from nlpgrasp.hands.urdf.linked_hand import LinkedHand
 from nlpgrasp.solution.phases.phase import GRASP, LIFT, Phase
 from nlpgrasp.solution.solution import GraspSolution
 
-FAR = 0.6  # of the body's size: how far free fingertips go back
+FAR = 0.6  # share of the body's size: retreat of free fingertips
 
 
 @dataclass(frozen=True)
 class Way:
-    """A way of the hand from afar.
+    """Approach path of a hand.
 
     Parameters
     ----------
     names : tuple of str
-        Of the keyframes.
+        Names of the keyframes.
     grasp : int
-        The keyframe of the grasp.
+        Index of the grasp's keyframe.
     put : callable
-        Moves what is drawn to a place on the way, from 0 to the number of the last keyframe.
+        Moves the drawn parts to a position on the path, from 0 to the index of the last keyframe.
     """
 
     names: tuple[str, ...]
@@ -39,13 +39,13 @@ class Way:
     put: Callable[[float], None]
 
     def where(self, at: float) -> str:
-        """Return a place on the way in words."""
+        """Return a position on the path as text."""
         before = self.names[int(at)]
         return before if at == int(at) else f"{before} to {self.names[int(at) + 1]}"
 
 
 def own_hand(solution: GraspSolution, hand: Hand | None) -> None:
-    """Refuse another hand than the one that a grasp was found with.
+    """Refuse another hand than the problem's.
 
     Raises
     ------
@@ -61,30 +61,30 @@ def own_hand(solution: GraspSolution, hand: Hand | None) -> None:
 def hand_way(
     solution: GraspSolution, data: Json, links: Mapping[str, Any], tips: Sequence[Any], hand: Hand | None = None
 ) -> Way | None:
-    """Return the way of a hand with links, or of free fingertips; None for a hand that cannot be moved.
+    """Return the approach of a hand with links, or of free fingertips; None for a hand that cannot be moved.
 
     Parameters
     ----------
     solution : GraspSolution
     data : mapping
-        Its scene.
+        Scene of the solution.
     links : mapping of str to handle
-        What is drawn of the hand's links, by name.
+        Drawn parts of the hand's links, by name.
     tips : sequence of handle
         Free fingertips.
     hand : Hand or None
-        The one with the links.
+        The hand with the links.
     """
     if tips:
         return _tips_back(data, tips)
-    phases = [phase for phase in solution.phases if phase.name != LIFT]  # there the body moves along
+    phases = [phase for phase in solution.phases if phase.name != LIFT]  # in a lift the body moves along
     if not links or [phase.name for phase in phases].count(GRASP) != 1 or len(phases) < 2:
         return None
     return _links_along(hand, phases, links) if isinstance(hand, LinkedHand) else None
 
 
 def between(phases: Sequence[Phase], at: float) -> Phase:
-    """Return the hand between keyframes, which have the palm turned alike, on a straight way."""
+    """Return the hand interpolated linearly between keyframes of one palm orientation."""
     i = min(int(at), len(phases) - 2)
     share, first, last = at - i, phases[i], phases[i + 1]
     joints = {name: (1.0 - share) * value + share * last.joints[name] for name, value in first.joints.items()}
@@ -113,7 +113,7 @@ def _poses(hand: LinkedHand, phase: Phase) -> dict[str, FloatArray]:
 
 
 def _tips_back(data: Json, tips: Sequence[Any]) -> Way:
-    """Return the way of free fingertips, along their contacts' normals."""
+    """Return the approach of free fingertips, along their contacts' normals."""
     contacts = [contact for contact in data["contacts"] if contact["tip"] > 0.0]
 
     def put(at: float) -> None:

@@ -1,1 +1,1 @@
-"""The page of a problem."""
+"""HTML page of a problem."""

@@ -1,4 +1,4 @@
-"""The page of a problem: the body in its surroundings, and what is asked in words, before anything is solved."""
+"""HTML page of a problem before any solve: body and surroundings, with the task and constraints as text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlpgrasp.report.solution.panel import Fact
 
 
 def write_problem(problem: GraspProblem, path: str | Path) -> Path:
-    """Write a page that shows a problem; it opens from disk and needs no network.
+    """Write a self-contained HTML page that shows a problem.
 
     Parameters
     ----------
@@ -30,17 +30,17 @@ def write_problem(problem: GraspProblem, path: str | Path) -> Path:
 
 
 def card(problem: GraspProblem) -> str:
-    """Return a small page that shows a problem, for a notebook's frame."""
+    """Return a small page that shows a problem, for a notebook."""
     return _shown(problem).small(f"exert {task_range(problem)}")
 
 
 def facts(problem: GraspProblem) -> list[Fact]:
-    """Return what is asked, part by part."""
+    """Return the parts of the problem as facts."""
     return [Fact(p.title, p.value, more="".join(map(_as_written, p.notes)), broad=True) for p in in_words(problem)]
 
 
 def _as_written(note: str) -> str:
-    """Return a remark as HTML with its signs as they are: it quotes names and code."""
+    """Return a note as HTML with its signs unchanged: it quotes names and code."""
     return f'<p class="note">{escape(note)}</p>'
 
 

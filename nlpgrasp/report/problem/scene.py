@@ -1,4 +1,4 @@
-"""What the page draws of a problem: the body, the faces that contacts may use, tables and obstacles."""
+"""3D scene of a problem: body, allowed faces, tables and obstacles."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlpgrasp.report.scene.surroundings import WIDE, around, slab
 
 
 def scene(problem: GraspProblem) -> Json:
-    """Return what the viewer draws of a problem; metres, body frame: the body's scene with what is around it."""
+    """Return the viewer's scene of a problem; metres, body frame: the body's scene with its surroundings."""
     shape = of_body.drawn_shape(problem.body)
     drawn, usable = of_body.scene(problem.body, shape), usable_faces(problem)
     size, flat = drawn["size"], drawn["flat"]

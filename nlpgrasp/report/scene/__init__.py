@@ -1,1 +1,1 @@
-"""The grasp in three dimensions: what the page's viewer draws."""
+"""3D scene of a grasp for the page's viewer."""

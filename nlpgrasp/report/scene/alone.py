@@ -1,4 +1,4 @@
-"""A page of one scene that is no grasp, a body's or a problem's: the scene, and facts beside it."""
+"""HTML page of one scene, of a body or a problem, with facts beside it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ SWITCHES = (("triad", "Axes", True), ("through", "See through", False))
 
 @dataclass(frozen=True)
 class ScenePage:
-    """A scene with its name.
+    """Page of one named scene.
 
     Parameters
     ----------
     name : str
-        Of the page.
+        Name of the page.
     told : str
-        What the scene shows, for screen readers.
+        Description of the scene, for screen readers.
     scene : dict
-        What the viewer draws.
+        Data of the viewer.
     """
 
     name: str
@@ -35,13 +35,13 @@ class ScenePage:
     scene: Json
 
     def whole(self, facts: Sequence[Fact], beside: str = "") -> str:
-        """Return the page: the scene beside facts; ``beside`` stands at the end of its head."""
+        """Return the full page, the scene beside facts; ``beside`` is appended to its head."""
         panel = f'<aside class="panel">{"".join(fact.html() for fact in facts)}</aside>'
         first = f'<div class="first"><div class="stage">{self._stage()}</div>{panel}</div>'
         return page(self.name, style("report.css"), [self._opening(beside), first, self._data()], ICON, viewer())
 
     def small(self, beside: str) -> str:
-        """Return a small page for a notebook's frame: the scene alone."""
+        """Return a small page for a notebook: the scene alone."""
         parts = [self._opening(beside), f'<div class="stage">{self._stage()}</div>', self._data()]
         return page(self.name, style("report.css", "card.css"), parts, ICON, viewer())
 
@@ -52,7 +52,7 @@ class ScenePage:
         )
 
     def _stage(self) -> str:
-        """Return the scene's place with its switches, and the names of what is not drawn."""
+        """Return the scene with its switches, and the names of parts that are not drawn."""
         aria = f"{self.told}; turn it with the mouse, a finger or the arrow keys."
         unseen = ", ".join(self.scene["unseen"])
         note = f'<p class="note">not drawn: {escape(unseen)}</p>' if unseen else ""

@@ -1,4 +1,4 @@
-"""The axes of a frame in a scene: from where, and how long, so that a body does not hide them."""
+"""Coordinate axes in a scene: origin and lengths, such that a body does not hide them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
-NEAR = 2.0  # of the body's size, from its middle: an origin farther away is left out of the picture
-SHORTEST, BEYOND = 0.5, 0.3  # of the body's size: length of an axis, and how far it sticks out of the body
-DIGITS = 7  # after the point, metres: what is for looking at
+NEAR = 2.0  # largest distance of a drawn origin from the body's middle, in body sizes
+SHORTEST, BEYOND = 0.5, 0.3  # shares of the body's size: least length of an axis, and its length beyond the body
+DIGITS = 7  # decimals of coordinates for display, metres
 
 
 def has_origin(low: FloatArray, high: FloatArray, size: float) -> bool:
-    """Return whether the frame's origin is near enough to a body to be drawn with it.
+    """Return whether the frame's origin is near enough to a body to be drawn.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def has_origin(low: FloatArray, high: FloatArray, size: float) -> bool:
 
 
 def body_axes(low: FloatArray, high: FloatArray, size: float, count: int = 3) -> Json:
-    """Return the axes of a body's frame: at its origin, or at the body's lowest corner where that is far away.
+    """Return the axes of a body's frame, at its origin or, if that is far away, at the body's lowest corner.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def body_axes(low: FloatArray, high: FloatArray, size: float, count: int = 3) ->
     Returns
     -------
     dict
-        ``at``: where they begin; ``ends``: where x, y and z end; metres, body frame.
+        ``at``: their origin; ``ends``: ends of x, y and z; metres, body frame.
     """
     at = np.zeros(3) if has_origin(low, high, size) else low
     inside = (low <= at) & (at <= high)
@@ -49,6 +49,6 @@ def body_axes(low: FloatArray, high: FloatArray, size: float, count: int = 3) ->
 
 
 def frame_axes(at: FloatArray, lengths: FloatArray) -> Json:
-    """Return axes of the lengths given, (k,), that begin at a point (3,); metres, as ``body_axes`` does."""
+    """Return axes of given lengths (k,) at a point (3,); metres, in the format of ``body_axes``."""
     ends = at + np.diag(np.pad(lengths, (0, 3 - len(lengths))))[: len(lengths)]
     return {"at": np.round(at, DIGITS).tolist(), "ends": np.round(ends, DIGITS).tolist()}

@@ -1,4 +1,4 @@
-"""The camera of a scene: what it has to have in its frame, and from where it looks at first."""
+"""Camera of a scene: points to keep in view, and the initial direction."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.solution import GraspSolution
 
-FAR = 4.0  # of the body's size, from its middle: what is farther away may leave the frame
+FAR = 4.0  # distance from the body's middle, in body sizes, beyond which points may leave the view
 TURNS, TILTS = np.radians(np.arange(-180.0, 180.0, 15.0)), np.radians([18.0, 28.0, 40.0])
-FROM_ABOVE = (-90.0, 74.0)  # degrees, azimuth and elevation: a planar grasp
-FROM_ASIDE = (-55.0, 25.0)  # of a body without contacts; where it looks from of equals
-GLANCING = 0.65  # cosine to the eye above which a contact is seen no better
-HIDDEN = -0.3  # cosine below which one is hidden no worse
+FROM_ABOVE = (-90.0, 74.0)  # azimuth and elevation for a planar grasp, degrees
+FROM_ASIDE = (-55.0, 25.0)  # degrees: view of a body without contacts, and for ties
+GLANCING = 0.65  # cosine to the view direction above which contacts are equally visible
+HIDDEN = -0.3  # cosine below which contacts are equally hidden
 
 
 def framed(points: FloatArray, middle: FloatArray, size: float) -> FloatArray:
-    """Return those of points (n, 3) that are farthest out, and no farther than some of the body's sizes, (m, 3)."""
+    """Return the outermost of points (n, 3) within some body sizes, (m, 3)."""
     near = points[np.linalg.norm(points - middle, axis=1) <= FAR * size]
     ways = np.concatenate([directions(3, 0), directions(3, 2)])
     return np.asarray(near[np.unique(np.argmax(near @ ways.T, axis=0))])
 
 
 def first_view(solution: GraspSolution, flat: bool) -> list[float]:
-    """Return azimuth and elevation, degrees, from which most contacts are seen."""
+    """Return azimuth and elevation, degrees, of the view with most visible contacts."""
     if flat or solution.grasp is None:
         return list(FROM_ABOVE if flat else FROM_ASIDE)
     outward = -in_space(solution.grasp.normals)

@@ -1,4 +1,4 @@
-"""The gripper of a solution as far as its problem states it: two fingers and a palm, as boxes."""
+"""Box model of a parallel-jaw gripper: two fingers and a palm, from its stated dimensions."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from nlpgrasp.hands import ParallelJaw
 from nlpgrasp.hands.jaw_pose import APPROACH_AXIS, CLOSING_AXIS, own_axes
 from nlpgrasp.solution.solution import GraspSolution
 
-THIN = 0.1  # of the opening: thickness of fingers of which none is stated
-BEYOND = 0.06  # of the fingers' length: how far they reach beyond the contacts
+THIN = 0.1  # default thickness of fingers, as a share of the opening
+BEYOND = 0.06  # reach of fingers beyond the contacts, as a share of their length
 NAMES = ("jaw 0", "jaw 1", "palm")
 
 
 def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
-    """Return name and triangles, body frame, of the fingers and the palm of a gripper in its pose.
+    """Return name and triangles, body frame, of a gripper's fingers and palm in its pose.
 
-    Nothing of grippers in the plane, without a ``finger_length``, or in files that state no pose. How broad fingers
-    are nobody states: they are drawn as broad as thick.
+    Empty for planar grippers, without a ``finger_length``, and for files without a pose. The breadth of fingers is not
+    stated: they are drawn as broad as thick.
     """
     asked, posture = solution.problem.get("hand"), solution.hand or {}
     if not isinstance(asked, Mapping) or asked.get("type") != ParallelJaw.kind or "palm_pose" not in posture:

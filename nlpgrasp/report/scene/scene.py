@@ -1,4 +1,4 @@
-"""A grasp as data for the page's viewer: surfaces, contacts, arrows, and what the camera has to have in its frame."""
+"""3D scene of a grasp for the viewer: surfaces, contacts, force arrows and camera."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from nlpgrasp.report.scene.surroundings import WIDE, Surroundings, slab, surroun
 from nlpgrasp.report.solution.chosen_wrenches import ChosenWrench
 from nlpgrasp.solution.solution import GraspSolution
 
-DISC, SHAFT = 0.055, 0.022  # radius of the disc at a contact and of an arrow's shaft, of the body's size
-THIN = 3.5  # shortest extents that count as the size, for discs and shafts on slender bodies
-PAD = 0.16  # radius of a jaw's pad, whose own size nobody states, of the body's size
+DISC, SHAFT = 0.055, 0.022  # radii of contact discs and arrow shafts, as shares of the body's size
+THIN = 3.5  # largest size for discs and shafts, in shortest extents of the body
+PAD = 0.16  # radius of a drawn jaw pad, as a share of the body's size
 
 
 def scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | None:
-    """Return what the viewer draws; metres, body frame. None where the file holds neither a body nor contacts.
+    """Return the viewer's scene; metres, body frame. None where the file has neither a body nor contacts.
 
     Returns
     -------
     dict
-        ``parts``: surfaces by group (body, link, tip, obstacle, table). ``contacts``: where, inward normal, radius of
-        a free fingertip or 0, slope of the friction cone or null. ``arrows``: for each chosen wrench a tail and a head
-        a finger. ``palm``: the point that free fingertips reach from, or null. ``frame``: points that the camera has to
-        have in view; ``view``: from where, degrees.
+        ``parts``: surfaces by group (body, link, tip, obstacle, table). ``contacts``: position, inward normal, radius
+        of a free fingertip or 0, slope of the friction cone or null. ``arrows``: for each chosen wrench a tail and a
+        head per finger. ``palm``: the palm point of free fingertips, or null. ``frame``: points that the camera has to
+        have in view; ``view``: azimuth and elevation, degrees.
     """
     grasp = solution.grasp
     contacts = np.zeros((0, 3)) if grasp is None else in_space(grasp.points)
@@ -82,7 +82,7 @@ def scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | Non
 
 
 def _contacts(grasp: Grasp, faces: Sequence[str], radius: float) -> list[Json]:
-    """Return what is drawn at the contacts of fingertips of this radius."""
+    """Return the viewer's data of contacts with fingertips of this radius."""
     entries = zip(in_space(grasp.points), in_space(grasp.normals), grasp.contacts, faces, strict=True)
     return [
         {"at": _listed(p), "inward": _listed(n), "tip": radius, "slope": m.coefficients.get("friction"), "face": face}
@@ -98,7 +98,7 @@ def grasp_tips(solution: GraspSolution) -> FloatArray:
 
 
 def drawn_body(solution: GraspSolution) -> Triangles | None:
-    """Return the body's triangles; without a drawing those of what the file says of it, None where it does not."""
+    """Return the body's triangles, from the drawing or else from the file's body data; None without either."""
     if solution.drawing is not None:
         return solution.drawing.body
     try:
@@ -118,12 +118,12 @@ def _shapes(solution: GraspSolution, body: Triangles | None, around: Surrounding
 
 
 def _arrows(points: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return tails and heads (k, 2, 3) of arrows that end at the contacts."""
+    """Return tails and heads (k, 2, 3) of force arrows that end at the contacts."""
     return np.stack([points - forces, points], axis=1)
 
 
 def _is_flat(solution: GraspSolution) -> bool:
-    """Return whether the grasp, or what it was looked for on, is planar."""
+    """Return whether the grasp, or the problem without one, is planar."""
     return solution.task.dimension == 3
 
 
@@ -133,7 +133,7 @@ def _tip_radius(solution: GraspSolution) -> float:
 
 
 def _palm(solution: GraspSolution) -> FloatArray | None:
-    """Return the palm point (3,) that free fingertips reach from, metres; None where there is none."""
+    """Return the palm point (3,) of free fingertips, metres; None without one."""
     point = None if solution.hand is None else solution.hand.get("palm")
     return None if point is None else in_space(np.atleast_2d(np.asarray(point, dtype=float)))[0]
 
@@ -143,5 +143,5 @@ def _pad(solution: GraspSolution) -> float:
 
 
 def _listed(values: FloatArray | Sequence[float]) -> object:
-    """Return numbers as nested lists, rounded: they are for looking at."""
+    """Return numbers as nested lists, rounded for display."""
     return np.round(np.asarray(values, dtype=float), 7).tolist()

@@ -1,4 +1,4 @@
-"""Triangles ready for a graphics card: normals that are smooth over a surface and break at its edges."""
+"""Shaded triangle surfaces: vertex normals that are smooth but for creases."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 
-CREASE = 30.0  # degrees between triangles: above, their common edge is one of the body
-LOOSE = 0.1  # of the vertices on creases: where more are loose ends, creases are a scan's roughness, and not drawn
-SAME = 1e-6  # of the size: vertices this close are one
-STEPS = 32767  # of a normal's component in a file
+CREASE = 30.0  # degrees between triangles above which their common edge is a crease
+LOOSE = 0.1  # share of loose ends among crease vertices above which creases are noise and not drawn
+SAME = 1e-6  # share of the size: nearer vertices are merged
+STEPS = 32767  # quantisation steps of a normal's component
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A surface with normals.
+    """Triangle surface with vertex normals and creases.
 
     Parameters
     ----------
     positions, normals : (n, 3) array
-        Metres; unit, outward. A vertex on a crease stands once for each side.
+        Metres; unit, outward. A vertex on a crease occurs once for each side.
     faces : (m, 3) array of int
     edges : (k, 2, 3) array
-        Ends of the creases, metres; none of a rough surface.
+        Ends of the creases, metres; none for a noisy surface.
     """
 
     positions: FloatArray
@@ -38,7 +38,7 @@ class Surface:
     edges: FloatArray
 
     def to_dict(self) -> Json:
-        """Return the arrays as text, base64 of little-endian numbers: 32-bit floats, 16-bit normals, whole numbers."""
+        """Return the arrays as base64 text of little-endian numbers: 32-bit floats, 16-bit normals, integers."""
         wide = len(self.positions) > np.iinfo(np.uint16).max
         return {
             "positions": packed(self.positions, "<f4"),
@@ -50,7 +50,7 @@ class Surface:
 
 
 def surface(shape: Triangles, crease: float = CREASE) -> Surface:
-    """Return triangles with normals: at a corner the mean of those around it that make a small angle with its own.
+    """Return triangles with vertex normals: angle-weighted means over triangles within the crease angle.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def surface(shape: Triangles, crease: float = CREASE) -> Surface:
     near = float(np.cos(np.radians(crease)))
     owner, at = np.repeat(np.arange(len(faces)), 3), faces.ravel()
     meets = coo_matrix((np.ones(len(at)), (np.arange(len(at)), at)), shape=(len(at), len(vertices))).tocsr()
-    pairs = (meets @ meets.T).tocoo()  # corners at one vertex
+    pairs = (meets @ meets.T).tocoo()  # pairs of corners at one vertex
     alike = np.sum(normals[owner[pairs.row]] * normals[owner[pairs.col]], axis=1) >= near
     row, col = pairs.row[alike], pairs.col[alike]
     weighted = normals[owner] * _angles(corners).ravel()[:, None]
@@ -83,7 +83,7 @@ def packed(values: NDArray[np.float64] | NDArray[np.int64], kind: str) -> str:
 
 
 def cut(shape: Triangles, enough: int) -> FloatArray:
-    """Return the corners (m, 3, 3) of triangles, each cut into four until there are enough."""
+    """Return the corners (m, 3, 3) of triangles, each subdivided into four until there are enough."""
     corners = shape.vertices[shape.faces]
     while 0 < len(corners) < enough:
         a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
@@ -94,7 +94,7 @@ def cut(shape: Triangles, enough: int) -> FloatArray:
 
 
 def _welded(shape: Triangles) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return vertices that stand once, and the triangles that have an area."""
+    """Return merged vertices, and the triangles with nonzero area."""
     step = SAME * max(float(np.max(np.ptp(shape.vertices, axis=0), initial=0.0)), 1e-300)
     _, first, which = np.unique(np.round(shape.vertices / step), axis=0, return_index=True, return_inverse=True)
     faces = which.ravel()[shape.faces]
@@ -111,7 +111,7 @@ def _angles(corners: FloatArray) -> FloatArray:
 
 
 def _creases(vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray, near: float) -> FloatArray:
-    """Return the edges (k, 2, 3) between triangles that meet at more than the crease angle, where they run on."""
+    """Return the edges (k, 2, 3) between triangles that meet at more than the crease angle, without isolated ones."""
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     owner = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort(ends.T)

@@ -1,4 +1,4 @@
-"""What stands around the body: tables and obstacles, of a problem or of what a solution file says of it."""
+"""Surroundings of a body: tables and obstacles of a problem or a solution file."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
 
-MOST = 1000  # triangles of an obstacle
-WIDE, THICK = 2.5, 0.05  # half width of a table, and thickness of a planar one: of the body's size
+MOST = 1000  # most triangles of an obstacle
+WIDE, THICK = 2.5, 0.05  # half width of a table, thickness of a planar one, in body sizes
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What is in the way.
+    """Tables and obstacles around a body.
 
     Parameters
     ----------
     heights : tuple of float
-        Of the tables' tops, metres: along z, or along y for a planar body.
+        Heights of the tables' tops, metres: along z, or along y for a planar body.
     obstacles : tuple of (str, Triangles)
-        Body frame.
+        Names and triangles, body frame.
     unseen : tuple of str
-        Obstacles whose surface the file does not hold, such as meshes.
+        Obstacles whose surface the file does not contain, such as meshes.
     """
 
     heights: tuple[float, ...]
@@ -68,12 +68,12 @@ def around(constraints: Iterable[PlacementConstraint]) -> Surroundings:
 
 
 def placed(obstacle: Obstacle) -> Triangles:
-    """Return an obstacle's surface where it is, body frame.
+    """Return an obstacle's surface in its pose, body frame.
 
     Raises
     ------
     InputError
-        When its body is none of this package's, whose surface is known.
+        When its body is not one of this package's, so that its surface is unknown.
     """
     if not isinstance(obstacle.body, Body):
         raise InputError("Obstacle.body", obstacle.body, "a body")
@@ -86,7 +86,7 @@ def placed(obstacle: Obstacle) -> Triangles:
 
 
 def slab(height: float, body: FloatArray, size: float) -> Triangles:
-    """Return the edge of a table under a planar body, seen from the front: a bar whose top is at the table's height.
+    """Return the front view of a table under a planar body: a bar whose top is at the table's height.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The switches below a scene, of what it shows."""
+"""Visibility switches below a scene."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def switches(entries: Sequence[Switch]) -> str:
     Parameters
     ----------
     entries : sequence of (str, str, bool) tuples
-        What the viewer calls it, its name for people, and whether it is on at first.
+        Key of the viewer, label, and whether it is on initially.
     """
     boxes = "".join(
         f'<label class="switch"><input type="checkbox" data-show="{key}"{" checked" if on else ""}>'

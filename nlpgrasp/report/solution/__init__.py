@@ -1,1 +1,1 @@
-"""A page and pictures of solutions."""
+"""HTML page and pictures of solutions."""

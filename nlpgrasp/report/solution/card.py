@@ -1,4 +1,4 @@
-"""A solution as a small page, for a notebook's frame: the scene, its worth, and the slider over task wrenches."""
+"""Small page of a solution for a notebook: scene, quality and slider over task wrenches."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 
 def card(solution: GraspSolution) -> str:
-    """Return the page; of a solution without a grasp the body, where it is known, and how the solve ended."""
+    """Return the small page; without a grasp it shows the body, where known, and the outcome."""
     solution = replace(solution, drawing=solution.drawn())
     shown = Shown.of(solution)
     told, tone = verdict(solution)
@@ -33,7 +33,7 @@ def card(solution: GraspSolution) -> str:
 
 
 def _worth(solution: GraspSolution) -> str:
-    """Return the certified quality, and the force that the task takes, in a few words."""
+    """Return the certified quality and the required force as short text."""
     if solution.grasp is None:
         return "no grasp"
     quality = f"{solution.label} {' to '.join(outwards(solution.mu.lower, solution.mu.upper))}"

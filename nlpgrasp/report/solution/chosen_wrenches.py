@@ -1,4 +1,4 @@
-"""The task wrenches that a report shows finger forces for."""
+"""Task wrenches of a report with their finger forces."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import finger_forces
 from nlpgrasp.solution.solution import GraspSolution
 
-MOST = 25  # wrenches
+MOST = 25  # most wrenches
 
 
 @dataclass(frozen=True)
 class ChosenWrench:
-    """A wrench of the task as it was given, and the least finger forces that produce it.
+    """A wrench of the task at full size, with the least finger forces that produce it.
 
     Parameters
     ----------
     label : str
-        In words.
+        Description.
     wrench : (d,) array
         Newtons and newton-metres.
     forces : (k, space) array
@@ -37,7 +37,7 @@ class ChosenWrench:
 
 
 def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
-    """Return the hardest wrench of the task and the ends of its semi-axes; those that fingers can exert."""
+    """Return the hardest wrench of the task and the ends of its semi-axes, as far as they can be produced."""
     grasp = solution.grasp
     if grasp is None or not solution.is_certified:
         return []
@@ -49,7 +49,7 @@ def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     for i, wrench in enumerate(task.ends()[: MOST - len(wrenches)]):
         wrenches.append(wrench)
         names.append(f"End {i + 1}")
-    share = solution.mu.lower  # what is certified to be within one unit of the budget; more takes more, in proportion
+    share = solution.mu.lower  # certified within one unit of the budget; forces scale in proportion
     found = finger_forces(grasp, share * np.array(wrenches), force_budget=solution.budget)
     return [
         ChosenWrench(f"{name}: {pushed(w, grasp.mean_arm)}", w, grasp.contact_wrenches(x)[:, : grasp.space] / share)
@@ -60,13 +60,13 @@ def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
 
 @dataclass(frozen=True)
 class FingerForce:
-    """What one finger does.
+    """Force of one finger, as text.
 
     Parameters
     ----------
     words : str
     share : float
-        Of the largest force in any of the wrenches.
+        Force over the largest one in any of the wrenches.
     """
 
     words: str
@@ -74,7 +74,7 @@ class FingerForce:
 
 
 def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[FingerForce]]:
-    """Return for each wrench the normal and the tangential force of each finger."""
+    """Return the normal and tangential force of each finger, for each wrench."""
     largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=0.0) or 1.0
     found = []
     for c in chosen:
@@ -94,9 +94,9 @@ def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[
 
 
 def pushed(wrench: FloatArray, length: float) -> str:
-    """Return a wrench (d,) as pushes and turns along the axes that matter, such as ``0.3 N along x, 0.02 N m about z``.
+    """Return a wrench (d,) as text of its significant components, such as ``0.3 N along x, 0.02 N m about z``.
 
-    Moments count over the length, metres.
+    Moments are compared after division by the length, metres.
     """
     units = [unit_of(name) for name in COMPONENTS[len(wrench)]]
     weight = np.abs(wrench) / np.where([unit == FORCE_UNIT for unit in units], 1.0, length)

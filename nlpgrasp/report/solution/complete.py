@@ -1,4 +1,4 @@
-"""Analyses that a page or a picture shows and a solution lacks, computed for it."""
+"""Computation of missing analyses for a page or a picture."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from nlpgrasp.solve.analyse import added_words, analyse
 
 
 def completed(solution: GraspSolution) -> tuple[GraspSolution, str]:
-    """Return a solution with all analyses that its problem allows, and which were computed, in words."""
+    """Return a solution with all analyses that its problem allows, and the names of those computed, as text."""
     if solution.grasp is None:
         return solution, ""
     found = analyse(solution)

@@ -1,4 +1,4 @@
-"""The gauge: an axis of quality from zero, with what is certified, what is left of it, and the best possible."""
+"""Gauge of a solution: certified quality, remaining quality and global bound on one axis."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from nlpgrasp.common.shown.numbers import at_most, outwards, percent, rounded, t
 from nlpgrasp.report.svg import ticks
 from nlpgrasp.solution.solution import GraspSolution
 
-BEYOND = 1.08  # of the largest value: where the axis ends
-FARTHEST = 4.0  # of the certified quality: a best possible beyond is named in words alone
+BEYOND = 1.08  # end of the axis over the largest value
+FARTHEST = 4.0  # global bound over certified quality above which it is not drawn
 
 
 def share_left(solution: GraspSolution) -> float | None:
-    """Return the certified share of mu left at the worst placement found; None where it was not looked for."""
+    """Return the remaining share of mu at the worst displacement found; None if it was not searched."""
     if solution.robust is None or not solution.is_certified:
         return None
     return solution.robust.share(solution.mu)
 
 
 def axis_end(solution: GraspSolution) -> float:
-    """Return where the axis of a grasp's gauge ends; 0 without a grasp."""
+    """Return the end of the axis of a grasp's gauge; 0 without a grasp."""
     if solution.grasp is None or not math.isfinite(solution.mu.upper):
         return 0.0
     best = solution.best_possible
@@ -29,13 +29,13 @@ def axis_end(solution: GraspSolution) -> float:
 
 
 def gauge(solution: GraspSolution, end: float | None = None) -> str:
-    """Return the gauge as HTML; nothing without a grasp.
+    """Return the gauge as HTML; empty without a grasp.
 
     Parameters
     ----------
     solution : GraspSolution
     end : float, optional
-        Where the axis ends, to draw several grasps on the same; the grasp's own when left out.
+        End of the axis, to draw several grasps on the same one; the grasp's own when left out.
     """
     most = axis_end(solution) if end is None else end
     if solution.grasp is None or most <= 0.0:
@@ -57,7 +57,7 @@ def gauge(solution: GraspSolution, end: float | None = None) -> str:
 
 
 def words(solution: GraspSolution) -> str:
-    """Return what the gauge shows, in words."""
+    """Return the gauge's content as text."""
     lower, upper = outwards(solution.mu.lower, solution.mu.upper)
     told = [f"{solution.label} is certified between {lower} and {upper}"]
     share = share_left(solution)
@@ -69,7 +69,7 @@ def words(solution: GraspSolution) -> str:
 
 
 def legend(solution: GraspSolution) -> str:
-    """Return what the gauge's colours mean, as HTML."""
+    """Return the meaning of the gauge's colours, as HTML."""
     share = share_left(solution)
     named = [("sure", "certified" if share is None else "left when contacts are off")]
     if share is not None and share < 1.0:
@@ -80,5 +80,5 @@ def legend(solution: GraspSolution) -> str:
 
 
 def _span(kind: str, begin: float, end: float) -> str:
-    """Return a part of the track, from and to shares of its length."""
+    """Return a part of the track between two shares of its length."""
     return f'<b class="{kind}" style="left:{100 * begin:.2f}%;width:{100 * max(end - begin, 0.0):.2f}%"></b>'

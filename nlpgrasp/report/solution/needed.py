@@ -1,4 +1,4 @@
-"""What the fingers press for the task as it was given, as HTML."""
+"""Finger forces for the task at full size, as HTML."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 
 def forces_needed(solution: GraspSolution) -> str:
-    """Return what the whole task needs in words, and finger by finger; nothing where a file does not say it."""
+    """Return the required forces as text and by finger, as HTML; empty where a file does not state them."""
     needed = solution.needed
     if needed is None:
         return ""

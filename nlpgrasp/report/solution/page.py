@@ -1,4 +1,4 @@
-"""The report: one page that opens from disk, with all that a solution file says."""
+"""Solution report: one self-contained HTML page with the content of solution files."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from nlpgrasp.solution.solution import GraspSolution
 
 
 def write_report(solutions: Mapping[str, GraspSolution], path: str | Path) -> Path:
-    """Write a page that shows solutions; several of them are compared first.
+    """Write a page that shows solutions; several are compared first.
 
-    The page needs no network: what draws it is inside. Analyses that solutions lack are computed for it as far as their
-    problems are known, and named on it.
+    The page is self-contained and needs no network. Missing analyses are computed as far as the problems are known, and
+    named on the page.
 
     Parameters
     ----------
     solutions : mapping of str to GraspSolution
-        By the names they have on the page, such as their files'.
+        Solutions by their names on the page, such as their files'.
     path : str or Path
-        Where the page goes; a file that is there is replaced.
+        Path of the page; an existing file is replaced.
 
     Raises
     ------
     InputError
-        On no solutions, or a path that cannot be written.
+        Without solutions, or on a path that cannot be written.
     """
-    compare(solutions)  # refuses what are no solutions
+    compare(solutions)  # refuses other objects than solutions
     every_completed = [completed(solution) for solution in solutions.values()]
     solutions = dict(zip(solutions, (solution for solution, _ in every_completed), strict=True))
     compared, notes = compare(solutions), [note for _, note in every_completed]

@@ -1,4 +1,4 @@
-"""The panel beside the scene: what a grasp is worth in a few large numbers, each with a line of explanation."""
+"""Panel of key figures beside the scene, each with an explanation."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.squeeze import NONE
 
-WEAK = 0.5  # share of the quality left: below, a word of caution
-SPENT = {  # what a budget counts, of the least finger forces that hold the hardest wrench of the task as given
+WEAK = 0.5  # remaining share of the quality below which the panel warns
+SPENT = {  # quantity that a budget counts, for the least finger forces of the hardest wrench
     "l2": "root of the sum of squares of all finger forces, for the hardest wrench of the task",
     "per_finger": "normal force of the finger that presses hardest, for the hardest wrench of the task",
     "per_finger_size": "force of the finger that is loaded most, for the hardest wrench of the task",
@@ -28,21 +28,21 @@ IN_GENERAL = "of the force budget, for the hardest wrench of the task"
 
 @dataclass(frozen=True)
 class Fact:
-    """One number of the panel.
+    """One figure of the panel.
 
     Parameters
     ----------
     title : str
-        What it is.
+        Name of the figure.
     value : str
         The number with its unit.
     lines : tuple of str
-        What it means; plain text.
+        Explanation; plain text.
     tone : {"", "bad", "weak", "good"}
     more : str
-        HTML below.
+        HTML below the figure.
     broad : bool
-        Whether it takes a row of its own.
+        Whether it fills a row.
     """
 
     title: str
@@ -61,17 +61,17 @@ class Fact:
 
 
 def facts(solution: GraspSolution) -> list[Fact]:
-    """Return the facts of a solution, the most telling first."""
+    """Return the facts of a solution, the most important first."""
     found = [] if solution.grasp is None else [_quality(solution), *_left(solution), _effort(solution)]
     found += [*_squeeze(solution), *_approach(solution), *_gripper(solution), *_best(solution)]
     found = [_verdict(solution), *found] if verdict(solution)[1] in ("bad", "weak") else [*found, _verdict(solution)]
-    if sum(not fact.broad for fact in found) % 2:  # two a row
+    if sum(not fact.broad for fact in found) % 2:  # two per row
         found[-1] = replace(found[-1], broad=True)
     return found
 
 
 def verdict(solution: GraspSolution) -> tuple[str, str]:
-    """Return how the solve ended in a word or two, and its tone."""
+    """Return the outcome of the solve in a word or two, and its tone."""
     if not solution.success:
         return solution.status.value.split(":")[0], "bad"
     if tips_off(solution.hand):
@@ -103,7 +103,7 @@ def _quality(solution: GraspSolution) -> Fact:
 
 
 def _effort(solution: GraspSolution) -> Fact:
-    """Return what the task as given takes."""
+    """Return the effort for the task at full size."""
     title, budget = "What the task takes", solution.budget
     if solution.mu.lower <= 0.0:
         return Fact(title, "more than any force", ("some wrench of the task is not held at all",), "bad")
@@ -116,7 +116,7 @@ def _effort(solution: GraspSolution) -> Fact:
 
 
 def _squeeze(solution: GraspSolution) -> list[Fact]:
-    """Return the friction that the hand's squeeze needs, or why there is none."""
+    """Return the friction that the squeeze needs, or why there is no squeeze."""
     line = solution.squeeze_line()
     if not line:
         return []
@@ -127,13 +127,13 @@ def _squeeze(solution: GraspSolution) -> list[Fact]:
 
 
 def _approach(solution: GraspSolution) -> list[Fact]:
-    """Return why the palm does not come straight to the grasp, where it does not."""
+    """Return the reason for having no straight approach, if so."""
     line = solution.approach_line()
     return [Fact("Straight way to the grasp", "none", (capital(line),), "weak")] if line else []
 
 
 def _gripper(solution: GraspSolution) -> list[Fact]:
-    """Return how parallel jaws come to the grasp."""
+    """Return the approach of parallel jaws."""
     line, hand = solution.gripper_line(), solution.hand or {}
     if not line:
         return []

@@ -1,4 +1,4 @@
-"""Pictures of a solution without a browser, by matplotlib (extra ``viz``)."""
+"""Pictures of a solution by matplotlib (extra ``viz``): grasp, wrench space and convergence."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WHAT = "a picture"  # that needs matplotlib
+WHAT = "a picture"  # for the message on missing matplotlib
 
 
 def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
-    """Write ``STEM-grasp.png``, ``STEM-wrenches.png`` and ``STEM-convergence.png``; return those there is data for.
+    """Write ``STEM-grasp.png``, ``STEM-wrenches.png`` and ``STEM-convergence.png``, and return those with data.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def draw_grasp(solution: GraspSolution) -> Figure:
 
 
 def draw_wrenches(solution: GraspSolution) -> Figure:
-    """Draw the shadows of the wrench set and of the task."""
+    """Draw projections of the wrench set and of the task."""
     found = shadows(solution)
     columns = min(4, len(found))
     rows = -(-len(found) // columns)
@@ -101,7 +101,7 @@ def draw_wrenches(solution: GraspSolution) -> Figure:
 
 
 def draw_convergence(solution: GraspSolution) -> Figure:
-    """Draw how each start's exchange raised mu, and what is certified of where it ended."""
+    """Draw mu over the refinement rounds of each start, and the certified final intervals."""
     figure: Figure
     ax: Axes
     figure, ax = pyplot(WHAT).subplots(figsize=(6.0, 3.5), layout="constrained")

@@ -1,4 +1,4 @@
-"""Sections of the report: each returns its part of the page as HTML."""
+"""Sections of the solution report, as HTML."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from nlpgrasp.solution.prices import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
 
-SMALL_BODY = 1.0  # metres: contacts of bodies this small are shown in millimetres
+SMALL_BODY = 1.0  # metres: contacts of smaller bodies are shown in millimetres
 SWITCHES = (
     ("hand", "Hand", True),
     ("forces", "Forces", True),
@@ -38,7 +38,7 @@ SWITCHES = (
 
 
 def comparison(compared: Comparison, solutions: Mapping[str, GraspSolution]) -> str:
-    """Return the solutions side by side, as a table with small scenes and gauges on one axis."""
+    """Return the table of several solutions, with small scenes and gauges on one axis."""
     end, order = max(axis_end(s) for s in solutions.values()), list(solutions)
     rows = []
     listed = zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
@@ -55,7 +55,7 @@ def comparison(compared: Comparison, solutions: Mapping[str, GraspSolution]) -> 
 
 
 def asked(solution: GraspSolution) -> str:
-    """Return what was asked for in a sentence: contacts, body, hand and task."""
+    """Return the problem in a sentence: contacts, body, hand and task."""
     problem, hand = solution.problem, solution.problem.get("hand")
     parts = [problem["body"], *([hand] if isinstance(hand, Mapping) else [])]
     what, *by = [str(part.get("source") or part["type"]).rpartition("/")[2] for part in parts]
@@ -65,7 +65,7 @@ def asked(solution: GraspSolution) -> str:
 
 
 def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
-    """Return the facts beside the scene, and what each finger does for the wrench that the slider names."""
+    """Return the facts beside the scene, and the force of each finger for the slider's wrench."""
     bars = "".join(
         f'<li class="finger"><span class="number">{i}</span><span class="bar">'
         f'<span style="width:{100 * f.share:.1f}%"></span></span><span class="words">{escape(f.words)}</span></li>'
@@ -79,7 +79,7 @@ def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
 def stage(
     solution: GraspSolution, labels: Sequence[str], number: int, scene: Json | None, strip: str, worth: bool
 ) -> str:
-    """Return the picture with its switches, its slider and other grasps; a word where there is nothing to draw."""
+    """Return the scene with its switches, slider and alternative grasps; a note if there is nothing to draw."""
     if scene is None:
         why = "no grasp was found, or the file holds neither a drawing nor the body"
         return f'<div class="stage"><p class="note">No picture: {why}.</p></div>'
@@ -107,7 +107,7 @@ def stage(
 
 
 def _switches(solution: GraspSolution, worth: bool) -> str:
-    """Return the switches of what the scene shows."""
+    """Return the visibility switches of the scene."""
     has_hand = solution.problem.get("hand") is not None
     shown = [s for s in SWITCHES if s[0] != "hand" or has_hand]
     if worth:
@@ -120,7 +120,7 @@ def _switches(solution: GraspSolution, worth: bool) -> str:
 
 
 def contacts(solution: GraspSolution) -> str:
-    """Return the contacts, one a row."""
+    """Return the table of contacts."""
     grasp = solution.grasp
     if grasp is None:
         return ""
@@ -146,7 +146,7 @@ def contacts(solution: GraspSolution) -> str:
 
 
 def wrench_space(solution: GraspSolution) -> str:
-    """Return shadows of the wrench set and of the task."""
+    """Return projections of the wrench set and of the task."""
     charts = []
     for s in shadows(solution):
         curves = [Curve(s.grasp, "grasp", True), Curve(s.task, "task", True)]
@@ -165,7 +165,7 @@ def wrench_space(solution: GraspSolution) -> str:
 
 
 def constraints(solution: GraspSolution) -> str:
-    """Return the constraints at their limits as sentences, and what limits cost."""
+    """Return the active constraints as sentences, and the shadow prices of limits."""
     active = [_limit(c, solution) for c in solution.constraints if c.active and not c.is_equation]
     prices = [_price(p, solution) for p in solution.prices]
     parts = [
@@ -177,17 +177,17 @@ def constraints(solution: GraspSolution) -> str:
 
 
 def _limit(report: ConstraintReport, solution: GraspSolution) -> str:
-    """Return a constraint at its limit as a sentence; with its price, but of a solve that did not settle."""
+    """Return an active constraint as a sentence, with its shadow price if the solve converged."""
     below, above = report.value - report.lower, report.upper - report.value
     end = "the least allowed" if below <= above else "the most allowed"
-    gained = abs(report.multiplier) * min(abs(below), abs(above))  # by what is left to the limit, to first order
+    gained = abs(report.multiplier) * min(abs(below), abs(above))  # by the remaining slack, to first order
     price = f"; {solution.label} changes by {rounded(report.multiplier)} a unit"
     price = price if report.multiplier and gained <= solution.mu.upper else ""
     return f"{report.name}: {rounded(report.value, 4)}, {end}{price}."
 
 
 def _price(price: ShadowPrice, solution: GraspSolution) -> str:
-    """Return what a step of a limit changes, as a sentence with its share of mu."""
+    """Return the effect of a step of a limit, as a sentence with its share of mu."""
     mu, label = solution.mu.lower, solution.label
     sign = "+" if price.gain > 0.0 else ""
     share = f" ({sign}{rounded(100.0 * price.gain / mu, 2)} %)" if mu > 0.0 else ""
@@ -195,7 +195,7 @@ def _price(price: ShadowPrice, solution: GraspSolution) -> str:
 
 
 def inputs(name: str, solution: GraspSolution) -> str:
-    """Return all inputs and how to do it again."""
+    """Return all inputs and how to reproduce the solution."""
     solver = {k: v for k, v in solution.solver.items() if k != "starts"}
     data = {"problem": dict(solution.problem), "solver": solver}
     text = escape(json.dumps(data, indent=1))
@@ -209,6 +209,6 @@ def inputs(name: str, solution: GraspSolution) -> str:
 
 
 def _fixed(values: Sequence[float], size: float, least: int) -> str:
-    """Return coordinates with as many decimals each as three digits of the contacts' spread take, and some at least."""
+    """Return coordinates with decimals for three digits of the contacts' spread, and at least so many."""
     decimals = max(least, 2 - math.floor(math.log10(size))) if size > 0.0 else least
     return typeset(", ".join(f"{round(float(v), decimals) + 0.0:.{decimals}f}" for v in values))

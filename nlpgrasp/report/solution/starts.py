@@ -1,4 +1,4 @@
-"""The starts of a solve: where each ended as certified, how the exchange raised it, and all about them in a table."""
+"""Charts and table of a solve's starts: certified results and convergence."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ RISING = (
     "Lines: the quality while a start is improved, estimated from above on the solver's own surface. Dots: what is "
     "certified on the body itself. The answer is blue; a dot without a line is a start that was not improved further."
 )
-NOTHING = 1e-8  # values of mu that are zero but for rounding
+NOTHING = 1e-8  # smaller values of mu count as zero
 NONE = "No start ended with a certified grasp."
 
 
 def starts(solution: GraspSolution) -> str:
-    """Return both charts and the table; nothing of a solution without starts."""
+    """Return both charts and the table; empty for a solution without starts."""
     if not solution.starts:
         return ""
     drawn = [strip(solution), convergence(solution)]
@@ -39,7 +39,7 @@ def starts(solution: GraspSolution) -> str:
 
 
 def strip(solution: GraspSolution) -> tuple[str, str]:
-    """Return a chart with one dot for each start that found a grasp, and its caption; empty where none did."""
+    """Return a chart with one dot for each start with a grasp, and its caption; empty without any."""
     found = {s.index: mu for s in solution.starts if (mu := certified(solution, s)) is not None}
     if not found:
         return "", ""
@@ -59,10 +59,10 @@ def strip(solution: GraspSolution) -> tuple[str, str]:
 
 
 def convergence(solution: GraspSolution) -> tuple[str, str]:
-    """Return how each start's exchange raised mu, and a caption: lines that end at what is certified of the start."""
+    """Return the chart of mu over each start's refinement, and a caption; lines end at certified values."""
     if max((max(s.history) for s in solution.starts if len(s.history) > 1), default=0.0) <= NOTHING:
         return "", ""
-    ordered = sorted(solution.starts, key=lambda s: s is solution.winner)  # the answer on top
+    ordered = sorted(solution.starts, key=lambda s: s is solution.winner)  # draws the answer on top
     curves, marks = [], []
     for s in ordered:
         is_answer = s is solution.winner
@@ -81,7 +81,7 @@ def convergence(solution: GraspSolution) -> tuple[str, str]:
 
 
 def certified(solution: GraspSolution, start: StartRecord) -> Bounds | None:
-    """Return what is certified of a start's grasp, of the answer's by its own, closer certificate; None without one."""
+    """Return the certified bounds of a start's grasp; for the answer its own, tighter ones; None without a grasp."""
     if start.status is not Status.SOLVED or not math.isfinite(start.mu.upper):
         return None
     return solution.mu if start is solution.winner else start.mu
@@ -110,7 +110,7 @@ def _table(solution: GraspSolution) -> str:
 
 
 def _without(solution: GraspSolution, start: StartRecord) -> str:
-    """Return why a start ended without a grasp, with the mu that it has nevertheless."""
+    """Return the reason why a start has no grasp, with the mu that it reached."""
     has = f" ({solution.label} {' to '.join(outwards(start.mu.lower, start.mu.upper))})" if start.mu.lower > 0.0 else ""
     return f"no grasp: {why_no_grasp(start)}{has}"
 

@@ -1,4 +1,4 @@
-"""The strip of grasps that were kept: small scenes, one of which is shown large with its numbers."""
+"""Strip of kept grasps: small scenes that select the grasp shown large."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from nlpgrasp.solution.solution import GraspSolution
 
 @dataclass(frozen=True)
 class Shown:
-    """What the page shows of one grasp.
+    """Page content of one grasp.
 
     Parameters
     ----------
     solution : GraspSolution
         The grasp as its answer.
     scene : mapping or None
-        For the viewer; None where there is nothing to draw.
+        Scene for the viewer; None if there is nothing to draw.
     labels : tuple of str
-        Of the wrenches that the slider goes through.
+        Labels of the slider's wrenches.
     fingers : sequence of sequences of FingerForce
-        What each finger does for each of them.
+        Force of each finger for each wrench.
     """
 
     solution: GraspSolution
@@ -38,7 +38,7 @@ class Shown:
 
     @classmethod
     def of(cls, solution: GraspSolution) -> Shown:
-        """Return what is shown of a solution's answer."""
+        """Return the page content of a solution's answer."""
         chosen, grasp = chosen_wrenches(solution), solution.grasp
         fingers = [] if grasp is None else finger_forces_of(grasp, chosen)
         return cls(solution, scene(solution, chosen), tuple(c.label for c in chosen), fingers)
@@ -50,7 +50,7 @@ class Shown:
 
     @property
     def tables(self) -> str:
-        """What the fingers press, where they are, and what the constraints say there, as HTML."""
+        """Finger forces, contacts and constraint values, as HTML."""
         parts = (forces_needed(self.solution), sections.contacts(self.solution), sections.constraints(self.solution))
         return f'<div class="of-grasp">{"".join(parts)}</div>'
 
@@ -60,24 +60,24 @@ class Shown:
 
 
 def every(solution: GraspSolution) -> list[Shown]:
-    """Return what is shown of the answer and of the other grasps kept, best first."""
+    """Return the page content of the answer and the alternative grasps, best first."""
     return [Shown.of(solution), *(Shown.of(solution.with_answer(found)) for found in solution.grasps[1:])]
 
 
 def scenes(shown: Sequence[Shown]) -> list[Json]:
-    """Return the scenes of several grasps, the body in the first alone; none where there is nothing to draw."""
+    """Return the scenes of several grasps, with the body in the first alone; empty if there is nothing to draw."""
     found = [each.scene for each in shown if each.scene is not None]
     first = found[:1]
     return first + [{**s, "parts": [p for p in s["parts"] if p["group"] != "body"], "alike": True} for s in found[1:]]
 
 
 def replacements(shown: Sequence[Shown]) -> list[Json]:
-    """Return the numbers, panel and tables of each grasp, for the page to put in place of those shown."""
+    """Return numbers, panel and tables of each grasp, which the page swaps in."""
     return [{**each.numbers(), "panel": each.panel, "tables": each.tables} for each in shown]
 
 
 def strip(shown: Sequence[Shown], number: int) -> str:
-    """Return the small scenes as buttons; nothing for one grasp, or where there is nothing to draw."""
+    """Return the small scenes as buttons; empty for one grasp, or if there is nothing to draw."""
     if len(shown) < 2 or shown[0].scene is None:
         return ""
     buttons = []

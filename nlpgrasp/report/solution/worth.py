@@ -1,4 +1,4 @@
-"""Where a contact is worth most: colours of the body's triangles, from what a solution file says of its problem."""
+"""Surface colours by marginal bound: upper bound on a contact's contribution to mu at each triangle."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from nlpgrasp.report.scene.surfaces import cut, packed
 from nlpgrasp.solution.solution import GraspSolution
 
 SCALE = ("#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838")  # cividis: even to colour-blind eyes
-EXCLUDED = "#b4b4b4"  # where no contact may be
-ENOUGH = 1500  # triangles: larger ones are cut
-TONES = 100  # of the scale: a multiple of its steps
+EXCLUDED = "#b4b4b4"  # colour of forbidden parts
+ENOUGH = 1500  # triangles up to which surfaces are subdivided
+TONES = 100  # tones of the scale, a multiple of its steps
 
 
 def worth(solution: GraspSolution) -> Json | None:
-    """Return the body's triangles coloured by what a contact there adds to mu at most, for the viewer, or None.
+    """Return the body's triangles coloured by upper bounds on a contact's contribution to mu, or None.
 
     Returns
     -------
     dict or None
-        ``positions``: corners, packed. ``colours``: for each triangle its place in ``scale``, of colours.
+        ``positions``: corners, packed. ``colours``: for each triangle the index of its colour in ``scale``.
     """
     found = coloured(solution)
     if found is None:
@@ -39,10 +39,10 @@ def worth(solution: GraspSolution) -> Json | None:
 
 
 def coloured(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
-    """Return corners (m, 3, 3) of the body's triangles, metres, cut into small ones, and a colour for each.
+    """Return corners (m, 3, 3) of the body's subdivided triangles, metres, and a colour for each.
 
-    Of a mesh, which stays in a file of its own, the triangles drawn are looked at. None where the drawing is missing,
-    or the bound over all placements does not cover the problem.
+    For a mesh, which is in a separate file, the drawn triangles are used. None where the drawing is missing, or the
+    global bound does not cover the problem.
     """
     if solution.drawing is None or solution.grasp is None or solution.bound is None:
         return None
@@ -57,7 +57,7 @@ def coloured(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
     size = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
     space = problem.body.space
     inward = (-across / size)[:, :space]
-    rim = np.linalg.norm(inward, axis=1) > 0.5  # a planar body is drawn as a plate: contacts are on its rim
+    rim = np.linalg.norm(inward, axis=1) > 0.5  # a planar body is drawn as a plate: contacts are on its boundary
     shares = np.full(len(corners), np.nan)
     length = np.linalg.norm(inward[rim], axis=1, keepdims=True)
     shares[rim] = measured.at(corners[rim].mean(axis=1)[:, :space], inward[rim] / length)
@@ -68,12 +68,12 @@ def coloured(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
 
 
 def _problem(solution: GraspSolution, shape: Triangles) -> GraspProblem:
-    """Return the problem without its hand, as far as the file holds it; a mesh as it is drawn.
+    """Return the problem without its hand, as far as the file contains it, with a mesh as drawn.
 
     Raises
     ------
     InputError
-        Where it does not hold what it takes.
+        Where the file lacks data of the problem.
     """
     data, grasp = solution.problem, solution.grasp
     drawn = Mesh(trimesh.Trimesh(shape.vertices, shape.faces)) if data["body"].get("type") == Mesh.kind else None
@@ -81,7 +81,7 @@ def _problem(solution: GraspSolution, shape: Triangles) -> GraspProblem:
 
 
 def _colour(share: float) -> str:
-    """Return the colour of a share of the most, between the scale's."""
+    """Return the interpolated colour of a share of the largest value."""
     if np.isnan(share):
         return EXCLUDED
     anchors = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in SCALE])

@@ -1,4 +1,4 @@
-"""Shadows of the grasp's wrench set and of the task on planes of wrench space."""
+"""Projections of the wrench set and of the task onto planes of wrench space."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)
 
 @dataclass(frozen=True)
 class Shadow:
-    """Outlines on one plane.
+    """Projection of both sets onto one plane.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class Shadow:
     grasp, task : (m, 2) array
         Outlines of G(B n K), and of the task times the certified lower bound.
     limit : float or None
-        Where the grasp's wrenches end along the weakest direction, on the plane that shows it.
+        Largest wrench of the grasp along the weakest direction, on the plane that shows it.
     """
 
     x_label: str
@@ -36,7 +36,7 @@ class Shadow:
 
 
 def shadows(solution: GraspSolution) -> list[Shadow]:
-    """Return the shadows on the planes of forces and of moments, and on one that holds the weakest direction."""
+    """Return the projections onto the planes of forces and moments, and onto one with the weakest direction."""
     grasp = solution.grasp
     if grasp is None:
         return []
@@ -56,7 +56,7 @@ def shadows(solution: GraspSolution) -> list[Shadow]:
 
 
 def _outlines(plane: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> tuple[FloatArray, FloatArray]:
-    """Return the outlines of both sets' images under ``w -> plane w``: the points that attain their supports.
+    """Return the outlines of both sets' images under ``w -> plane w``: points that attain the support functions.
 
     Parameters
     ----------
@@ -64,13 +64,13 @@ def _outlines(plane: FloatArray, reachable: WrenchSet, task: Task, scale: float)
         Its rows need be neither orthogonal nor of unit length.
     """
     sizes = np.maximum(reachable.support(plane)[0], reachable.support(-plane)[0])
-    evenly = plane / np.maximum(sizes, 1e-300)[:, None]  # directions spread evenly over what is seen
+    evenly = plane / np.maximum(sizes, 1e-300)[:, None]  # even directions in the picture
     y = np.cos(ANGLES)[:, None] * evenly[0] + np.sin(ANGLES)[:, None] * evenly[1]
     return reachable.support(y)[1] @ plane.T, scale * task.support(y)[1] @ plane.T
 
 
 def _weakest(y: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> Shadow:
-    """Return the shadow along the weakest direction, in shares of what can be produced: the sets all but touch."""
+    """Return the projection along the weakest direction, in shares of the producible wrench: the sets nearly touch."""
     limit = float(reachable.support(y[None, :])[0][0])
     along = y / limit if limit > 0.0 else y / np.linalg.norm(y)
     sizes = np.maximum(reachable.support(np.eye(len(y)))[0], 1e-300)

@@ -1,4 +1,4 @@
-"""A grasp pressed through its own hand's joints in MuJoCo."""
+"""MuJoCo simulation of a grasp by the joints of its own hand."""
 
 from nlpgrasp.simulation.hand.outcome import HandSimulation
 from nlpgrasp.simulation.hand.protocol import simulate_hand

@@ -1,4 +1,4 @@
-"""Pictures of a grasp that is pressed through its hand's joints."""
+"""Picture strip of a simulation with the hand's joints."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from nlpgrasp.solution.solution import GraspSolution
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-PICTURES = 5  # of a run
-FAR = 3.0  # times what counts as lost: where the pictures end
+PICTURES = 5  # pictures of a run
+FAR = 3.0  # motion at which the pictures end, in motions that count as lost
 
 
 def write_hand_strip(simulation: HandSimulation, solution: GraspSolution, path: str | Path) -> Path:
     """Write a row of pictures of the hardest trial as solved, and below it the worst of the control.
 
-    The pictures go with the palm: where the object is held, those of a row look alike, and its caption says so.
+    The view follows the palm: a held object looks alike in all pictures of a row, as its caption says.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def write_hand_strip(simulation: HandSimulation, solution: GraspSolution, path: 
 
 
 def _caption(trial: HandTrial) -> str:
-    """Return what a row of pictures shows, and what became of it."""
+    """Return the caption of a row of pictures, with the trial's outcome."""
     held = "held" if trial.strict else "lost"
     moved = "" if trial.motion.gone else f", the object moves in the hand by at most {trial.motion}"
     seen = " (the pictures rise with the palm)" if trial.is_lift else ""
@@ -65,7 +65,7 @@ def _worst(simulation: HandSimulation, condition: str) -> HandTrial:
 
 
 def _pictures(trial: HandTrial) -> list[Seen]:
-    """Return a few times of a run, evenly, until the object is far away."""
+    """Return a few evenly spaced times of a run, until the object is far away."""
     near = [seen for seen in trial.seen if seen.motion.within((FAR * LOOSE[0], np.inf))]
     return [near[i] for i in np.linspace(0, len(near) - 1, PICTURES).round().astype(int)]
 
@@ -74,7 +74,7 @@ def _draw(ax: Axes3D, drawing: Drawing, grasp: Seen, seen: Seen) -> None:
     """Draw the body and the hand's links at one time."""
     palm = next(iter(seen.links.values()))[:3, 3] - next(iter(grasp.links.values()))[:3, 3]
     shift = np.eye(4)
-    shift[:3, 3] = -palm  # the picture goes with the palm
+    shift[:3, 3] = -palm  # the view follows the palm
     draw_triangles(ax, _moved(drawing.body, shift @ seen.object), COLOURS["body"], 0.9)
     for name, shape in drawing.links:
         if name in seen.links:

@@ -1,4 +1,4 @@
-"""What became of a grasp that was pressed through its hand's joints."""
+"""Outcome of a simulation with the hand's joints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlpgrasp.simulation.hand.world import Seen
 
 @dataclass(frozen=True)
 class HandSimulation:
-    """A grasp pressed through its own hand's joints.
+    """Result of simulating a grasp by its own hand's joints.
 
     Parameters
     ----------
@@ -24,17 +24,17 @@ class HandSimulation:
     push : float
         Newtons.
     normal_force : float
-        What each finger was to press with at least, newtons.
+        Requested least normal force of each finger, newtons.
     trials : tuple of HandTrial
         One for each condition and push, in order.
     grasp : Seen
-        Where everything is in the grasp.
+        State in the grasp.
     mass_source : str
-        What says how heavy the object is, in words.
+        Source of the object's mass, as text.
     normal_forces : tuple of float
-        What each finger was to press with, newtons.
+        Normal force of each finger in the squeeze, newtons.
     touching : str
-        Links that are inside something and contacts off their links, in words; empty where there are none.
+        Links that penetrate something and contacts off their links, as text; empty without any.
     """
 
     name: str
@@ -49,7 +49,7 @@ class HandSimulation:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Conditions that were tried, in order."""
+        """The simulated conditions, in order."""
         return tuple(dict.fromkeys(t.condition for t in self.trials))
 
     def of(self, condition: str) -> tuple[HandTrial, ...]:
@@ -63,7 +63,7 @@ class HandSimulation:
 
     @property
     def squeezed(self) -> Motion:
-        """How far the squeeze moved the object, as solved."""
+        """Motion of the object by the squeeze, as solved."""
         return self.of(AS_SOLVED)[0].squeezed
 
     @property
@@ -73,7 +73,7 @@ class HandSimulation:
 
     @property
     def control_lost(self) -> bool:
-        """Whether the same without a squeeze lost the object: what holds it is the squeeze."""
+        """Whether the control without a squeeze lost the object, so that the squeeze holds it."""
         return not all(t.strict for t in self.of(CONTROL))
 
     @property

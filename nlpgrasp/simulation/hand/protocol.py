@@ -1,4 +1,4 @@
-"""The protocol: six pushes, with torques, with less friction, with the object elsewhere, and lifting it."""
+"""Simulation protocol with a hand: six pushes under several conditions, a lift, and a control without squeeze."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from nlpgrasp.solution.given import given_solution
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution
 
-PUSH, SECONDS = 1.0, 2.0  # newtons, and for how long each
-LIGHT = ObjectMass(0.1, "as the task carries no weight upwards")  # where neither options nor task say more
+PUSH, SECONDS = 1.0, 2.0  # newtons; seconds of each push
+LIGHT = ObjectMass(0.1, "as the task carries no weight upwards")  # kilograms: default mass
 TORQUES, SLIPPERY, OFF = "torques, a fifth of the gain", "half the friction", "object 5 mm, 5 deg off"
-LESS, SOFT = 0.5, 0.2  # of the friction, and of the gain
-MOVED, TURNED, DRAWS, SEED = 5e-3, float(np.radians(5.0)), 3, 0  # how far off the object is, and how many ways
+LESS, SOFT = 0.5, 0.2  # shares of the friction and of the gain
+MOVED, TURNED, DRAWS, SEED = 5e-3, float(np.radians(5.0)), 3, 0  # metres and radians of displacement; draws
 AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1), "-z": (0, 0, -1)}
 Told = Callable[[str], None]
 
@@ -39,16 +39,16 @@ def simulate_hand(
     push: float = PUSH,
     progress: Told | None = None,
 ) -> HandSimulation:
-    """Press a grasp through its own hand's joints in MuJoCo, and try to take the object out of it.
+    """Simulate a grasp in MuJoCo by its own hand's joints, and try to take the object out of it.
 
     The hand goes through the grasp's phases under position control: it opens, closes, squeezes. Then the object is
-    pushed along six directions for two seconds each, without gravity. Strictly held is what moves by at most 1 cm and
-    10 degrees in the hand, loosely by 5 cm and 15 degrees. It is lifted by 20 cm under gravity. The pushes, without the
-    lift, come again with half the friction, with the object 5 mm and 5 degrees off, and with the squeeze's torques at
-    the joints and a fifth of their gain. A control does all but squeeze, and has to lose the object.
+    pushed along six directions for two seconds each, without gravity. It is strictly held if it moves by at most 1 cm
+    and 10 degrees in the hand, loosely up to 5 cm and 15 degrees. It is lifted by 20 cm under gravity. The pushes,
+    without the lift, are repeated with half the friction, with the object displaced by 5 mm and 5 degrees, and with the
+    squeeze's torques at the joints and a fifth of their gain. A control without squeeze has to lose the object.
 
-    The object is as heavy as the options say; else as the weight that the task carries, such as that of ``ng.lift`` or
-    ``ng.gravity``; else 100 g. ``mass_source`` of the result says which.
+    The object's mass is that of the options, else that of the weight in the task, such as that of ``ng.lift`` or
+    ``ng.gravity``, else 100 g; ``mass_source`` of the result says which.
 
     Parameters
     ----------
@@ -57,11 +57,11 @@ def simulate_hand(
     urdf : path
         The hand's file.
     options : HandSceneOptions, optional
-        Gain, damping and dry friction of the joints, the object's mass, how hard the fingers press.
+        Gain, damping and dry friction of the joints, the object's mass, normal force of the fingers.
     push : float
         Newtons.
     progress : callable, optional
-        Told in words what is about to take long, and how each condition ended.
+        Called with messages on slow steps and on the end of each condition.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def simulate_hand(
     Warns
     -----
     UserWarning
-        Of a link inside something, and of contacts that are off their fingertips' links.
+        On a link inside something, and on contacts that are off their fingertips' links.
     """
     solution = given_solution(solution)
     import_mujoco("a simulation")
@@ -115,7 +115,7 @@ def _pushed(
     torques: bool = False,
     off: tuple[FloatArray, FloatArray] | None = None,
 ) -> list[HandTrial]:
-    """Return six pushes of a grasp that was closed once, each from there."""
+    """Return six pushed trials of a grasp, each from the same closed state."""
     squeezed = _closed(world, squeeze, off)
     if torques:
         world.soften(SOFT)
@@ -128,7 +128,7 @@ def _pushed(
 
 
 def _lifted(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
-    """Return the object lifted by the palm, gravity rising before."""
+    """Return the trial of a lift by the palm, after gravity has risen."""
     squeezed = _closed(world, squeeze, None)
     target = world.controls("lift")
     if not squeeze:
@@ -138,7 +138,7 @@ def _lifted(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial
 
 
 def _closed(world: HandWorld, squeeze: bool, off: tuple[FloatArray, FloatArray] | None) -> Motion:
-    """Take the hand through its phases up to the squeeze; return how far that moved the object."""
+    """Move the hand through its phases up to the squeeze; return the object's motion by it."""
     keys = [key for key in world.keys if key not in ("lift", "squeeze")]
     world.begin(keys[0], off)
     for key in keys[1:]:
@@ -157,7 +157,7 @@ def _in_the_grasp(scene: str) -> Seen:
 
 
 def _drawn(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return a translation and a rotation vector of the stated size, in random directions."""
+    """Return a translation and a rotation vector of the stated magnitudes, in random directions."""
     both = rng.standard_normal((2, 3))
     both /= np.linalg.norm(both, axis=1, keepdims=True)
     return MOVED * both[0], TURNED * both[1]

@@ -1,4 +1,4 @@
-"""What became of each condition of a simulation, in words."""
+"""Text table of a simulation's outcome by condition."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from nlpgrasp.simulation.hand.trial import CONTROL, HandTrial
 
 
 def name_of(condition: str) -> str:
-    """Return a condition as it is printed: without a colon, which follows it."""
+    """Return a condition's printed name, without the colon that follows it."""
     return condition.replace(": ", ", ")
 
 
 def result(trials: Sequence[HandTrial]) -> str:
-    """Return in words how many trials of a condition were held, or of the control how many were lost.
+    """Return the number of held trials of a condition, or of lost ones of the control, as text.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def result(trials: Sequence[HandTrial]) -> str:
 
 
 def row(trials: Sequence[HandTrial]) -> str:
-    """Return the line of a condition: how many trials were held, and how far the object moved at most."""
+    """Return the table row of a condition: number of held trials, and largest motion of the object."""
     condition = trials[0].condition
     squeezed, after = Motion.largest(t.squeezed for t in trials), Motion.largest(t.motion for t in trials)
     told = f"  {name_of(condition):28} {result(trials)}"
@@ -52,7 +52,7 @@ def row(trials: Sequence[HandTrial]) -> str:
 
 
 def legend(trials: Sequence[HandTrial], push: float) -> list[str]:
-    """Return what is done in the trials, and what counts as held; loosely too where that is another number.
+    """Return what the trials do and what counts as held; loosely too if that number differs.
 
     Parameters
     ----------
@@ -70,14 +70,14 @@ def legend(trials: Sequence[HandTrial], push: float) -> list[str]:
 
 
 def pressing(normal_force: float, forces: Sequence[float]) -> str:
-    """Return how hard the fingers press: at least, and from the least to the most where these differ.
+    """Return the fingers' normal forces as text: the requested least, and the range where they differ.
 
     Parameters
     ----------
     normal_force : float
-        What each finger was to press with at least, newtons.
+        Requested least normal force of each finger, newtons.
     forces : sequence of float
-        What each presses with, newtons; may be empty.
+        Normal force of each finger, newtons; may be empty.
     """
     told = f"each finger presses with at least {rounded(normal_force)} N"
     ends = [rounded(end(forces)) for end in (min, max)] if forces else []
@@ -85,5 +85,5 @@ def pressing(normal_force: float, forces: Sequence[float]) -> str:
 
 
 def _limits(limits: tuple[float, float]) -> str:
-    """Return what an object may move by, in centimetres and degrees."""
+    """Return the motion limits as text, in centimetres and degrees."""
     return f"{100.0 * limits[0]:.0f} cm and {np.degrees(limits[1]):.0f} degrees"

@@ -1,4 +1,4 @@
-"""One attempt to take an object out of a hand."""
+"""One simulated trial: a push on the held object, or a lift."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ AS_SOLVED, CONTROL, LIFTED = "as solved", "control: no squeeze", "lifted 20 cm"
 
 @dataclass(frozen=True)
 class HandTrial:
-    """One attempt to take the object out of the hand: a push, or lifting it.
+    """One trial to take the object out of the hand: a push or a lift.
 
     Parameters
     ----------
     condition : str
     label : str
-        What was done.
+        Description of the push or lift.
     squeezed : Motion
-        How far the squeeze itself had moved the object.
+        Motion of the object by the squeeze itself.
     motion : Motion
-        The farthest that the object got from where the squeeze had left it, palm frame.
+        Largest motion of the object after the squeeze, palm frame.
     seen : tuple of Seen
-        The run, 25 times a second.
+        States of the run, 25 per second.
     placed_off : bool
-        Whether the object stood elsewhere than in the grasp as solved: the squeeze then has to move it.
+        Whether the object began displaced from the grasp as solved, so that the squeeze has to move it.
     """
 
     condition: str
@@ -38,12 +38,12 @@ class HandTrial:
 
     @property
     def is_lift(self) -> bool:
-        """Whether the object was lifted under gravity; otherwise it was pushed, without gravity."""
+        """Whether the object was lifted under gravity, not pushed without gravity."""
         return self.label == LIFTED
 
     @property
     def whole(self) -> Motion:
-        """How far the object moved, at most: by the squeeze and after it; of one that was placed off, after it."""
+        """Largest motion of the object by the squeeze and after it; after it alone for a displaced object."""
         return self.motion if self.placed_off else self.squeezed + self.motion
 
     @property

@@ -1,4 +1,4 @@
-"""A scene with a hand in MuJoCo, driven through its keyframes."""
+"""MuJoCo simulation of a scene with a hand, driven through keyframes."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.simulation.hand.motion import Motion, Pose
 
-TRAVEL, SETTLE = 1.0, 0.5  # seconds from a keyframe to the next, and at rest after the squeeze
-LOOKS = 25  # times a second that the object is looked at
+TRAVEL, SETTLE = 1.0, 0.5  # seconds between keyframes, and of rest after the squeeze
+LOOKS = 25  # recorded states per second
 PREFIX, STILL = "hand_", Motion()
 
 
 @dataclass(frozen=True)
 class Seen:
-    """Where everything is at one time.
+    """State of object and links at one time.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Seen:
     links : dict of str to (4, 4) array
         Poses of the hand's links, scene frame; the palm first.
     motion : Motion
-        How far the object has moved in the hand.
+        Motion of the object relative to the hand.
     """
 
     time: float
@@ -41,7 +41,7 @@ class Seen:
 
 
 class HandWorld:
-    """A scene of ``mjcf_with_hand`` that runs.
+    """A running scene of ``mjcf_with_hand``.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class HandWorld:
         self._links = {n.removeprefix(PREFIX): i for i, n in enumerate(names) if n.startswith(PREFIX)}
 
     def begin(self, key: str, off: tuple[FloatArray, FloatArray] | None = None) -> None:
-        """Put everything where a keyframe has it, the object off by a translation and a rotation vector, (3,) each."""
+        """Reset to a keyframe, with the object displaced by a translation and a rotation vector, (3,) each."""
         self._mujoco.mj_resetDataKeyframe(self.model, self.data, self.keys.index(key))
         if off is not None:
             start = self.model.joint("object").qposadr[0]
@@ -71,11 +71,11 @@ class HandWorld:
         self._mujoco.mj_forward(self.model, self.data)
 
     def controls(self, key: str) -> FloatArray:
-        """Return what a keyframe tells the servos, (nu,)."""
+        """Return the servo commands of a keyframe, (nu,)."""
         return np.array(self.model.key_ctrl[self.keys.index(key)])
 
     def run(self, seconds: float, to: FloatArray | None = None, each: Callable[[float], None] | None = None) -> None:
-        """Step, the controls moving evenly to ``to``; ``each`` is told the share of the time that is over."""
+        """Step while the controls move linearly to ``to``; ``each`` is called with the elapsed share of the time."""
         steps = max(round(seconds / self.model.opt.timestep), 1)
         begin = np.array(self.data.ctrl)
         look = max(round(1.0 / (LOOKS * self.model.opt.timestep)), 1)
@@ -89,7 +89,7 @@ class HandWorld:
             raise NlpgraspError("simulation: MuJoCo became unstable; try another --gain or --damping")
 
     def soften(self, share: float) -> None:
-        """Give the joints that squeeze this share of their gain, and their torque in the squeeze beside it."""
+        """Scale the gain of the squeezing joints by a share, and add their squeeze torques as feedforward."""
         more = self.controls("squeeze") - self.controls("grasp")
         for motor in np.flatnonzero(more):
             self.model.actuator_gainprm[motor, 0] *= share
@@ -97,14 +97,14 @@ class HandWorld:
             self.data.ctrl[motor] += (1.0 / share - 1.0) * more[motor]
 
     def push(self, force: FloatArray, seconds: float) -> tuple[Motion, tuple[Seen, ...]]:
-        """Push at the object's centre of mass with a force (3,), newtons; return its farthest motion, and the run."""
+        """Push the object's centre of mass with a force (3,), newtons; return its largest motion, and the run."""
         self.data.xfrc_applied[self._object, :3] = force
         found = self.watched(seconds, None)
         self.data.xfrc_applied[:] = 0.0
         return found
 
     def watched(self, seconds: float, to: FloatArray | None, gravity: float = 0.0) -> tuple[Motion, tuple[Seen, ...]]:
-        """Run as ``run`` does, gravity (m / s^2, along -z) rising before; return the object's farthest motion."""
+        """Run as in ``run`` with gravity (m / s^2, along -z) rising before; return the object's largest motion."""
         before, motions, pictures = self.pose(), [STILL], [self.seen()]
 
         def look(_: float) -> None:
@@ -122,27 +122,27 @@ class HandWorld:
         return Motion.largest(motions), tuple(pictures)
 
     def state(self) -> tuple[FloatArray, FloatArray]:
-        """Return what MuJoCo integrates, and the controls."""
+        """Return MuJoCo's integration state, and the controls."""
         kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
         found = np.zeros(self._mujoco.mj_stateSize(self.model, kind))
         self._mujoco.mj_getState(self.model, self.data, found, kind)
         return found, np.array(self.data.ctrl)
 
     def go_back(self, state: tuple[FloatArray, FloatArray]) -> None:
-        """Go back to a state."""
+        """Restore a state."""
         self._mujoco.mj_setState(self.model, self.data, state[0], self._mujoco.mjtState.mjSTATE_INTEGRATION)
         self.data.ctrl[:] = state[1]
         self._mujoco.mj_forward(self.model, self.data)
 
     def pose(self) -> Pose:
-        """Return where the object is in the hand."""
+        """Return the object's pose in the hand."""
         palm = self.data.xmat[self._palm].reshape(3, 3)
         here = self.data.xmat[self._object].reshape(3, 3)
         way = self.data.xipos[self._object] - self.data.xpos[self._palm]
         return Pose(palm.T @ way, palm.T @ here)
 
     def seen(self, motion: Motion = STILL) -> Seen:
-        """Return where everything is."""
+        """Return the current state of object and links."""
         links = {name: self._frame(body) for name, body in self._links.items()}
         return Seen(float(self.data.time), self._frame(self._object), links, motion)
 

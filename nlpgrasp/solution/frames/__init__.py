@@ -1,1 +1,1 @@
-"""A solution in the frame of a world."""
+"""Solutions transformed to a world frame."""

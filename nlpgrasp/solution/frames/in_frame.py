@@ -1,4 +1,4 @@
-"""A grasp as it is where the body stands: contacts, forces, task, palm and phases in a world's frame."""
+"""Grasp in a world frame: contacts, forces, task, palm and phases for a pose of the body."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from nlpgrasp.tasks import Task
 
 @dataclass(frozen=True)
 class SolutionInFrame:
-    """The grasp of a solution in another frame than the body's: a world's, in which the body stands somewhere.
+    """The grasp of a solution in a world frame, given the pose of the body.
 
-    It is for looking at and for planning: the file and ``ng.verify`` stay those of the solution, in the body's frame.
+    It serves display and planning; the file and ``ng.verify`` use the solution in the body's frame.
 
     Parameters
     ----------
@@ -31,13 +31,13 @@ class SolutionInFrame:
     pose : (space + 1, space + 1) array
         ``[[A, b], [0, 1]]``: a point x of the body is at ``A x + b``, metres.
     grasp : Grasp
-        Contacts and normals there; moments about the same point of the body.
+        Contacts and normals in the world frame; moments about the same point of the body.
     faces : tuple of str
         The face each contact is on.
     task : Task
-        The wrenches that were asked for, about the grasp's torque origin.
+        The required wrenches, about the grasp's torque origin.
     mu : Bounds
-        Certified, of the grasp found: the same in every frame, (3.3-7a).
+        Certified quality of the grasp: the same in every frame, (3.3-7a).
     forces : tuple of (wrench, forces)
         Task wrenches (d,) and finger forces (k, space), newtons.
     palm_pose : (4, 4) array or None
@@ -74,7 +74,7 @@ def moved(
     hand: Json | None,
     phases: Sequence[Phase],
 ) -> SolutionInFrame:
-    """Return a solution's grasp where the body stands in this pose; the other arguments are the solution's own.
+    """Return a solution's grasp for a pose of the body; the other arguments are the solution's own.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def moved(
 
 
 def _phase(phase: Phase, pose: FloatArray) -> Phase:
-    """Return a keyframe with its palm in the frame."""
+    """Return a keyframe with its palm in the world frame."""
     frame = pose @ phase.palm_frame
     quaternion = Rotation.from_matrix(frame[:3, :3]).as_quat(canonical=True, scalar_first=True)
     return replace(phase, palm_position=frame[:3, 3], palm_quaternion=np.asarray(quaternion))

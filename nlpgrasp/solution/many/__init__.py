@@ -1,1 +1,1 @@
-"""Several grasps of one problem: each with its quality and forces, and the choice among them."""
+"""Several grasps of one problem: records, and selection by a user's function."""

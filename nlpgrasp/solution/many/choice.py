@@ -1,4 +1,4 @@
-"""The first of several grasps that a function of the user's accepts."""
+"""Selection of the first kept grasp that a user's function accepts; table of kept grasps."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Accepts = Callable[[FoundGrasp], bool]
 
 
 def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp:
-    """Return the first grasp for which a function is true.
+    """Return the first grasp that a function accepts.
 
     Raises
     ------
     InputError
-        Where it is true for none, raises, or returns neither True nor False.
+        Where it accepts none, raises, or returns neither True nor False.
     """
     if not callable(accepts):
         raise InputError("select", accepts, "a function of an ng.FoundGrasp that returns True or False")
@@ -37,9 +37,9 @@ def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp
 
 
 def table(grasps: Sequence[FoundGrasp], asked: int = 1) -> list[str]:
-    """Return several grasps in words, one a line: certified quality, what is left of it at worst, faces.
+    """Return a table of several grasps as text lines: certified quality, remaining quality at worst, faces.
 
-    Where they are fewer than were asked for, the first line says so.
+    Where there are fewer grasps than requested, the first line says so.
     """
     fewer = f"  {len(grasps)} of the {asked} grasps asked for: more starts, or a smaller distinct, may find others"
     said = [fewer] if 0 < len(grasps) < asked else []

@@ -1,4 +1,4 @@
-"""One of the grasps that a solve found: certified, with what is worth knowing about it."""
+"""Record of one grasp that a solve kept: certified quality, forces and constraints."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from nlpgrasp.solution.schema.types import FoundData, SolutionData
 
 @dataclass(frozen=True)
 class FoundGrasp:
-    """One of the grasps that a solve found.
+    """One of the grasps that a solve kept.
 
     Parameters
     ----------
@@ -30,25 +30,25 @@ class FoundGrasp:
     faces : tuple of k str
         The face each contact is on.
     mu : Bounds
-        Certified.
+        Certified quality.
     kind : {"mu", "mu_tilde"}
         Which measure ``mu`` holds.
     hand : mapping or None
-        The hand there: a URDF hand's joint positions, palm pose and pregrasp.
+        The hand in this grasp: a URDF hand's joint positions, palm pose and pregrasp.
     robust : Robustness or None
-        What is left of mu when contacts are off and friction is less; looked for less closely than of the answer.
+        Remaining quality under contact displacement and friction loss; the search is coarser than for the answer.
     forces : sequence of (wrench, forces)
         Task wrenches ``mu.lower * (c + semi-axis)`` (d,) and finger forces (k, space), newtons.
     moments : sequence of (k, d - space) array
         Newton-metres about the contact points, with the forces; empty when no contact exerts any.
     needed : ForcesNeeded or None
-        What the fingers press for the task as it was given.
+        Finger forces for the task at its full size.
     constraints : tuple of ConstraintReport
-        Values and limits of the rows at this grasp, by name.
+        Values and limits of the constraints at this grasp, by name.
     surface : SurfaceMatch or None
         For meshes.
     start : int or None
-        Index of the start that ended with it; None of one that the search met besides, which is no local optimum.
+        Index of the start that ended with it; None for an intermediate iterate, which is not a local optimum.
     """
 
     grasp: Grasp
@@ -66,12 +66,12 @@ class FoundGrasp:
 
     @property
     def is_fragile(self) -> bool:
-        """Whether next to nothing of the quality is left when contacts are a little off; false where none is known."""
+        """Whether less than a fifth of the quality is left under contact displacement; false where unknown."""
         return self.robust is not None and self.robust.is_fragile(self.mu)
 
     def to_dict(self) -> FoundData:
-        """Return the grasp as JSON data: parts named as those of a solution."""
-        bounds = replace(self.mu, task_beta=None)  # the file says once how the paper's beta goes with mu
+        """Return the grasp as JSON data, with the keys of a solution."""
+        bounds = replace(self.mu, task_beta=None)  # the file states the task's beta once
         return {
             "start": self.start,
             "grasp": PlacedGrasp(self.grasp, self.faces, self.surface).to_dict(),
@@ -110,12 +110,12 @@ class FoundGrasp:
 
 
 def found_grasps(data: SolutionData, name: str) -> list[FoundGrasp]:
-    """Return the grasps that a file keeps; ``name`` is shown in messages.
+    """Return the kept grasps of a file; ``name`` is shown in messages.
 
     Raises
     ------
     InputError
-        When numbers contradict each other, and where there are some beside no grasp.
+        When numbers contradict each other, and where grasps are kept without an answer.
     """
     kept = [FoundGrasp.from_dict(found, f"{name}.{i}") for i, found in enumerate(data.get("grasps", []))]
     if kept and data["grasp"] is None:

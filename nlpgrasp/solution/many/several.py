@@ -1,4 +1,4 @@
-"""A solution that may hold more than its answer."""
+"""Base class of solutions with several kept grasps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlpgrasp.solution.records import ConstraintReport
 
 
 class Several(Measured):
-    """The grasps that were kept: the answer, and others beside it."""
+    """The kept grasps of a solution: the answer and alternatives."""
 
     forces: Sequence[tuple[FloatArray, FloatArray]]
     moments: Sequence[FloatArray]
@@ -25,18 +25,18 @@ class Several(Measured):
 
     @property
     def grasps(self) -> tuple[FoundGrasp, ...]:
-        """All grasps that were kept, best first: the first is the answer itself; none where no grasp was found."""
+        """All kept grasps, best first: the first is the answer itself; empty without a grasp."""
         return () if self.grasp is None else (self._answer, *self.others)
 
     def in_frame(self, pose: Pose) -> SolutionInFrame:
-        """Return the grasp as it is where the body stands in a world: contacts, forces, task, palm and phases there.
+        """Return the grasp in a world frame, given the pose of the body: contacts, forces, task, palm and phases.
 
-        Of a grasp kept beside the answer: ``solution.with_answer(solution.grasps[i]).in_frame(pose)``.
+        For an alternative grasp: ``solution.with_answer(solution.grasps[i]).in_frame(pose)``.
 
         Parameters
         ----------
         pose : (4, 4) array or mapping, (3, 3) array in the plane
-            Of the body in the world, ``[[A, b], [0, 1]]``: a point x of the body is at ``A x + b``, metres; or a
+            Pose of the body in the world, ``[[A, b], [0, 1]]``: a point x of the body is at ``A x + b``, metres; or a
             mapping with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
 
         Raises
@@ -49,7 +49,7 @@ class Several(Measured):
 
     @property
     def _answer(self) -> FoundGrasp:
-        """The answer, as one of the grasps."""
+        """The answer as a record of the kept grasps."""
         return FoundGrasp(
             self.require_grasp(),
             self.faces,

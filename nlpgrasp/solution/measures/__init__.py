@@ -1,1 +1,1 @@
-"""What a solution states about how good its grasp is: quality, forces, bounds."""
+"""Quality measures of a solution: certified quality, forces and bounds."""

@@ -1,4 +1,4 @@
-"""What the hand of a solution does: its squeeze, what its joints exert, its way to the grasp."""
+"""Hand-related results of a solution: squeeze, joint efforts and the approach."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from nlpgrasp.solution.squeezed.squeeze import Squeeze, finger_wrenches
 
 MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
 ROUNDING = 1e-6  # relative
-FINE = 5e-5  # metres: less is not worth a number
+FINE = 5e-5  # metres: smaller lengths are not reported
 
 
 class ByHand(Asked):
-    """What is known of a grasp by the hand that was asked for."""
+    """Base class with the results that depend on the hand."""
 
     grasp: Grasp | None
     hand: Json | None
@@ -32,41 +32,41 @@ class ByHand(Asked):
 
     @cached_property
     def squeeze(self) -> Squeeze | None:
-        """The squeeze of the hand's joints that ``hand`` states; None where it states none."""
+        """The squeeze that ``hand`` states; None without one."""
         if self.grasp is None or self.hand is None or "squeeze" not in self.hand:
             return None
         return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
 
     @property
     def link_depth(self) -> LinkDepth | None:
-        """How deep the hand's links are in the body and its surroundings; None of hands without links, or unknown."""
+        """Penetration of the hand's links into body and surroundings; None where unknown or without links."""
         return link_depth_of(self.hand)
 
     @property
     def way_in(self) -> LinkDepth | None:
-        """How deep the links are in anything on the way to the grasp; None where no such way is known."""
+        """Penetration of the hand's links along the approach path; None where no path is known."""
         return way_in_of(self.hand)
 
     @property
     def touches(self) -> bool:
-        """Whether a link is deeper in anything than is allowed; false where that is not known."""
+        """Whether a link penetrates anything by more than its tolerance; false where unknown."""
         return self.link_depth is not None and not self.link_depth.is_free
 
     @property
     def has_free_way(self) -> bool:
-        """Whether nothing that is known blocks the straight way to the grasp."""
+        """Whether no known obstruction blocks the straight approach path."""
         return not of_the_way(self.hand)
 
     def approach_line(self) -> str:
-        """Return in words why the palm does not come straight to the grasp; empty where it does, or none is known."""
+        """Return the reason for having no straight approach, as text; empty where there is one, or none is known."""
         return no_approach(self.hand)
 
     def lines_by_hand(self) -> list[str]:
-        """Return what is known of the hand's joints, squeeze and way to the grasp, in words."""
+        """Return the results on joints, squeeze and approach as text lines."""
         return list(filter(None, (self.effort_line(), self.squeeze_line(), self.links_line(), self.gripper_line())))
 
     def links_line(self) -> str:
-        """Return in words how deep the links are in anything, in the grasp and before; empty where it is not known."""
+        """Return the links' penetration in the grasp and on the approach as text; empty where unknown."""
         depth, way = self.link_depth, self.way_in
         if depth is None:
             known = "tip_gaps" in (self.hand or {})
@@ -80,11 +80,11 @@ class ByHand(Asked):
 
     @property
     def way_blocked(self) -> float:
-        """How deep the straight way of parallel jaws leads into what is beside it, metres; 0 where it is free."""
+        """Penetration depth of parallel jaws on their straight approach, metres; 0 where it is free."""
         return jaws_depth(self.hand)
 
     def gripper_line(self) -> str:
-        """Return in words how parallel jaws come to the grasp; empty of other hands."""
+        """Return the approach of parallel jaws as text; empty for other hands."""
         hand = self.hand or {}
         if "opening" not in hand or "direction" not in (hand.get("approach") or {}):
             return ""
@@ -96,7 +96,7 @@ class ByHand(Asked):
         return f"{told}; {deep}, clearances included" if self.way_blocked else told
 
     def squeeze_line(self) -> str:
-        """Return in words what the squeeze needs, or why there is none; empty where neither is known."""
+        """Return forces and friction of the squeeze, or why there is none, as text; empty where neither is known."""
         if self.squeeze is not None:
             line, most = self.squeeze.line(), self.max_force
             if most is None or self.squeeze.largest <= (1.0 + ROUNDING) * most:
@@ -111,7 +111,7 @@ class ByHand(Asked):
         Raises
         ------
         InputError
-            Where it states none, with the reason where that is known.
+            Where it states none, with the reason if known.
         """
         if self.squeeze is not None:
             return self.squeeze
@@ -125,29 +125,29 @@ class ByHand(Asked):
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
-        """The keyframes of the hand, from afar to the lift; none without a hand with links, or in older files."""
+        """The keyframes of the hand, from approach to lift; empty without a hand with links, or in older files."""
         return phases_from((self.hand or {}).get("phases", ()), "hand.phases")
 
     def effort_line(self) -> str:
-        """Return in words what the joints do for the hardest wrench of the task; empty where that is not known.
+        """Return the joint efforts for the hardest wrench of the task as text; empty where unknown.
 
-        By virtual work, of the finger forces stated: others that hold the same wrench may ask less of the joints.
+        By virtual work from the stated finger forces: other forces for the same wrench may need smaller efforts.
         """
         effort = self._effort
         return "" if effort is None else f"these forces take {effort.words()}"
 
     @property
     def beyond_effort(self) -> str:
-        """Which joints the task asks more of than they can do, in words; empty where it asks of none, or none is known.
+        """The joints whose effort limit the task exceeds, as text; empty without such joints, or where unknown.
 
-        Other finger forces for the same wrench may ask less.
+        Other finger forces for the same wrench may need less.
         """
         effort = self._effort
         return "" if effort is None or not effort.exceeded else f"the task takes {effort.words()}"
 
     @property
     def _effort(self) -> JointSqueeze | None:
-        """What the joints do for the hardest wrench of the task; None where that, or a limit, is not known."""
+        """Joint efforts for the hardest wrench of the task; None where it, or a limit, is unknown."""
         joints, needed = None if self.squeeze is None else self.squeeze.joints, self.needed
         if needed is None or joints is None or joints.worst is None or self.budget.absolute:
             return None
@@ -155,5 +155,5 @@ class ByHand(Asked):
 
     @property
     def _why_no_squeeze(self) -> str | None:
-        """Why the hand cannot squeeze the body, as ``hand`` states it; None where it does not."""
+        """Reason stated in ``hand`` for having no squeeze; None where there is none."""
         return ((self.hand or {}).get("no_squeeze") or {}).get("reason")

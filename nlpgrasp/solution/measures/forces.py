@@ -1,4 +1,4 @@
-"""Wrenches and the finger forces that produce them, as a solution file states them."""
+"""Wrenches of a solution with the finger forces that produce them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema.types import ForcesData
 
-Forces: TypeAlias = Sequence[tuple[FloatArray, FloatArray]]  # (wrench, forces) by wrench
-Moments: TypeAlias = Sequence[FloatArray]  # beside them, or empty
+Forces: TypeAlias = Sequence[tuple[FloatArray, FloatArray]]  # (wrench, forces) pairs
+Moments: TypeAlias = Sequence[FloatArray]  # moments for each wrench, or empty
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class HeldWrench:
 
     @classmethod
     def from_dict(cls, data: ForcesData, name: str) -> HeldWrench:
-        """Return what ``to_dict`` wrote; arrays of other numbers of axes are refused under this name."""
+        """Return the record that ``to_dict`` wrote; refuse arrays of other dimensions, under this name."""
         wrench = array(f"{name}: direction", data["direction"], (None,))
         forces = array(f"{name}: forces", data["forces"], (None, None))
         moments = array(f"{name}: moments", data["moments"], (None, None)) if "moments" in data else None
@@ -48,7 +48,7 @@ class HeldWrench:
 
 
 def held_wrenches(forces: Forces, moments: Moments) -> list[HeldWrench]:
-    """Return wrenches, forces and moments together, as a solution has them side by side."""
+    """Return one record per wrench from the separate forces and moments of a solution."""
     beside = moments if len(moments) else [None] * len(forces)
     return [HeldWrench(w, f, m) for (w, f), m in zip(forces, beside, strict=True)]
 

@@ -1,4 +1,4 @@
-"""Bound on the quality of all placements, as a solution states it."""
+"""Upper bound on the quality over all placements of the contacts."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.solution.schema.types import GlobalBoundData
 
 SCHEMA = "nlpgrasp-bound/1"
-SMALL = 200_000  # bytes of a certificate that other files may hold
-LOOSE = 0.5  # gap above which a bound that leaves out parts of the problem says little of a grasp
+SMALL = 200_000  # bytes: largest certificate stored inside another file
+LOOSE = 0.5  # gap above which a bound of a relaxed problem counts as loose
 
 
 def is_small(certificate: Json) -> bool:
-    """Return whether another file may hold a certificate itself."""
+    """Return whether a certificate is small enough to be stored inside another file."""
     return len(json.dumps(certificate, separators=(",", ":"))) <= SMALL
 
 
 def write_bound(data: Json, path: str | Path) -> Path:
-    """Write the data of a bound file, whole or not at all, and return the path.
+    """Write the data of a bound file atomically, and return the path.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def write_bound(data: Json, path: str | Path) -> Path:
 
 
 def reference(path: str | Path) -> Json:
-    """Return the name and SHA-256 of a bound file, as files beside it hold them.
+    """Return the name and SHA-256 of a bound file, for reference from files beside it.
 
     Raises
     ------
@@ -60,16 +60,16 @@ class GlobalBound:
     Parameters
     ----------
     upper : float
-        No placement has a larger mu.
+        Upper bound on mu.
     nodes : int
-        Of the tree that was searched for it.
+        Nodes of the search tree.
     dropped : tuple of str
-        Parts of the problem that it leaves out: they only lower mu.
+        Relaxed parts of the problem: they only lower mu.
     certificate : dict
-        What it takes to compute the bound again, or where that is: the name and digest of a bound file; empty where it
-        was not kept.
+        Data from which the bound can be recomputed, or the name and digest of the bound file that holds them; empty if
+        they were not kept.
     stated_gap : float or None
-        What a file says that the gap is, inf for null; None of a bound that comes from a search.
+        Gap as stated in a file, inf for null; None for a bound from a search.
     """
 
     upper: float
@@ -79,11 +79,11 @@ class GlobalBound:
     stated_gap: float | None = field(default=None, repr=False, compare=False)
 
     def gap(self, mu: float) -> float:
-        """Return ``upper / mu - 1`` for a grasp of this certified quality: how far it is from the best, at most."""
+        """Return the relative optimality gap ``upper / mu - 1`` of a grasp of this certified quality."""
         return max(0.0, self.upper / mu - 1.0) if mu > 0.0 else math.inf
 
     def to_dict(self, mu: float) -> GlobalBoundData:
-        """Return the bound as JSON data beside the grasp's certified quality; a gap that is infinite as null."""
+        """Return the bound as JSON data, with the gap of a grasp of this quality; an infinite gap is null."""
         gap = self.gap(mu) if self.stated_gap is None else self.stated_gap
         data: GlobalBoundData = {
             "upper": self.upper,
@@ -94,7 +94,7 @@ class GlobalBound:
         return {**data, "certificate": self.certificate} if self.certificate and is_small(self.certificate) else data
 
     def saved_beside(self, problem: Mapping[str, object], path: Path) -> GlobalBound:
-        """Write a certificate that is too large for a solution file to a bound file; return what the solution states.
+        """Write a certificate that is too large for a solution file to a bound file; return a bound that names it.
 
         Parameters
         ----------
@@ -126,18 +126,18 @@ class GlobalBound:
 
     @classmethod
     def from_dict(cls, data: GlobalBoundData, name: str) -> GlobalBound:
-        """Return the bound that ``to_dict`` wrote; what it says of the grasp is for ``verify`` to check."""
+        """Return the bound that ``to_dict`` wrote; the stated gap is checked by ``verify``."""
         upper, gap = number(f"{name}.upper", data["upper"], at_least=0.0), data.get("gap")
         dropped, certificate = tuple(data.get("dropped", ())), data.get("certificate", {})
         return cls(upper, int(data.get("nodes", 0)), dropped, certificate, math.inf if gap is None else gap)
 
     def line(self, mu: float, label: str = "mu") -> str:
-        """Return in words how far a grasp of this certified quality is from the best that any placement allows.
+        """Return the optimality gap of a grasp of this certified quality, as text.
 
         Parameters
         ----------
         mu : float
-            Of the grasp, certified.
+            Certified quality of the grasp.
         label : str
             The measure's name.
         """
@@ -149,11 +149,11 @@ class GlobalBound:
         return f"{headroom_words(gap)}{self.ignored()}: {told}"
 
     def is_loose(self, gap: float) -> bool:
-        """Return whether the bound leaves out parts of the problem and is too wide to say anything of a grasp."""
+        """Return whether the bound relaxes parts of the problem and its gap is too wide to rate a grasp."""
         return bool(self.dropped) and LOOSE < gap < math.inf
 
     def ignored(self) -> str:
-        """Return in words which parts of the problem the bound leaves out; empty where it leaves out none."""
+        """Return the relaxed parts of the problem as text; empty without any."""
         *first, last = self.dropped or ("",)
         parts = " and ".join(filter(None, (", ".join(first), last)))
         return f", even ignoring {parts}" if parts else ""

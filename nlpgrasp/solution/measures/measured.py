@@ -1,4 +1,4 @@
-"""How good the grasp of a solution is: by itself, and against the best that any placement allows."""
+"""Quality measures of a solution's grasp: certified interval, optimality gap and warnings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from nlpgrasp.solution.starts import ipopt_lines, passed_over, starts_lines, win
 
 
 class Measured(ByHand):
-    """The measures of a grasp, for what is asked."""
+    """Base class with the quality measures of the grasp."""
 
     name: str
     status: Status
@@ -51,54 +51,54 @@ class Measured(ByHand):
 
     @property
     def success(self) -> bool:
-        """Whether a grasp with a certified quality above zero was found, and no link of its hand is inside anything."""
+        """Whether there is a grasp of certified quality above zero whose hand's links are free."""
         return self.is_certified and not self.touches
 
     @property
     def is_certified(self) -> bool:
-        """Whether a grasp with a certified quality above zero was found, whether its hand can take it or not."""
+        """Whether there is a grasp of certified quality above zero, whether its hand's links are free or not."""
         return self.grasp is not None and self.mu.lower > 0.0
 
     @property
     def label(self) -> str:
-        """The measure that ``mu`` holds, in words: ``"mu"`` or ``"mu-tilde"``."""
+        """Name of the measure in ``mu``: ``"mu"`` or ``"mu-tilde"``."""
         return measure_word(self.kind)
 
     @property
     def beta(self) -> Bounds | None:
-        """Mu in the paper's sense, the beta of the largest ``A_beta`` (3.3-4a), for a centred task ellipsoid."""
+        """The paper's mu, the beta of the largest ``A_beta`` (3.3-4a), for a centred task ellipsoid."""
         return self._measured.beta
 
     @property
     def best_possible(self) -> float:
-        """A certified bound on mu over all placements of the contacts; inf where there is none."""
+        """Certified upper bound on mu over all placements of the contacts; inf where there is none."""
         return math.inf if self.bound is None else self.bound.upper
 
     @property
     def gap(self) -> float:
-        """``best_possible / mu.lower - 1``: by how much of its own quality the grasp misses the best, at most."""
+        """Relative optimality gap ``best_possible / mu.lower - 1``, an upper bound."""
         return math.inf if self.bound is None else self.bound.gap(self.mu.lower)
 
     @property
     def is_fragile(self) -> bool:
-        """Whether next to nothing of the quality is left when contacts are a little off; false where none is known."""
+        """Whether less than a fifth of the quality is left under contact displacement; false where unknown."""
         return self.robust is not None and self.robust.is_fragile(self.mu)
 
     @property
     def is_too_weak(self) -> bool:
-        """Whether the task as given takes more of a finger than ``max_force``; false where either is not known."""
+        """Whether the task at full size needs more than ``max_force`` at a finger; false where either is unknown."""
         return self.needed is not None and self.needed.is_within(self.max_force) is False
 
     @property
     def message(self) -> str:
-        """What the status means; of a grasp that is solved, whether it is a local optimum."""
+        """Meaning of the status; for a solved grasp, whether it is a local optimum."""
         if self.status is not Status.SOLVED or self.kkt is None:
             return self.status.value
         return str(self.status.value).replace("a local optimum at best", self.kkt.words)
 
     @property
     def told(self) -> str:
-        """The status in words; where the gap is closed, how close, and what is wrong with the grasp."""
+        """Status as text, with a closed gap and warnings about the grasp."""
         told = self.message
         if self.status is Status.OPTIMAL:
             told = f"Optimal within {at_most(100.0 * self.gap)}%: {told.removeprefix('Optimal: ')}"
@@ -109,7 +109,7 @@ class Measured(ByHand):
 
     @property
     def caveats(self) -> list[str]:
-        """What a user has to know of the grasp before anything else, in words; mostly nothing."""
+        """Warnings about the grasp, as text; mostly empty."""
         said = [*of_the_grasp(self.hand), *of_the_way(self.hand), *filter(None, [unknown_links(self.hand)])]
         if self.robust is not None and self.is_fragile:
             said.append(self.robust.fragile_words(self.mu, self.label))
@@ -123,11 +123,11 @@ class Measured(ByHand):
 
     @property
     def title(self) -> str:
-        """Name and status in a line."""
+        """Name and status in one line."""
         return f"{self.name}: {self.told}"
 
     def quality_lines(self) -> list[str]:
-        """Return the certified quality in words, and how far it is from the best possible."""
+        """Return certified quality, optimality gap, forces and hand results as text lines."""
         paper = "" if self.task.paper_beta in (None, 1.0) else f", beta of the paper in {self.beta}"
         why = f": {self.mu.limit}" if self.mu.limit else ""
         held = held_words(self.kind, self.budget)
@@ -138,19 +138,19 @@ class Measured(ByHand):
         return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *self.lines_by_hand(), *room])]
 
     def needed_lines(self) -> list[str]:
-        """Return what the fingers press for the task as it was given, in words; nothing where it is not known."""
+        """Return the finger forces for the task at full size as text lines; empty where unknown."""
         return [] if self.needed is None else self.needed.lines(self.budget, self.max_force, self.fingers)
 
     @property
     def winner(self) -> StartRecord | None:
-        """The start whose grasp this is; None without a grasp or starts.
+        """The start whose grasp is the answer; None without a grasp or starts.
 
-        Files of earlier versions do not say which: then the start with the largest certified upper bound.
+        In files of earlier versions, which do not state it, the start with the largest certified upper bound.
         """
         return winner_of(self.starts, self.best_start)
 
     def starts_lines(self) -> list[str]:
-        """Return in words how the starts ended, why one with more mu is not the answer, and where IPOPT did not run."""
+        """Return text lines on the ends of the starts, better starts passed over, and failed calls of IPOPT."""
         before = 0.0 if self._room is None else mu_without(self._room)
         by_what_is_left = bool(self.solver.get("options", {}).get("maximise_robust"))
         over = passed_over(self.starts, self.winner, before, self.label, by_what_is_left, self.squeeze is not None)
@@ -175,12 +175,12 @@ class Measured(ByHand):
         return "\n".join(lines)
 
     def require_grasp(self) -> Grasp:
-        """Return the grasp that was found.
+        """Return the grasp, or raise ``InputError`` where there is none.
 
         Raises
         ------
         InputError
-            Where none was found.
+            Where the solution has no grasp.
         """
         if self.grasp is None:
             ended = "" if self.status is Status.NO_GRASP else f" ({self.status.name.lower().replace('_', ' ')})"
@@ -189,7 +189,7 @@ class Measured(ByHand):
 
     @property
     def _room(self) -> Json | None:
-        """What the room of the hand's joints is, as ``hand`` states it."""
+        """Joint-limit margins as ``hand`` states them."""
         return (self.hand or {}).get("room")
 
     @property

@@ -1,4 +1,4 @@
-"""What the fingers press for the whole task as it was given, in newtons."""
+"""Finger forces for the task at its full size, in newtons."""
 
 from __future__ import annotations
 
@@ -18,30 +18,29 @@ from nlpgrasp.solution.schema.types import FingerForceData, NeededData
 
 @dataclass(frozen=True)
 class ForcesNeeded:
-    """What the fingers press for the task as it was given, at its full size.
+    """Finger forces that the task at its full size requires.
 
-    Certified is ``budget``: the least forces use no more of the budget than its upper bound, whatever wrench the task
-    asks for. The forces of single fingers are computed, of the hardest wrench found and of the task's extreme wrenches.
+    ``budget`` is certified: for every wrench of the task, the least forces use at most its upper bound of the budget.
+    The forces of single fingers are computed for the hardest wrench found and the task's extreme wrenches.
 
     Parameters
     ----------
     wrench : (d,) array
-        The hardest wrench of the task that was found, newtons and newton-metres.
+        The hardest wrench found of the task, newtons and newton-metres.
     forces : (k, space) array
         The least finger forces that produce it, body frame, newtons.
     moments : (k, d - space) array or None
-        With them, about the contact points, newton-metres; None where no contact exerts any.
+        Moments about the contact points, newton-metres; None where no contact exerts any.
     normal, size : (k,) array
-        Of each finger's force for that wrench: how hard it presses, and its length; newtons.
+        Normal component and magnitude of each finger's force for that wrench, newtons.
     largest : (k,) array
         The largest force of each finger over the hardest wrench and the task's extreme ones, newtons.
     budget : Bounds
-        Certified, of what the hardest wrench takes of the force budget: ``1 / mu``; newtons, but of torque limits a
-        share.
+        Certified use of the force budget for the hardest wrench: ``1 / mu``; newtons, or a share of torque limits.
     within : bool or None
         Whether no finger's largest force is above the problem's ``max_force``; None where none is stated.
     stated_summary : tuple or None
-        What a file says that the summary is; None of forces that were computed.
+        Summary as stated in a file; None for computed forces.
     """
 
     wrench: FloatArray
@@ -64,7 +63,7 @@ class ForcesNeeded:
         others: Sequence[FloatArray],
         mu: Bounds,
     ) -> ForcesNeeded:
-        """Return what is needed, from the least forces of a grasp.
+        """Return the record for the least forces of a grasp.
 
         Parameters
         ----------
@@ -79,7 +78,7 @@ class ForcesNeeded:
         others : sequence of (k, space) array
             Forces for other wrenches of the task.
         mu : Bounds
-            Certified, with a lower bound above 0.
+            Certified quality, with a lower bound above 0.
         """
         size = np.linalg.norm(forces, axis=1)
         largest = np.max([size, *(np.linalg.norm(f, axis=1) for f in others)], axis=0)
@@ -88,7 +87,7 @@ class ForcesNeeded:
 
     @property
     def total(self) -> float:
-        """The fingers' forces for the hardest wrench together, newtons."""
+        """Sum of the fingers' forces for the hardest wrench, newtons."""
         return float(np.sum(self.size))
 
     @property
@@ -98,27 +97,27 @@ class ForcesNeeded:
 
     @property
     def summary(self) -> tuple[float, int, float]:
-        """The largest force of any finger, whose it is, and the forces for the hardest wrench together; newtons."""
+        """Largest force of any finger, that finger's index, and the sum for the hardest wrench; newtons."""
         return float(np.max(self.largest)), self.finger, self.total
 
     def is_within(self, max_force: float | None) -> bool | None:
-        """Return whether no finger's largest force is above a limit, newtons; None without one."""
+        """Return whether no finger's largest force exceeds a limit, newtons; None without one."""
         return None if max_force is None else bool(np.max(self.largest) <= max_force)
 
     def finger_words(self) -> str:
-        """Return what the fingers exert for the hardest wrench, in their order, and together."""
+        """Return the fingers' forces for the hardest wrench, and their sum, as text."""
         forces, normal = (", ".join(rounded(f) for f in each) for each in (self.size, self.normal))
         last = len(self.size) - 1
         which = "finger 0 exerts" if last == 0 else f"fingers 0 {'and' if last == 1 else 'to'} {last} exert"
         return f"{which} {forces} {FORCE_UNIT} (normal {normal})"
 
     def too_much_words(self, max_force: float) -> str:
-        """Return which finger is to press more than a limit of each finger's force, newtons, and how much."""
+        """Return the finger whose force exceeds a limit, newtons, and the force, as text."""
         most = f"{rounded(float(np.max(self.largest)))} {FORCE_UNIT}"
         return f"finger {self.finger} needs {most} for the task, above max_force = {rounded(max_force)} {FORCE_UNIT}"
 
     def limit_words(self, max_force: float, budget: ForceBudget) -> str:
-        """Return how the largest force compares with a limit of each finger's force, newtons."""
+        """Return the largest force compared with a limit of each finger's force, newtons, as text."""
         limit = f"max_force = {rounded(max_force)} {FORCE_UNIT}"
         if not self.is_within(max_force):
             return f"ABOVE {limit}"
@@ -127,16 +126,16 @@ class ForcesNeeded:
         return f"within {limit} for the wrenches computed: the ends of the task's axes and the hardest one"
 
     def lines(self, budget: ForceBudget, max_force: float | None, fingers: Sequence[str] = ()) -> list[str]:
-        """Return what is needed in words: what is certified, the hardest wrench, the largest force.
+        """Return the required forces as text lines: certified budget, hardest wrench, largest force.
 
         Parameters
         ----------
         budget : ForceBudget
-            That the forces are least in.
+            The budget in which the forces are least.
         max_force : float or None
             Limit of each finger's force, newtons.
         fingers : sequence of str
-            Their links, where they have some.
+            Links of the fingers, if any.
         """
         low, high = outwards(self.budget.lower, self.budget.upper, 4)
         both = high if low == high else f"{low} to {high}"
@@ -151,7 +150,7 @@ class ForcesNeeded:
         ]
 
     def to_dict(self) -> NeededData:
-        """Return what is needed as JSON data."""
+        """Return the required forces as JSON data."""
         fingers: list[FingerForceData] = []
         for i, force in enumerate(self.forces):
             entry: FingerForceData = {
@@ -174,7 +173,7 @@ class ForcesNeeded:
 
     @classmethod
     def from_dict(cls, data: NeededData, name: str) -> ForcesNeeded:
-        """Return what ``to_dict`` wrote; ``name`` is shown in messages.
+        """Return the record that ``to_dict`` wrote; ``name`` is shown in messages.
 
         Raises
         ------

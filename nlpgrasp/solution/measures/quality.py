@@ -1,4 +1,4 @@
-"""The measures of a grasp found, as a solution file states them."""
+"""Quality measures of a grasp as stored in a solution file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from nlpgrasp.solution.schema.types import MuData, QualityData
 
 @dataclass(frozen=True)
 class Quality:
-    """How good a grasp is.
+    """Quality measures of a grasp.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ class Quality:
     nu : Volume or None
     robust : Robustness or None
     bound : GlobalBound or None
-        On mu over all placements.
+        Upper bound on mu over all placements.
     needed : ForcesNeeded or None
-        For the task as it was given.
+        Finger forces for the task at full size.
     """
 
     mu: Bounds
@@ -47,7 +47,7 @@ class Quality:
     needed: ForcesNeeded | None = None
 
     def to_dict(self) -> QualityData:
-        """Return the measures as JSON data, None for what is not known."""
+        """Return the measures as JSON data, None for unknown ones."""
         direction = self.mu.worst_direction
         mu: MuData = {
             "lower": self.mu.lower,
@@ -101,7 +101,7 @@ class Quality:
 
 
 def held_words(kind: str, budget: ForceBudget) -> str:
-    """Return what a measure of this kind, ``"mu"`` or ``"mu_tilde"``, counts under a budget, in words."""
+    """Return the meaning of a measure of this kind, ``"mu"`` or ``"mu_tilde"``, under a budget, as text."""
     task = "the task, its centre included," if kind == "mu_tilde" else "the task"
     if budget.absolute:
         return f"the joints' torque limits hold {task} scaled by this factor"
@@ -109,7 +109,7 @@ def held_words(kind: str, budget: ForceBudget) -> str:
 
 
 def check_beta(data: QualityData, beta: Bounds | None, name: str) -> None:
-    """Refuse an interval of the paper's beta that is not mu's times the beta of the task.
+    """Refuse an interval of the paper's beta that differs from mu times the task's beta.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def check_beta(data: QualityData, beta: Bounds | None, name: str) -> None:
 
 
 def _mu_of(data: MuData, dimension: int | None, name: str) -> Bounds:
-    """Return the certified interval with its direction."""
+    """Return the certified interval with its worst direction."""
     stated, direction = data.get("worst_direction"), None
     if stated is not None:
         direction = array(f"{name}.worst_direction", stated, (dimension,))

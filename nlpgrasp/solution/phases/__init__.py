@@ -1,1 +1,1 @@
-"""The phases of a grasp by a hand, and the trajectory through them."""
+"""Phases of a grasp by a hand: keyframes and trajectory."""

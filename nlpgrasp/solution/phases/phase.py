@@ -1,4 +1,4 @@
-"""The phases of a grasp by a hand, as a solution file states them: a list of keyframes."""
+"""Keyframes of a hand: approach, pregrasp, grasp, squeeze and lift."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NAMES = (APPROACH, PREGRASP, GRASP, SQUEEZE, LIFT)  # in their order
 
 @dataclass(frozen=True)
 class Phase:
-    """One keyframe: where the hand is when a phase begins (``approach``) or is done (the others).
+    """A keyframe: the hand's pose at the start of the approach, or at the end of any other phase.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ class Phase:
     palm_quaternion : (4,) array
         w, x, y, z, of unit length; the same in all phases of a grasp.
     joints : mapping of str to float
-        Every joint that moves, those that follow others included, radians or metres. Of ``squeeze`` and ``lift`` what
-        position control is told.
+        Positions of all moving joints, mimic joints included, radians or metres; in ``squeeze`` and ``lift`` the
+        commands of position control.
     clearance : float or None
-        What the hand is away at least from the body, and from what constraints keep it off, on the straight way from
-        the keyframe before, metres; None of the first one and where the fingers touch.
+        Least distance of the hand from the body and the surroundings on the straight path from the previous keyframe,
+        metres; None for the first one and where the fingers touch.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Phase:
 
     @property
     def palm_frame(self) -> FloatArray:
-        """The palm's frame in the body's, (4, 4)."""
+        """The palm's frame in the body's frame, (4, 4)."""
         frame = np.eye(4)
         frame[:3, :3] = Rotation.from_quat(self.palm_quaternion, scalar_first=True).as_matrix()
         frame[:3, 3] = self.palm_position
@@ -58,14 +58,14 @@ class Phase:
 
     @classmethod
     def of(cls, name: str, posture: Json, clearance: float | None = None) -> Phase:
-        """Return the keyframe in a posture with ``palm_pose`` and ``joint_positions``."""
+        """Return the keyframe for a posture with ``palm_pose`` and ``joint_positions``."""
         pose = posture["palm_pose"]
         position, quaternion = (np.asarray(pose[part], float) for part in ("position", "quaternion_wxyz"))
         return cls(name, position, quaternion, dict(posture["joint_positions"]), clearance)
 
 
 def phases_from(data: Sequence[Json], name: str) -> tuple[Phase, ...]:
-    """Return the keyframes that a file states; ``name`` is shown in messages.
+    """Return the keyframes of a file; ``name`` is shown in messages.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The way through the phases of a grasp, sampled in time."""
+"""Trajectory of a hand through the phases of a grasp, sampled in time."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ PALM = ("palm_x", "palm_y", "palm_z", "palm_qw", "palm_qx", "palm_qy", "palm_qz"
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A hand in time: straight from keyframe to keyframe of ``solution.phases``, each leg at constant speeds.
+    """Hand trajectory: straight between the keyframes of ``solution.phases``, each leg at constant speeds.
 
     Parameters
     ----------
     times : (m,) array
         Seconds, from 0.
     phases : tuple of m str
-        The phase that is going on: that of the keyframe that the hand is on its way to.
+        The current phase: that of the next keyframe.
     palm_positions : (m, 3) array
         Metres, in the frame of the body as it stands in the grasp.
     palm_quaternion : (4,) array
-        w, x, y, z: the palm does not turn.
+        w, x, y, z, constant.
     joint_names : tuple of n str
-        Every joint that moves, those that follow others included.
+        All moving joints, mimic joints included.
     joints : (m, n) array
         Radians or metres.
     """
@@ -58,7 +58,7 @@ class Trajectory:
         }
 
     def to_csv(self) -> str:
-        """Return the trajectory as CSV text: time, phase, palm position and quaternion, every joint."""
+        """Return the trajectory as CSV text: time, phase, palm position and quaternion, joints."""
         text = io.StringIO(newline="")
         writer = csv.writer(text)
         writer.writerow(["time", "phase", *PALM, *self.joint_names])
@@ -74,11 +74,10 @@ def trajectory(
     speed: float = SPEED,
     joint_speed: float | Mapping[str, float] = JOINT_SPEED,
 ) -> Trajectory:
-    """Return the way of a hand through the phases of a grasp: approach, pregrasp, grasp, squeeze, lift.
+    """Return the hand's trajectory through the phases of a grasp: approach, pregrasp, grasp, squeeze, lift.
 
-    Palm and joints go on straight lines from keyframe to keyframe, all at once, as fast as the slowest of them may: the
-    lines that were looked at for collisions. Every keyframe is one of the samples; between them they are at most
-    ``1 / rate`` apart.
+    Palm and joints move on straight lines between keyframes, those that were checked for collisions, and arrive
+    together: the slowest sets the pace. Every keyframe is a sample; samples are at most ``1 / rate`` seconds apart.
 
     Parameters
     ----------
@@ -87,9 +86,9 @@ def trajectory(
     rate : float
         Samples a second, at least.
     speed : float
-        Of the palm, metres a second.
+        Speed of the palm, metres per second.
     joint_speed : float or mapping of str to float
-        Of the joints, radians a second (metres a second of sliding joints), for all or by joint.
+        Speed of the joints, radians per second (metres per second for sliding joints), for all or by joint.
 
     Raises
     ------

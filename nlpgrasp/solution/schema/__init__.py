@@ -1,4 +1,4 @@
-"""The JSON Schema of solution files, shipped as data."""
+"""JSON Schema of solution files, shipped as data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the kinds that a file names are known: the schema leaves room for those that other packages register."""
+"""Check of registered kinds in a file: contacts, tasks and force budgets."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ EXPECTED = "what schema 1 says (docs/json.md)"
 
 
 def check_kinds(data: Json, name: str) -> None:
-    """Refuse data, which keep the schema, with contacts, a task or a budget of a kind that nobody has registered.
+    """Refuse schema-valid data with contacts, a task or a budget of an unregistered kind.
 
     Parameters
     ----------
     data : dict
-        Of the whole file.
+        Data of the whole file.
     name : str
-        The file's, for messages.
+        Name of the file, for messages.
     """
     kept = {f"grasps.{i}.grasp": found["grasp"] for i, found in enumerate(data.get("grasps", ()))}
     for place, grasp in {"grasp": data["grasp"], **kept}.items():

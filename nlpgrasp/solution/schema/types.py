@@ -1,4 +1,4 @@
-"""Schema 1 as types: the same shapes as the JSON Schema beside this file, for the code that reads and writes them."""
+"""Typed dictionaries of schema 1, for the code that reads and writes solution files."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import NotRequired, TypeAlias, TypedDict
 from nlpgrasp.common.types import Json
 
 Vector: TypeAlias = list[float]
-Measure: TypeAlias = Mapping[str, float]  # an interval, as Bounds and Volume state themselves
+Measure: TypeAlias = Mapping[str, float]  # an interval in the JSON form of Bounds and Volume
 
 
 class MuData(TypedDict):
-    """The entry ``quality.mu``."""
+    """Type of the entry ``quality.mu``."""
 
     lower: float
     upper: float
@@ -23,7 +23,7 @@ class MuData(TypedDict):
 
 
 class RobustData(TypedDict):
-    """The entry ``quality.robust``."""
+    """Type of the entry ``quality.robust``."""
 
     offset: float
     friction_share: float
@@ -36,7 +36,7 @@ class RobustData(TypedDict):
 
 
 class GlobalBoundData(TypedDict):
-    """The entry ``quality.best_possible``."""
+    """Type of the entry ``quality.best_possible``."""
 
     upper: float
     gap: float | None
@@ -46,7 +46,7 @@ class GlobalBoundData(TypedDict):
 
 
 class FingerForceData(TypedDict):
-    """One of ``quality.forces_needed.fingers``."""
+    """Type of the items of ``quality.forces_needed.fingers``."""
 
     force: Vector
     normal: float
@@ -56,7 +56,7 @@ class FingerForceData(TypedDict):
 
 
 class NeededData(TypedDict):
-    """The entry ``quality.forces_needed``."""
+    """Type of the entry ``quality.forces_needed``."""
 
     wrench: Vector
     fingers: list[FingerForceData]
@@ -68,7 +68,7 @@ class NeededData(TypedDict):
 
 
 class QualityData(TypedDict):
-    """The entry ``quality``."""
+    """Type of the entry ``quality``."""
 
     mu: MuData | None
     best_possible: NotRequired[GlobalBoundData]
@@ -79,7 +79,7 @@ class QualityData(TypedDict):
 
 
 class ContactData(TypedDict):
-    """One of ``grasp.contacts``; beside these entries it has those of its contact model."""
+    """Type of the items of ``grasp.contacts``, which also have the entries of their contact model."""
 
     position: Vector
     normal: Vector
@@ -92,7 +92,7 @@ class ContactData(TypedDict):
 
 
 class GraspData(TypedDict):
-    """The entry ``grasp``."""
+    """Type of the entry ``grasp``."""
 
     dimension: int
     torque_origin: Vector
@@ -100,7 +100,7 @@ class GraspData(TypedDict):
 
 
 class ForcesData(TypedDict):
-    """One of the entries of ``forces``."""
+    """Type of the items of ``forces``."""
 
     direction: Vector
     forces: list[Vector]
@@ -108,7 +108,7 @@ class ForcesData(TypedDict):
 
 
 class ConstraintData(TypedDict):
-    """One of ``constraints``; None for no limit."""
+    """Type of the items of ``constraints``; None for no limit."""
 
     name: str
     value: float
@@ -120,7 +120,7 @@ class ConstraintData(TypedDict):
 
 
 class PriceData(TypedDict):
-    """One of the entries of ``shadow_prices``."""
+    """Type of the items of ``shadow_prices``."""
 
     name: str
     value: float
@@ -130,7 +130,7 @@ class PriceData(TypedDict):
 
 
 class KKTData(TypedDict):
-    """The entry ``kkt``."""
+    """Type of the entry ``kkt``."""
 
     stationarity: float
     feasibility: float
@@ -142,7 +142,7 @@ class KKTData(TypedDict):
 
 
 class ConflictData(TypedDict):
-    """One of the entries of ``why_not.conflicts``."""
+    """Type of the items of ``why_not.conflicts``."""
 
     name: str
     row: str
@@ -153,7 +153,7 @@ class ConflictData(TypedDict):
 
 
 class WhyNotData(TypedDict):
-    """The entry ``why_not``."""
+    """Type of the entry ``why_not``."""
 
     conflicts: list[ConflictData]
     direction: Vector | None
@@ -163,7 +163,7 @@ class WhyNotData(TypedDict):
 
 
 class StartData(TypedDict):
-    """One of ``solver.starts``; None for bounds and a violation that are not known."""
+    """Type of the items of ``solver.starts``; None for unknown bounds and violation."""
 
     index: int
     status: str
@@ -179,7 +179,7 @@ class StartData(TypedDict):
 
 
 class FoundData(TypedDict):
-    """One of ``grasps``: its parts are those of a file."""
+    """Type of the items of ``grasps``, with the keys of a solution."""
 
     start: NotRequired[int | None]
     grasp: GraspData
@@ -190,7 +190,7 @@ class FoundData(TypedDict):
 
 
 class SolverData(TypedDict, total=False):
-    """``solver``: how the solve went. In a solution it has the versions, in a file the starts."""
+    """Type of the entry ``solver``: in a solution with the versions, in a file with the starts."""
 
     seed: int
     iterations: int
@@ -205,7 +205,7 @@ class SolverData(TypedDict, total=False):
 
 
 class SolutionData(TypedDict):
-    """A solution file as a whole."""
+    """Type of a whole solution file."""
 
     schema: str
     created_by: NotRequired[dict[str, str]]

@@ -1,1 +1,1 @@
-"""A grasp's squeeze: balanced finger forces, and the joint torques and commands that exert them."""
+"""Squeeze of a grasp: internal finger forces, and the joint torques and commands that exert them."""

@@ -1,4 +1,4 @@
-"""Whether a squeeze presses as hard as the task needs, and leaves friction for pushes."""
+"""Warnings about a squeeze: too weak for the task, or too little friction left."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from nlpgrasp.common.shown.numbers import percent
 from nlpgrasp.solution.measures.needed import ForcesNeeded
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 
-SPENT = 0.9  # of the friction there is: a squeeze that needs more of it leaves next to nothing
-FULL = 0.95  # of a joint's effort
-RESERVE = 1.5  # times the largest normal force that the task needs: balanced forces come beside those of the task
+SPENT = 0.9  # share of the available friction above which a squeeze is warned of
+FULL = 0.95  # share of a joint's effort that suggestions use
+RESERVE = 1.5  # suggested normal force over the largest that the task needs
 
 
 def slippery(squeeze: Squeeze | None) -> str:
-    """Return in words that a squeeze needs nearly all of the friction; empty where it leaves some, or none is known."""
+    """Return a warning that a squeeze needs nearly all of the friction; empty where it does not, or none is known."""
     if squeeze is None or squeeze.share <= SPENT:
         return ""
     used = f"{percent(squeeze.share)} of the friction there is"
@@ -22,16 +22,16 @@ def slippery(squeeze: Squeeze | None) -> str:
 
 
 def too_weak(squeeze: Squeeze | None, needed: ForcesNeeded | None, normal_force: float | None = None) -> str:
-    """Return in words by what a squeeze is too weak for the task as given; empty where it is not, or nothing is known.
+    """Return a warning that a squeeze is too weak for the task at full size; empty where it is not, or unknown.
 
     Parameters
     ----------
     squeeze : Squeeze or None
         Of the solution.
     needed : ForcesNeeded or None
-        What the task needs.
+        Finger forces of the task.
     normal_force : float, optional
-        What each finger is to press with, newtons; the squeeze's own when left out.
+        Requested normal force of each finger, newtons; the squeeze's own when left out.
     """
     if squeeze is None or needed is None:
         return ""

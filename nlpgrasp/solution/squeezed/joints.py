@@ -1,4 +1,4 @@
-"""What a hand's joints do in a squeeze: torques, their limits, and the positions that a controller is told."""
+"""Joint torques of a squeeze, their limits, and position commands for a controller."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 
 Gain = float | Mapping[str, float]
-GAIN = 5.0  # N m / rad of the joints' position control, where none is stated
-LEAST = 1e-9  # newton-metres, or radians per rate: less is nothing
-LEVER = 0.05  # metres: a sliding joint is taken like a turning one whose force has this lever
+GAIN = 5.0  # N m / rad: default gain of the joints' position control
+LEAST = 1e-9  # newton-metres, or radians per rate: smaller values count as zero
+LEVER = 0.05  # metres: moment arm that converts the default gain to sliding joints
 
 
 def usual_gain(sliding: Mapping[str, bool]) -> Gain:
-    """Return the gain of joints' position control where none is stated, N m / rad, N / m of those that slide.
+    """Return the default gain of the joints' position control, N m / rad, or N / m for sliding joints.
 
     Parameters
     ----------
@@ -33,24 +33,24 @@ def usual_gain(sliding: Mapping[str, bool]) -> Gain:
 
 @dataclass(frozen=True)
 class JointSqueeze:
-    """Joint torques of a squeeze: what the actuators have to apply, in statics and without the links' own weight.
+    """Static joint torques of a squeeze, without the links' own weight.
 
     By virtual work ``tau^T dq = sum_i f_i^T dx_i``: ``tau = sum_i J_i^T (f_i, m_i)`` with the forces and moments that
-    the fingers exert on the body. A positive torque drives its joint towards larger positions. Joints that follow
-    others count as these.
+    the fingers exert on the body. A positive torque drives its joint towards larger positions. Mimic joints count as
+    the joints that they follow.
 
     Parameters
     ----------
     torques : mapping of str to float
-        By joint that moves a contact, newton-metres (newtons of sliding joints).
+        By joint that moves a contact, newton-metres (newtons for sliding joints).
     limits : mapping of str to float
-        The hand's torque limits, by joint; those of joints without one are left out.
+        The hand's torque limits, for the joints that have one.
     grasp : mapping of str to float
         Positions of the same joints in the grasp, radians or metres.
     jacobians : (k, 6, m) array
         Velocity and angular velocity of each contact, fixed to its fingertip, per rate of each of these joints.
     gain : float, mapping of str to float, or None
-        Of the joints' position control, newton-metres a radian (newtons a metre), for all or by joint.
+        Gain of the joints' position control, newton-metres per radian (newtons per metre), for all or by joint.
     """
 
     torques: Mapping[str, float]
@@ -74,7 +74,7 @@ class JointSqueeze:
         Raises
         ------
         InputError
-            On a gain that is not above zero, or not of the joints that move contacts.
+            On a gain that is not above zero, or for other joints than those that move contacts.
         """
         tau = np.einsum("kdm,kd->m", jacobians, wrenches)
         torques = dict(zip(names, tau.tolist(), strict=True))
@@ -82,12 +82,12 @@ class JointSqueeze:
         return cls(torques, own, {name: float(positions[name]) for name in names}, jacobians, _gain(gain, names))
 
     def under(self, wrenches: FloatArray) -> JointSqueeze:
-        """Return what the same joints do for other finger forces and moments (k, d), body frame."""
+        """Return the torques of the same joints for other finger forces and moments (k, d), body frame."""
         tau = np.einsum("kdm,kd->m", self.jacobians, wrenches)
         return replace(self, torques=dict(zip(self.torques, tau.tolist(), strict=True)))
 
     def positions(self, gain: Gain | None = None) -> dict[str, float]:
-        """Return the joint positions to command, ``grasp + tau / gain``; joints that are not here stay in the grasp.
+        """Return position commands ``grasp + tau / gain``; joints left out stay in the grasp.
 
         Raises
         ------
@@ -102,27 +102,27 @@ class JointSqueeze:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Torques as shares of their limits, at least zero, by joint that has one."""
+        """Torque over limit of each joint that has a limit, at least zero."""
         return {name: abs(self.torques[name]) / limit for name, limit in self.limits.items()}
 
     @property
     def worst(self) -> tuple[str, float] | None:
-        """The joint with the largest share of its limit, and that share; None without limits."""
+        """The joint with the largest torque over limit, and that share; None without limits."""
         return max(self.shares.items(), key=lambda pair: pair[1], default=None)
 
     @property
     def exceeded(self) -> dict[str, float]:
-        """By how much torques are above their limits, newton-metres, by joint where they are."""
+        """Excess of torques over their limits, newton-metres, for the joints that have any."""
         over = {name: abs(self.torques[name]) - limit for name, limit in self.limits.items()}
         return {name: amount for name, amount in over.items() if amount > 0.0}
 
     def amount(self, name: str, value: float) -> str:
-        """Return a torque of a joint in words; of one that slides, and so turns no contact, a force."""
+        """Return a joint's torque as text; a force for a sliding joint."""
         turns = self.jacobians[:, 3:, list(self.torques).index(name)]
         return f"{rounded(value, least=LEAST)} {'N m' if np.any(np.abs(turns) > LEAST) else 'N'}"
 
     def words(self) -> str:
-        """Return the worst joint in words, and what is above its limit."""
+        """Return the joint with the largest share of its limit, and exceeded limits, as text."""
         if self.worst is None:
             most = max(self.torques, key=lambda name: abs(self.torques[name]))
             return f"at most {self.amount(most, abs(self.torques[most]))} at a joint ({most})"
@@ -144,12 +144,12 @@ class JointSqueeze:
 
     @classmethod
     def from_dict(cls, data: Json, count: int, hand: Json, stated: Json, name: str) -> JointSqueeze:
-        """Return what ``to_dict`` wrote, of ``count`` contacts; ``name`` is shown in messages.
+        """Return the record that ``to_dict`` wrote, for ``count`` contacts; ``name`` is shown in messages.
 
         Parameters
         ----------
         data : mapping
-            What ``to_dict`` wrote.
+            Data from ``to_dict``.
         count : int
             Number of contacts.
         hand : mapping
@@ -179,7 +179,7 @@ class JointSqueeze:
 
 
 def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:
-    """Return a gain, checked."""
+    """Return a validated gain."""
     if gain is None:
         return None
     if not isinstance(gain, Mapping):

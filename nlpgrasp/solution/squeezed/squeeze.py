@@ -1,4 +1,4 @@
-"""The squeeze of a grasp: balanced finger forces inside the friction cones, and what exerts them."""
+"""Squeeze of a grasp: balanced finger forces inside the friction cones, with joint torques and commands."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.solution.squeezed.joints import Gain, JointSqueeze
 
-NONE = 1e-5  # friction that is none in words: what the solver's tolerance leaves
+NONE = 1e-5  # friction below the solver's tolerance, written as none
 
 
 @dataclass(frozen=True)
 class Squeeze:
-    """Balanced finger forces that need the least friction, with the joint torques and commands that exert them.
+    """Balanced finger forces of least friction, with the joint torques and commands that exert them.
 
     Parameters
     ----------
     normal_force : float
-        What each contact was asked to press with at least, newtons.
+        Requested least normal force of each contact, newtons.
     wrench : (d,) array
-        What the fingers exert together, newtons and newton-metres, about the grasp's torque origin: zero, or the
-        opposite of a weight.
+        Total wrench of the fingers, newtons and newton-metres, about the grasp's torque origin: zero, or the opposite
+        of a weight.
     forces : (k, space) array
         Of each finger on the body, body frame, newtons.
     moments : (k, d - space) array or None
         About the contact points, newton-metres; None where no contact exerts any.
     normal : (k,) array
-        How hard each finger presses, newtons.
+        Normal force of each finger, newtons.
     friction : (k,) array
-        The friction each contact needs: tangential over normal force.
+        Required friction of each contact: tangential over normal force.
     available : tuple of k float or None
-        The friction coefficient each contact has; None of contact models without one.
+        Friction coefficient of each contact; None for contact models without one.
     share : float
-        The largest share of friction, and torsional friction, that a contact needs: 1 less the margin to the cones.
+        Largest used share of friction, and torsional friction: 1 less the margin to the cones.
     residual : float
-        Length of what forces and wrench are off balance, relative to the forces, moments over the contacts' mean arm.
+        Norm of the equilibrium residual, relative to the forces, with moments over the contacts' mean arm.
     joints : JointSqueeze or None
-        Torques and commands of a hand with joints.
+        Joint torques and commands; None without joints.
     """
 
     normal_force: float
@@ -83,21 +83,21 @@ class Squeeze:
 
     @property
     def friction_needed(self) -> float:
-        """The largest friction that a contact needs, to compare with what there is: below it contacts slip."""
+        """Largest friction that a contact needs: with a smaller coefficient it slips."""
         return float(np.max(self.friction))
 
     @property
     def torques(self) -> dict[str, float]:
-        """Torques that the joints' actuators apply, newton-metres, by joint; empty without a hand with joints."""
+        """Actuator torques, newton-metres, by joint; empty for a hand without joints."""
         return {} if self.joints is None else dict(self.joints.torques)
 
     def positions(self, gain: Gain | None = None) -> dict[str, float]:
-        """Return joint positions to command, ``grasp + tau / gain``, radians (metres of sliding joints), by joint.
+        """Return position commands ``grasp + tau / gain``, radians (metres for sliding joints), by joint.
 
         Parameters
         ----------
         gain : float or mapping of str to float, optional
-            Of the joints' position control, newton-metres a radian (newtons a metre); the squeeze's own when left out.
+            Gain of position control, newton-metres per radian (newtons per metre); the squeeze's own when left out.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class Squeeze:
         return self.joints.positions(gain)
 
     def line(self) -> str:
-        """Return what fingers press with, the friction needed beside that there is, and the worst joint, in words."""
+        """Return normal force, needed and available friction, and the most loaded joint, as text."""
         pressed = f"normal forces {', '.join(rounded(force) for force in self.normal)} N"
         told = f"a squeeze with at least {rounded(self.normal_force)} N a finger ({pressed}) needs friction "
         told += rounded(self.friction_needed, least=NONE)
@@ -147,7 +147,7 @@ class Squeeze:
 
     @classmethod
     def from_dict(cls, hand: Json, stated: object, grasp: Grasp, name: str) -> Squeeze:
-        """Return the squeeze that a solution file states.
+        """Return the squeeze of a solution file.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class Squeeze:
         stated : object
             ``problem.hand``.
         grasp : Grasp
-            The one that is squeezed.
+            The squeezed grasp.
         name : str
             Shown in messages.
 
@@ -186,7 +186,7 @@ class Squeeze:
 
 
 def finger_wrenches(forces: FloatArray, moments: FloatArray | None) -> FloatArray:
-    """Return forces (k, space) and moments (k, d - space), None where there are none, beside each other, (k, d)."""
+    """Return the fingers' wrenches (k, d) from forces (k, space) and moments (k, d - space) or None."""
     count, space = forces.shape
     turn = np.zeros((count, 3 if space == 3 else 1)) if moments is None else moments
     return np.concatenate([forces, turn], axis=1)

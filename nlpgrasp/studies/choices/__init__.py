@@ -1,1 +1,1 @@
-"""Which contacts, and how many: problems that differ in their contacts, solved with each other's grasps."""
+"""Choice of number and types of contacts by solves with shared warm starts."""

@@ -1,4 +1,4 @@
-"""The quality against the number of contacts, and which number is worth its price."""
+"""Quality against number of contacts, and the best number under a penalty."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ function of the contact models and mu."""
 
 @dataclass(frozen=True)
 class ContactCurve:
-    """The certified quality against the number of contacts.
+    """Certified quality against number of contacts.
 
     Parameters
     ----------
     solutions : tuple of (int, GraspSolution)
         By number of contacts, increasing.
     reached : mapping of int to int
-        How many starts came within 2 % of the grasp, by number of contacts, those that begin from the grasps with other
-        numbers among them: 1 says that it was met once, and a better one may well have been missed.
+        Number of starts within 2 % of the grasp, by number of contacts, warm starts from other numbers included: with
+        1, a better grasp may well have been missed.
     possible : mapping of int to float
-        Proved upper bounds on mu of any grasp with so many contacts, beside those that the solutions state.
+        Proved upper bounds on mu by number of contacts, beside those that the solutions state.
     """
 
     solutions: tuple[tuple[int, GraspSolution], ...]
@@ -43,52 +43,52 @@ class ContactCurve:
 
     @property
     def best_known(self) -> dict[int, float]:
-        """The largest certified lower bound among the grasps found with at most so many contacts, by their number.
+        """Largest certified lower bound of grasps with at most so many contacts, by number.
 
-        An added contact can be left without force, so that more than that is possible with more contacts wherever the
-        constraints have room for them.
+        An added contact can be left without force, so at least this is possible with more contacts, if the constraints
+        allow them.
         """
         known = np.maximum.accumulate([found.mu.lower for _, found in self.solutions])
         return {k: float(best) for (k, _), best in zip(self.solutions, known, strict=True)}
 
     @property
     def shortfall(self) -> dict[int, float]:
-        """How far each grasp found is from the best known, relative to it, by the number of contacts; at least 0."""
+        """Relative deficit of each grasp against the best known one, by number of contacts; at least 0."""
         best = self.best_known
         return {k: 1.0 - found.mu.lower / best[k] if best[k] > 0.0 else 0.0 for k, found in self.solutions}
 
     @property
     def best_possible(self) -> dict[int, float]:
-        """A proved upper bound on mu of any grasp, by the number of contacts; inf where nothing is proved."""
+        """Proved upper bound on mu by number of contacts; inf without one."""
         return {k: min(found.best_possible, self.possible.get(k, np.inf)) for k, found in self.solutions}
 
     def gap(self, contacts: int) -> float:
-        """Return how much more than the grasp found may be possible, relative to it: inf where nothing is proved.
+        """Return the relative optimality gap of the grasp with so many contacts; inf without a bound.
 
         Raises
         ------
         InputError
-            On a number of contacts that was not asked for.
+            On a number of contacts that was not solved.
         """
         found = self._at(contacts)
         bound = self.best_possible[contacts]
         return max(0.0, float(bound / found.mu.lower - 1.0)) if found.mu.lower > 0.0 else np.inf
 
     def fewest(self, force: float) -> int | None:
-        """Return the least number of contacts whose force exerts the whole task, or None where none does.
+        """Return the least number of contacts that exerts the whole task with a force, or None.
 
         Parameters
         ----------
         force : float
-            In units of the force budget: the grasp found with so many contacts has ``1 / mu.lower`` at most this.
+            In units of the force budget: the grasp with so many contacts has ``1 / mu.lower`` at most this.
         """
         limit = number("force", force, above=0.0)
         return next((k for k, found in self.solutions if found.mu.lower * limit >= 1.0), None)
 
     def fewest_possible(self, force: float) -> int | None:
-        """Return the least number of contacts that is not proved to be too few for a force, or None where all are.
+        """Return the least number of contacts that is not proved insufficient for a force, or None.
 
-        Where it is ``fewest(force)`` that answer is proved: none of the smaller numbers asked for exerts the task.
+        If it equals ``fewest(force)``, that answer is proved: none of the smaller numbers solved exerts the task.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class ContactCurve:
         return next((k for k, bound in self.best_possible.items() if bound * limit >= 1.0), None)
 
     def best(self, penalty: Penalty) -> int:
-        """Return the number of contacts with the largest mu less penalty, mu at its lower bound; of equals the fewest.
+        """Return the number of contacts with the largest mu less penalty, mu at its lower bound; of equals the least.
 
         Parameters
         ----------
@@ -116,9 +116,9 @@ class ContactCurve:
         return max(self.solutions, key=lambda pair: (self._ends(pair[1], penalty)[0], -pair[0]))[0]
 
     def worth(self, penalty: Penalty) -> dict[int, Bounds]:
-        """Return mu less penalty by the number of contacts, from both ends of mu's interval.
+        """Return mu less penalty by number of contacts, at both ends of mu's interval.
 
-        A penalty that is a function of mu is taken at these ends alone: between them it is the caller's to know.
+        A penalty that is a function of mu is evaluated at these ends alone.
         """
         ends = {k: sorted(self._ends(found, penalty)) for k, found in self.solutions}
         return {k: Bounds(low, high) for k, (low, high) in ends.items()}
@@ -135,7 +135,7 @@ class ContactCurve:
         raise InputError("contacts", contacts, "one of " + ", ".join(str(k) for k, _ in self.solutions))
 
     def to_dict(self) -> Json:
-        """Return the curve as JSON data: a row a number of contacts."""
+        """Return the curve as JSON data, one row per number of contacts."""
         short, bounds = self.shortfall, self.best_possible
         return {
             "curve": [
@@ -172,7 +172,7 @@ class ContactCurve:
 
 
 def cost_of(contacts: tuple[ContactModel, ...], mu: float, penalty: Penalty) -> float:
-    """Return what contacts cost at a mu, in its unit; see ``ContactCurve.best``."""
+    """Return the penalty of contacts at a given mu, in its unit; see ``ContactCurve.best``."""
     if callable(penalty):
         value = penalty(contacts, mu)
         return number("penalty", value)

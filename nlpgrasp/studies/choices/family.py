@@ -1,11 +1,11 @@
-"""Solves of problems that differ in their contacts, with each other's grasps as warm starts.
+"""Solves of problems with nested contact sets or types, with each other's grasps as warm starts.
 
-A grasp found with fewer or poorer contacts is one of every larger problem, and never a worse one: with forces x of its
-own contacts and none of the others, ``G' x' = G x``. So ``G (B n K)`` is inside ``G' (B' n K')`` wherever the larger
-budget allows the forces that the smaller one allows, the other components being zero. That is so of the L2 norm of all
-forces, of bounds on each normal force or on each force, of their sum, and of joint torques in the same posture; then mu
-of the larger grasp is at least that of the smaller, and every certified lower bound carries over. Downwards a grasp of
-the larger problem is a start for the smaller one, without any such promise.
+A grasp with fewer or poorer contacts is feasible for every larger problem, and never worse there: with forces x of its
+own contacts and none of the others, ``G' x' = G x``. So ``G (B n K)`` is inside ``G' (B' n K')`` if the larger budget
+allows the forces of the smaller one, with the other components zero. This holds for the L2 norm of all forces, for
+bounds on each normal force or each force, for their sum, and for joint torques in the same posture. Then mu of the
+larger grasp is at least that of the smaller, and every certified lower bound carries over. In the other direction, a
+grasp of the larger problem is a warm start for the smaller one, without such a guarantee.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import Runner
 
-CARRIES = ("l2", "per_finger", "per_finger_size", "shared", "hand_torques")  # budgets of which the promise holds
-HOPEFUL = 0.5  # of the larger problem's best: a smaller one's grasp is improved there from this share
-SWEEPS = 3  # down and up again, at most
+CARRIES = ("l2", "per_finger", "per_finger_size", "shared", "hand_torques")  # budgets for which bounds carry over
+HOPEFUL = 0.5  # share of the larger problem's best above which a smaller one's grasp is refined
+SWEEPS = 3  # most sweeps down and up
 
 
 class Step(Protocol):
     """Conversion of grasps between two problems of a family."""
 
     def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
-        """Return a grasp of the smaller problem as one of the larger; None where it is none."""
+        """Return a grasp of the smaller problem as one of the larger; None where it is infeasible."""
 
     def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
-        """Return a grasp of the larger problem as a start for the smaller; None where there is none."""
+        """Return a warm start for the smaller problem from a grasp of the larger; None without one."""
 
 
 def solve_family(
@@ -53,20 +53,20 @@ def solve_family(
     seed: int,
     options: SolveOptions,
 ) -> list[tuple[GraspSolution, int]]:
-    """Solve problems with each other's grasps as warm starts; return solutions and how many starts came near each.
+    """Solve problems with each other's grasps as warm starts; return solutions and numbers of starts near each.
 
-    Near is within 2 % of the best. What is promised from one to another is mu: no certified lower bound is below that
-    of a smaller problem whose grasps are grasps of the larger.
+    Near means within 2 % of the best. No certified lower bound is below that of a smaller problem whose grasps are
+    feasible for the larger.
 
     Parameters
     ----------
     problems : sequence of GraspProblem
         The smaller before the larger.
     pairs : sequence of (int, int)
-        Places of a smaller and of a larger one.
+        Indices of a smaller and a larger problem.
     step : Step
     starts, seed, options
-        As of ``solve``, for each problem.
+        As for ``solve``, for each problem.
     """
     by_mu = replace(options.narrow(), rank="mu")
     with one_thread():
@@ -76,7 +76,7 @@ def solve_family(
 
 
 class _Family:
-    """Searches whose best grasps are warm starts of each other."""
+    """Multistart searches with mutual warm starts."""
 
     def __init__(self, searches: Sequence[Multistart], pairs: Sequence[tuple[int, int]], step: Step) -> None:
         self._searches, self._step = searches, step
@@ -85,7 +85,7 @@ class _Family:
         self._carried: set[tuple[int, int, int]] = set()
 
     def run(self) -> None:
-        """Run all starts, then carry grasps up and down until no best grasp changes."""
+        """Run all starts, then transfer grasps up and down until no best grasp changes."""
         for search in self._searches:
             search.run_starts()
             search.close_gap()
@@ -98,12 +98,12 @@ class _Family:
         self._keep_promises()
 
     def _carry_all(self, pairs: Sequence[tuple[int, int]]) -> bool:
-        """Carry grasps from the first to the second of each pair; return whether any best grasp rose."""
+        """Transfer grasps from the first to the second of each pair; return whether any best grasp improved."""
         rose = [self._carry(source, target) for source, target in pairs]
         return any(rose)
 
     def _carry(self, source: int, target: int) -> bool:
-        """Run the best grasp of one search as a warm start of another, once; return whether that one's best rose."""
+        """Run the best grasp of one search as a warm start of another, once; return whether its best improved."""
         giver, taker = self._searches[source], self._searches[target]
         best, known, down = giver.best, taker.best, source > target
         if best is None or (source, target, best.record.index) in self._carried:
@@ -122,7 +122,7 @@ class _Family:
         return warm and replace(warm, floor=promised(best, small.runner.problem, large.runner.problem))
 
     def _keep_promises(self) -> None:
-        """Certify the best grasps as tightly as the answers, and hand on what these certificates promise."""
+        """Certify the best grasps as tightly as the answers, and carry their bounds over."""
         for j, large in enumerate(self._searches):
             for small in (self._searches[a] for a, b in self._up if b == j):
                 best, known = small.chosen, large.best
@@ -133,7 +133,7 @@ class _Family:
 
 
 def _scout(search: Multistart) -> None:
-    """Begin also from the candidates of one more coordinate exchange, half as many as starts, at least two."""
+    """Run further starts from one more coordinate exchange: half as many as starts, at least two."""
     bench, starts = search.runner.bench, search.runner.count
     rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
     for placed in propose(bench, rng, count=count) if bench.follows_contacts else ():
@@ -141,9 +141,9 @@ def _scout(search: Multistart) -> None:
 
 
 def choose_tightly(search: Multistart) -> None:
-    """Choose the best grasp, certified as tightly as the answer will be, for what it promises to others.
+    """Choose the best grasp by certificates as tight as the answer's, for the bound that carries over.
 
-    A tight certificate may show that another grasp is better, which is certified as tightly then.
+    If a tight certificate shows that another grasp is better, that one is certified as tightly too.
     """
     runner, tight = search.runner, set[int]()
     while (best := search.best) is not None and best.record.index not in tight:
@@ -156,7 +156,7 @@ def choose_tightly(search: Multistart) -> None:
 
 
 def _reached(search: Multistart) -> int:
-    """Return how many starts, warm starts among them, came within 2 % of the best."""
+    """Return the number of starts, warm starts included, within 2 % of the best."""
     best = search.chosen
     if best is None:
         return 0
@@ -164,7 +164,7 @@ def _reached(search: Multistart) -> int:
 
 
 def promised(found: StartGrasp, small: GraspProblem, large: GraspProblem) -> float:
-    """Return what a grasp of the smaller problem promises in the larger: its certified bound, 0 where nothing.
+    """Return the certified lower bound that a grasp of the smaller problem carries to the larger; 0 for none.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def promised(found: StartGrasp, small: GraspProblem, large: GraspProblem) -> flo
 
 
 def same_body(one: Body, other: Body) -> bool:
-    """Return whether two bodies are known to be the same: one object, or with the same data, where these say all."""
+    """Return whether two bodies are known to be equal: one object, or complete and equal data."""
     if one is other:
         return True
     data = one.to_dict()

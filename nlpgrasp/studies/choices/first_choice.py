@@ -1,4 +1,4 @@
-"""A first choice from weight and size: how many contacts, of which kind, how hard, how wide (Section 4)."""
+"""Rule-based initial choice from weight and size: number and type of contacts, force and opening (Section 4)."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from nlpgrasp.studies.choices.proposal import FirstChoice, Reason
 from nlpgrasp.tasks import TaskEllipsoid
 from nlpgrasp.tasks.tools import WEIGHT
 
-WIDEST, HEAVY = 0.07, 0.5  # metres and kilograms: 96 % of places that people grasp, 92 % of what they grasp
-FINGERS, MOST = 5, 12  # contacts of a precision grasp at most, and of any: G_2 of (4-2) has twelve
-LEAST_ROOM, ROOM = 0.005, 0.1  # metres on each side of the body, and as a share of its width
-LONG, FLAT = 2.0, 3.0  # longest side over the middle one, and the middle one over the shortest
+WIDEST, HEAVY = 0.07, 0.5  # metres, kilograms: 96 % of human grasp widths, 92 % of object masses
+FINGERS, MOST = 5, 12  # most contacts of a precision grasp, and of any: G_2 of (4-2) has twelve
+LEAST_ROOM, ROOM = 0.005, 0.1  # clearance on each side of the body: metres, share of its width
+LONG, FLAT = 2.0, 3.0  # least ratios: longest over middle side, middle over shortest
 SMALL, LARGE = 0.025, 0.05  # diameters of wraps, metres
-SHAKE = 0.1  # of the weight: a disturbance at the far end of the body
-CELLS = 48  # along each side of the box that a volume is counted in
+SHAKE = 0.1  # share of the weight: disturbance at the far end of the body
+CELLS = 48  # cells along each side of the box in which a volume is counted
 FEIX_1 = "Feix, Bullock and Dollar 2014, DOI 10.1109/TOH.2014.2326871"
 FEIX_2 = "Feix, Bullock and Dollar 2014, DOI 10.1109/TOH.2014.2326867"
 CUTKOSKY = "Cutkosky 1989, DOI 10.1109/70.34763; the thresholds are this package's"
@@ -33,7 +33,7 @@ PAPER = "Li and Sastry 1986, Section 4: light tasks few contacts, heavy ones man
 
 @dataclass(frozen=True)
 class _Asked:
-    """What is known of the body, and what the fingers can do; SI units."""
+    """Data of the body and limits of the fingers; SI units."""
 
     body: Body
     mass: float
@@ -65,11 +65,11 @@ def first_choice(
     finger_force: float = 10.0,
     pad_radius: float = 0.008,
 ) -> FirstChoice:
-    """Propose a grasp for a body from its size, weight and friction, each with its rule and the rule's source.
+    """Propose a grasp from a body's size, weight and friction, with the rule and source of each proposal.
 
-    These are rules of thumb: size, mass and task predict the grasp types of people in less than half of the cases (Feix
-    et al. 2014). They begin a search; ``ng.solve(choice.problem())`` finds the contacts' places and certifies what they
-    exert, ``ng.how_many_contacts`` and ``ng.choose_contact_types`` compare numbers and kinds.
+    These are rules of thumb: size, mass and task predict human grasp types in less than half of the cases (Feix et al.
+    2014). They are a starting point: ``ng.solve(choice.problem())`` finds and certifies the contacts,
+    ``ng.how_many_contacts`` and ``ng.choose_contact_types`` compare numbers and types.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def first_choice(
     friction : float
         Coulomb coefficient.
     mass, density : float
-        Kilograms, or kilograms a cubic metre: one of the two.
+        Kilograms, or kilograms per cubic metre: one of the two.
     center_of_mass : (3,) array, optional
         Metres, body frame; the centre of volume when left out.
     up : (3,) array
@@ -88,7 +88,7 @@ def first_choice(
     safety : float
         Factor on the normal forces, at least 1.
     finger_force : float
-        Normal force that a finger is to press with at most, newtons.
+        Largest normal force of a finger, newtons.
     pad_radius : float
         Of a soft fingertip's contact patch, metres.
 
@@ -157,7 +157,7 @@ def _mass(body: Body, mass: float | None, density: float | None) -> float:
 
 
 def volume_of(body: Body) -> float:
-    """Return the volume of a body, cubic metres: of a mesh its own, else by counting cells, to some percent."""
+    """Return the volume of a body, cubic metres: exact for a mesh, else by counting cells, to some percent."""
     if isinstance(body, Mesh):
         return abs(float(body.mesh.volume))
     lower, upper = body.bounds
@@ -167,7 +167,7 @@ def volume_of(body: Body) -> float:
 
 
 def _count(asked: _Asked) -> tuple[int, Reason]:
-    """Return the fewest contacts that lift the load with the force a finger has; more than two where it is too wide."""
+    """Return the fewest contacts that lift the load with the fingers' force; more than two if the body is too wide."""
     first = 2 if asked.sides[0] <= WIDEST else 3
     enough = int(np.ceil(asked.safety * asked.load / (asked.friction * asked.finger_force) - 1e-9))
     count = min(max(first, enough), MOST)
@@ -229,7 +229,7 @@ def _opening(asked: _Asked) -> tuple[float, Reason]:
 
 
 def _task(asked: _Asked, up: FloatArray, shaking: float) -> tuple[TaskEllipsoid, Reason]:
-    """Return the weight, with accelerations and a knock at the far end in any direction, about the centre of mass."""
+    """Return the weight with accelerations and a disturbance at the far end, about the centre of mass."""
     weight, arm = asked.mass * WEIGHT, 0.5 * float(asked.sides[-1])
     force, torque = asked.mass * shaking + SHAKE * weight, SHAKE * weight * arm
     task = TaskEllipsoid([force] * 3 + [torque] * 3, center=np.concatenate([weight * up, np.zeros(3)]))

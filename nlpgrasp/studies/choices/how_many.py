@@ -1,4 +1,4 @@
-"""How many contacts a task needs (Section 4)."""
+"""Number of contacts that a task needs (Section 4)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.studies.choices.curve import ContactCurve
 from nlpgrasp.studies.choices.family import same_body, solve_family
 
-SUBSETS = 256  # of contacts to keep, at most
+SUBSETS = 256  # most subsets of contacts to keep
 
 
 def how_many_contacts(
@@ -30,24 +30,24 @@ def how_many_contacts(
     *,
     possible: Mapping[int, float] | None = None,
 ) -> ContactCurve:
-    """Solve a problem with different numbers of contacts, each with the grasps of the others.
+    """Solve a problem with different numbers of contacts, with each other's grasps as warm starts.
 
-    An added contact can be left without force: where x is within the force budget, so is (x, 0), of the L2 norm, of
-    each normal force, of each force, and of their sum. So mu can only rise with a contact that is added anywhere, and
-    so does what is certified here: each grasp with one more contact, where the constraints have room for it, is a start
-    for the next number, with the certified bound of the smaller one. Downwards each grasp less a contact is one too.
-    Beside its own starts each number begins from the best of thousands of random placements, screened by ``ng.screen``.
-    Under joint torques, and with a hand that has a pose of its own, each number is solved by itself. Every solution
-    states a bound over all placements, so that the curve says of each number how much better it could be at most.
+    An added contact can be left without force: where x is within the force budget, so is (x, 0), for the L2 norm, for
+    each normal force, for each force, and for their sum. So mu can only rise with an added contact, and so do the
+    certified bounds: each grasp with one more contact, if the constraints allow it, is a warm start for the next
+    number, with the certified bound of the smaller one. In the other direction, each grasp less a contact is a warm
+    start too. Beside its own starts, each number begins from the best of thousands of random placements, screened by
+    ``ng.screen``. Under joint torques, and with a hand that has a pose, each number is solved alone. Every solution
+    states a global bound, so that the curve shows the largest possible improvement for each number.
 
     Parameters
     ----------
     problem_with : callable
-        The problem with a number of contacts; the task is the same for all.
+        Function of the number of contacts that returns the problem; the task is the same for all.
     counts : iterable of int
         Numbers of contacts to try.
     starts, seed, options
-        As of ``solve``.
+        As for ``solve``.
     possible : mapping of int to float, optional
         Proved upper bounds on mu by the number of contacts that are tighter than those the solutions state; such as
         ``ng.best_possible(problem_with(k)).upper`` of a longer search.
@@ -55,7 +55,7 @@ def how_many_contacts(
     Raises
     ------
     InputError
-        On no counts, problems with another number of contacts, tasks that differ, or bounds that are no numbers.
+        Without counts, on problems with another number of contacts, different tasks, or invalid bounds.
     """
     if not callable(problem_with):
         raise InputError("problem_with", problem_with, "a function of the number of contacts")
@@ -76,7 +76,7 @@ def how_many_contacts(
 
 
 def _check(k: int, problem: GraspProblem, first: GraspProblem) -> None:
-    """Refuse a problem with another number of contacts than asked for, or with another task."""
+    """Refuse a problem with another number of contacts than requested, or with another task."""
     if not isinstance(problem, GraspProblem) or len(problem.models) != k:
         raise InputError("problem_with", problem, f"a GraspProblem with {k} contacts")
     same = np.array_equal(problem.origin, first.origin) and problem.budget == first.budget
@@ -97,16 +97,16 @@ def _possible(given: Mapping[int, float] | None) -> dict[int, float]:
 
 
 class OtherNumber:
-    """A ``Step`` between problems of one body with fewer and with more contacts, none of which has a posed hand."""
+    """Conversion between problems of one body with fewer and more contacts, without posed hands."""
 
     def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
-        """Return the grasp with more contacts: of those drawn that keep the constraints the best, if any."""
+        """Return the grasp with the best of some random added contacts that keep the constraints, if any."""
         if not self._suits(small, large):
             return None
         return with_more_contacts(large, found.found.grasp, found.found.placed.faces)
 
     def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
-        """Return the grasp with fewer contacts: of the choices that keep the constraints the best, if any."""
+        """Return the grasp with the best subset of contacts that keeps the constraints, if any."""
         grasp, kept = found.found.grasp, _choices(large, small) if self._suits(small, large) else []
         if not kept:
             return None
@@ -121,7 +121,7 @@ class OtherNumber:
 
 
 def _choices(large: Workbench, small: Workbench) -> list[Sequence[int]]:
-    """Return which contacts of the larger problem may stand for those of the smaller, in their order."""
+    """Return the ordered subsets of the larger problem's contacts that may replace those of the smaller."""
     mine, theirs, space = small.problem.models, large.problem.models, small.problem.body.space
     found: list[Sequence[int]] = []
     for subset in combinations(range(len(theirs)), len(mine)):

@@ -1,4 +1,4 @@
-"""Which kinds of contact each finger may have, and the distinct ways to choose."""
+"""Menu of contact types per finger, and the distinct assignments."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.solve.workbench.surface_samples import SurfaceSamples
 
-MOST = 256  # assignments
-DRAWN = 8  # placements at which contacts that seem alike are exchanged
+MOST = 256  # most assignments
+DRAWN = 8  # random placements that test whether contacts are interchangeable
 Types: TypeAlias = Mapping[str, ContactModel]
 Names: TypeAlias = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Menu:
-    """The kinds that each contact may have, by name.
+    """Allowed contact types of each contact, by name.
 
     Parameters
     ----------
     problem : GraspProblem
     each : tuple of k mappings of str to ContactModel
-        With the faces that the problem's own contact may use, where the kind states none.
+        Allowed types, with the faces of the problem's own contact where the type states none.
     groups : tuple of k int
-        Contacts of one group may be exchanged without changing the problem.
+        Group of each contact; those of one group are interchangeable.
     """
 
     problem: GraspProblem
@@ -44,7 +44,7 @@ class Menu:
 
     @classmethod
     def of(cls, problem: GraspProblem, types: Types | Sequence[Types]) -> Menu:
-        """Return the menu of a problem's contacts: one for all, or one for each.
+        """Return the menu of a problem's contacts: one for all, or one per contact.
 
         Raises
         ------
@@ -71,7 +71,7 @@ class Menu:
 
     @property
     def assignments(self) -> list[Names]:
-        """The distinct choices of a name for each contact; of contacts that are alike only how many have which.
+        """The distinct assignments of types to contacts; for interchangeable contacts only the counts matter.
 
         Raises
         ------
@@ -102,13 +102,13 @@ class Menu:
         return replace(self.problem, **changes)
 
     def places(self, small: Names, large: Names) -> list[int] | None:
-        """Return which contact of the larger assignment can do all that each of the smaller can, or None."""
+        """Return an injective map of contacts to larger ones whose types dominate theirs, or None."""
         return placed_in(self.models(small), self.models(large), self.problem.body.space, self.groups)
 
     def ordered(self) -> tuple[list[Names], list[tuple[int, int]]]:
-        """Return the assignments, the smaller before the larger, and the pairs of neighbours in that order.
+        """Return the assignments in an order from smaller to larger, and the pairs of neighbours.
 
-        One assignment is smaller than another where a contact of the other can do all that each of its own can.
+        One assignment is smaller than another if each of its contacts is dominated by one of the other's.
         """
         names = self.assignments
         below = np.array([[a != b and self.places(a, b) is not None for b in names] for a in names])
@@ -133,7 +133,7 @@ def _checked(name: str, types: Types, faces: Iterable[str] | str | None) -> dict
 
 
 def _groups(problem: GraspProblem, each: Sequence[Types]) -> tuple[int, ...]:
-    """Return a number for each contact: those that may be exchanged have the same."""
+    """Return a group number for each contact, equal for interchangeable contacts."""
     budget, hand = problem.budget, problem.hand
     if budget.depends_on_frames or budget.follows_hand or (hand is not None and not hand.follows_contacts):
         return tuple(range(len(each)))

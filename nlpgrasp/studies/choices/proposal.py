@@ -1,4 +1,4 @@
-"""What is proposed for a body before anything is solved."""
+"""Records of a rule-based choice: proposals with their reasons, before any solve."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from nlpgrasp.tasks import Task
 
 @dataclass(frozen=True)
 class Reason:
-    """Why something is proposed.
+    """Rule and source of one proposal.
 
     Parameters
     ----------
     what : str
-        What is proposed, with its value.
+        The proposal, with its value.
     rule : str
         The rule, with its numbers.
     source : str
-        Where it is from.
+        Reference.
     """
 
     what: str
@@ -38,12 +38,12 @@ class Reason:
 
 @dataclass(frozen=True)
 class FirstChoice:
-    """A first choice of grasp, from rules alone: nothing is solved or certified.
+    """Rule-based initial choice of a grasp; nothing is solved or certified.
 
     Parameters
     ----------
     body : Body
-        What is held.
+        The held body.
     mass : float
         Kilograms.
     grasp_type : {"precision", "power"}
@@ -51,22 +51,22 @@ class FirstChoice:
     name : str
         The grasp's name in Cutkosky's taxonomy.
     contact : ContactModel
-        Of every contact.
+        Contact model of every contact.
     count : int
         Number of contacts.
     normal_force : float
-        That each contact has to press with, newtons, with the safety factor, where all contacts are on upright walls
+        Required normal force of each contact, newtons, with the safety factor, if all contacts are on vertical walls
         and share the load evenly.
     opening : float
-        Of a gripper, metres: the body's width across its shortest side and room on both sides of it.
+        Gripper opening, metres: the body's shortest side plus clearance on both sides.
     safety : float
-        Factor on the forces that the weight asks for.
+        Factor on the forces that the weight requires.
     task : Task
         The weight, accelerations and a disturbance, about ``torque_origin``.
     torque_origin : (3,) tuple
         The centre of mass, metres, body frame.
     reasons : tuple of Reason
-        Why each number is what it is, with its source.
+        Rule and source of each number.
     """
 
     body: Body
@@ -84,11 +84,11 @@ class FirstChoice:
 
     @property
     def hand(self) -> Hand | None:
-        """A gripper for two contacts; None, free fingertips, for more."""
+        """A gripper for two contacts; None, for free fingertips, with more."""
         return ParallelJaw(self.opening) if self.count == 2 else None
 
     def problem(self) -> GraspProblem:
-        """Return the problem, ready to solve: each normal force at most 1 N, so that ``needed_force`` is in newtons."""
+        """Return the problem to solve: each normal force at most 1 N, so that ``needed_force`` is in newtons."""
         return GraspProblem(
             self.body,
             [self.contact] * self.count,
@@ -100,12 +100,12 @@ class FirstChoice:
         )
 
     def needed_force(self, solution: GraspSolution) -> float:
-        """Return the normal force of each contact for the whole task, certified, times the safety factor, newtons.
+        """Return the certified normal force of each contact for the whole task, times the safety factor, newtons.
 
         Raises
         ------
         InputError
-            Where the solution is not of a grasp that exerts the task, with normal forces as its budget.
+            Where the solution has no grasp that exerts the task, or another budget than normal forces.
         """
         if not isinstance(solution, GraspSolution) or not solution.success:
             raise InputError("solution", solution, "a solution with a grasp that exerts the task's wrenches")

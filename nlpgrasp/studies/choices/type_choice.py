@@ -1,4 +1,4 @@
-"""What each choice of contact types is worth."""
+"""Ranking of contact-type assignments by certified quality and cost."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 @dataclass(frozen=True)
 class TypeAssignment:
-    """A type for each contact, and the best grasp known with them.
+    """An assignment of contact types, with the best known grasp.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class TypeAssignment:
     cost : float
         The sum of its contacts' costs.
     reached : int
-        How many of the starts came within 2 % of the grasp: 1 says that it was met once.
+        Number of starts within 2 % of the grasp.
     """
 
     types: tuple[str, ...]
@@ -38,11 +38,11 @@ class TypeAssignment:
 
     @property
     def mu(self) -> Bounds:
-        """Certified quality of the grasp; [0, 0] where none was found."""
+        """Certified quality of the grasp; [0, 0] without one."""
         return self.solution.mu if self.solution.success else Bounds(0.0, 0.0)
 
     def count(self, name: str) -> int:
-        """Return how many contacts have a type."""
+        """Return the number of contacts of a type."""
         return self.types.count(name)
 
     def to_dict(self) -> Json:
@@ -61,12 +61,12 @@ class TypeAssignment:
 
 @dataclass(frozen=True)
 class Upgrade:
-    """What a richer contact buys over the next smaller assignment.
+    """Gain of an assignment over the next smaller one.
 
     Parameters
     ----------
     before, after : TypeAssignment
-        The second can do all that the first can.
+        The types of the second dominate those of the first.
     """
 
     before: TypeAssignment
@@ -74,13 +74,13 @@ class Upgrade:
 
     @property
     def gain(self) -> Bounds:
-        """How much mu rises between the grasps, certified; at least 0, because the first grasp is one of the second."""
+        """Certified rise of mu between the grasps; at least 0, as the first grasp is feasible for the second types."""
         low, high = self.before.mu, self.after.mu
         return Bounds(max(low_end(high, low), 0.0), max(high.upper - low.lower, 0.0))
 
     @property
     def certain(self) -> bool:
-        """Whether the intervals are apart: otherwise the two are not told apart."""
+        """Whether the intervals are disjoint, so that the rise is certain."""
         return self.gain.lower > 0.0
 
     def to_dict(self) -> Json:
@@ -102,22 +102,22 @@ class Upgrade:
 
 
 def low_end(high: Bounds, low: Bounds) -> float:
-    """Return the least that the first interval is above the second."""
+    """Return the least excess of the first interval over the second."""
     return high.lower - low.upper
 
 
 @dataclass(frozen=True)
 class TypeChoice:
-    """Assignments of contact types, ranked.
+    """Ranked assignments of contact types.
 
     Parameters
     ----------
     name : str
         The problem's.
     assignments : tuple of TypeAssignment
-        The largest certified lower bound first; of equals the richer one.
+        Largest certified lower bound first; of equals the richer one.
     upgrades : tuple of Upgrade
-        Between neighbours: no third assignment is between the two.
+        Gains between neighbours: no third assignment is between the two.
     """
 
     name: str
@@ -127,16 +127,16 @@ class TypeChoice:
     def best(
         self, *, at_most: Mapping[str, int] | None = None, spend: float | None = None, price: float = 0.0
     ) -> TypeAssignment | None:
-        """Return the best assignment within limits, mu at its lower bound; of equals the cheaper; None without any.
+        """Return the best assignment within limits, mu at its lower bound; the cheapest among equals; None without any.
 
         Parameters
         ----------
         at_most : mapping of str to int, optional
-            Most contacts of a type: ``{"soft": 1}`` allows one soft finger.
+            Largest number of contacts of a type: ``{"soft": 1}`` allows one soft finger.
         spend : float, optional
-            Most cost.
+            Largest total cost.
         price : float
-            Of one unit of cost, in units of mu: the largest ``mu - price * cost`` is the best.
+            Price of a unit of cost, in units of mu: the best has the largest ``mu - price * cost``.
 
         Raises
         ------
@@ -165,7 +165,7 @@ class TypeChoice:
 
     @property
     def frontier(self) -> tuple[TypeAssignment, ...]:
-        """The assignments that no cheaper or equally cheap one matches in mu's lower bound, the cheapest first."""
+        """Pareto frontier: assignments whose mu, at its lower bound, no other one of at most their cost reaches."""
         found: list[TypeAssignment] = []
         for a in sorted(self.assignments, key=lambda a: (a.cost, -a.mu.lower)):
             if a.solution.success and (not found or a.mu.lower > found[-1].mu.lower):

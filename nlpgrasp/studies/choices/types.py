@@ -1,4 +1,4 @@
-"""Which finger soft, which hard: the contacts' types as a variable (Section 4)."""
+"""Choice of contact types per finger, hard or soft (Section 4)."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ def choose_contact_types(
     *,
     costs: Mapping[str, float] | None = None,
 ) -> TypeChoice:
-    """Solve a problem with every distinct assignment of contact types, and say what each buys.
+    """Solve a problem with every distinct assignment of contact types, and rank the assignments.
 
-    Contacts that may be exchanged without changing the problem (the same menu and faces, no constraint or hand that
-    tells them apart) are chosen by number alone: of two types for three such contacts there are four assignments, not
-    eight. The fingers of a hand with a pose of its own are all distinct.
+    For interchangeable contacts (the same menu and faces, no constraint or hand that distinguishes them) only the
+    number of each type matters: two types for three such contacts make four assignments, not eight. The fingers of a
+    hand with a pose are all distinct.
 
-    A contact whose force domain contains another's can be given the other's forces, so that the best grasp with richer
-    contacts is never worse. Every assignment starts from the grasps of the smaller ones too, with their certified
-    bounds, and from those of the larger ones; so no ranking is contradicted by a grasp that was found.
+    A contact whose force domain contains another's can exert the other's forces, so that the best grasp with richer
+    contacts is never worse. Every assignment has warm starts from the grasps of smaller ones, with their certified
+    bounds, and from those of larger ones; so no known grasp contradicts the ranking.
 
     Parameters
     ----------
     problem : GraspProblem
-        Its contacts' faces count where a type states none; their models do not.
+        Its contacts' faces are used where a type states none; their models are ignored.
     types : mapping of str to ContactModel, or sequence of k mappings
-        What each contact may be, by name; for all contacts, or for each.
+        Allowed types by name, for all contacts or for each.
     starts, seed, options
-        As of ``solve``, for each assignment.
+        As for ``solve``, for each assignment.
     costs : mapping of str to float, optional
-        Of a contact of each type, at least 0, in any unit; 0 for all where left out.
+        Cost of a contact of each type, at least 0, in any unit; 0 for all when left out.
 
     Returns
     -------
@@ -68,14 +68,14 @@ def choose_contact_types(
         TypeAssignment(own, solution, sum(prices[name] for name in own), reached)
         for own, (solution, reached) in zip(names, solved, strict=True)
     ]
-    # neighbours stand in an order from the smaller to the larger: of equals the later is the richer
+    # neighbours are ordered from smaller to larger; of equals the later is the richer
     ranked = sorted(range(len(found)), key=lambda i: (-found[i].mu.lower, -i))
     upgrades = tuple(Upgrade(found[a], found[b]) for a, b in pairs)
     return TypeChoice(problem.name, tuple(found[i] for i in ranked), upgrades)
 
 
 class OtherTypes:
-    """A ``Step`` between assignments of contact types: the same contacts, each on a finger that can do as much.
+    """Conversion between assignments of contact types: each contact moves to a finger of a dominating type.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class OtherTypes:
         self._names = {menu.problem_with(own).models: own for own in names}
 
     def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
-        """Return the grasp with the richer contacts, which are worth at least as much."""
+        """Return the grasp with the richer contacts, of at least the same quality."""
         places = self._places(small, large)
         if places is None:
             return None
@@ -97,7 +97,7 @@ class OtherTypes:
         return _reordered(found, back)
 
     def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
-        """Return the grasp with the poorer contacts, of which nothing is promised."""
+        """Return the grasp with the poorer contacts, without a guarantee."""
         places = self._places(small, large)
         return None if places is None else _reordered(found, places)
 

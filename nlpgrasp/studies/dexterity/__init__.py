@@ -1,1 +1,1 @@
-"""What the hand can do with the body in a grasp, and how much the grasp depends on where everything is."""
+"""Manipulability and sensitivity of a grasp."""

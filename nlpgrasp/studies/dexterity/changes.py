@@ -1,4 +1,4 @@
-"""Small changes of a grasp: contacts that slide, coefficients, joints that carry contacts along."""
+"""Perturbations of a grasp: sliding contacts, friction coefficients, joint positions."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from nlpgrasp.hands import PosedHand
 
 @dataclass(frozen=True)
 class Change:
-    """A number that a grasp depends on.
+    """A scalar parameter of a grasp.
 
     Parameters
     ----------
     name : str
     unit : {"m", "", "rad or m"}
     size : float
-        By how much it changes things considerably, in its unit.
+        Typical magnitude of a considerable change, in its unit.
     grasp : callable
-        The grasp with the number larger by so much.
+        Function of an increment that returns the grasp.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Change:
 
 
 class Changes:
-    """The numbers that a grasp depends on.
+    """The scalar parameters of a grasp.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Changes:
         self._grasp, self._faces, self._body = grasp, faces, body
 
     def of_contacts(self) -> list[Change]:
-        """Return each contact's places along each of its tangents, metres."""
+        """Return the coordinates of each contact along its tangents, metres."""
         found = []
         for i in range(len(self._grasp)):
             for j, tangent in enumerate(self._grasp.tangents[i]):
@@ -62,7 +62,7 @@ class Changes:
         return found
 
     def of_coefficients(self) -> list[Change]:
-        """Return each contact's coefficients."""
+        """Return the friction coefficients of each contact."""
         return [
             self._coefficient(i, name, value)
             for i, model in enumerate(self._grasp.contacts)
@@ -70,12 +70,12 @@ class Changes:
         ]
 
     def of_joints(self, hand: MovingHand, posture: Json | None) -> list[Change]:
-        """Return the positions of the joints that move a contact; the contacts stay fixed to their links.
+        """Return the positions of the joints that move a contact; contacts stay fixed to their links.
 
         Raises
         ------
         InputError
-            Where the hand has no joints, or is not the one with this posture.
+            Where the hand has no joints, or does not fit the posture.
         """
         grasp = self._grasp
         if not isinstance(hand, PosedHand) or posture is None or hand.count != len(grasp):
@@ -86,7 +86,7 @@ class Changes:
         return [self._slide(name, "rad or m", along[:, :, j]) for j, name in enumerate(hand.loaded_joints)]
 
     def _slide(self, name: str, unit: str, along: FloatArray) -> Change:
-        """Return contacts that go along (k, space) metres per unit; none goes further than the others are away."""
+        """Return contacts slid along (k, space) metres per unit, none farther than the contacts are apart."""
         far = float(np.max(np.linalg.norm(along, axis=1)))
         size = self._grasp.mean_arm / far if far > 0.0 else 1.0
         return Change(name, unit, size, lambda t: self._at(*self._slid(t * along), self._grasp.contacts))
@@ -108,7 +108,7 @@ class Changes:
         return Grasp(points, normals, list(contacts), self._grasp.torque_origin, tangents)
 
     def _slid(self, change: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return contacts and inward normals after they slid; those that stay keep theirs to the last digit."""
+        """Return slid contacts and inward normals; unmoved contacts keep theirs exactly."""
         points, normals = np.array(self._grasp.points), np.array(self._grasp.normals)
         for i in np.flatnonzero(np.any(change != 0.0, axis=1)).tolist():
             points[i] += change[i]

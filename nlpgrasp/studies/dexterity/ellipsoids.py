@@ -1,4 +1,4 @@
-"""Velocity and force ellipsoids of a linear transmission from joint rates to twists."""
+"""Velocity and force ellipsoids of a Jacobian from joint rates to twists."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
-RANK = 1e-9  # singular values below this share of the largest are zero
+RANK = 1e-9  # share of the largest singular value below which others count as zero
 
 
 @dataclass(frozen=True)
 class Transmission:
-    """How joint rates move something: ``twist = A rates``, and so which wrenches ask for which torques, ``A^T wrench``.
+    """Linear map of joint rates to twists, ``twist = A rates``, and of wrenches to torques, ``A^T wrench``.
 
-    By virtual work the least torques that exert a wrench w are of size ``|A^T w|``: rates of size 1 reach the ellipsoid
-    ``A {|q'| <= 1}`` of twists, torques of size 1 the set ``{|A^T w| <= 1}`` of wrenches. Both have the same axes, with
-    reciprocal lengths; a wrench across all possible motion is borne by the structure and needs no torque.
+    By virtual work the least torques that exert a wrench w have norm ``|A^T w|``: rates of norm 1 reach the ellipsoid
+    ``A {|q'| <= 1}`` of twists, torques of norm 1 the set ``{|A^T w| <= 1}`` of wrenches. Both have the same axes, with
+    reciprocal lengths; a wrench orthogonal to all possible motions is borne by the structure and needs no torque.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Transmission:
     torque_scale : float
         Metres: the length that makes angular velocities comparable with velocities, and torques with forces.
     space : int
-        How many of the d components are velocities.
+        Number of components that are velocities.
     """
 
     matrix: FloatArray
@@ -44,7 +44,7 @@ class Transmission:
 
     @property
     def singular_values(self) -> FloatArray:
-        """Lengths of the scaled velocity ellipsoid's semi-axes, (d,), the longest first, 0 where there is no motion."""
+        """Lengths of the scaled velocity ellipsoid's semi-axes, (d,), longest first, 0 for impossible motions."""
         d, p = self.matrix.shape
         found = np.zeros(d)
         values = np.linalg.svd(self.scaled, compute_uv=False) if p else np.zeros(0)
@@ -54,12 +54,12 @@ class Transmission:
 
     @property
     def rank(self) -> int:
-        """Dimension of the motions."""
+        """Dimension of the possible motions."""
         return int(np.count_nonzero(self.singular_values))
 
     @property
     def measure(self) -> float:
-        """Yoshikawa's manipulability ``sqrt(det(A A^T))``, of the scaled matrix: 0 where some motion is impossible.
+        """Yoshikawa's manipulability ``sqrt(det(A A^T))`` of the scaled matrix: 0 where some motion is impossible.
 
         DOI 10.1177/027836498500400201, equation (5).
         """
@@ -67,7 +67,7 @@ class Transmission:
 
     @property
     def isotropy(self) -> float:
-        """The shortest over the longest semi-axis, from 0 to 1: 1 where all motions are as easy.
+        """Shortest over longest semi-axis, from 0 to 1: 1 where all motions are equally easy.
 
         The reciprocal of the condition number of Salisbury and Craig, DOI 10.1177/027836498200100102.
         """
@@ -76,19 +76,19 @@ class Transmission:
 
     @property
     def condition(self) -> float:
-        """The longest over the shortest semi-axis; inf where some motion is impossible."""
+        """Longest over shortest semi-axis; inf where some motion is impossible."""
         return 1.0 / self.isotropy if self.isotropy > 0.0 else np.inf
 
     @property
     def velocity_axes(self) -> FloatArray:
-        """Semi-axes of the scaled ellipsoid of twists for rates of size 1, (d, d), one a row, the longest first."""
+        """Semi-axes of the scaled ellipsoid of twists for rates of norm 1, (d, d), one per row, longest first."""
         return np.asarray(self.singular_values[:, None] * self._directions)
 
     @property
     def force_axes(self) -> FloatArray:
-        """Semi-axes of the scaled set of wrenches for torques of size 1, (d, d), in the same order: the shortest first.
+        """Semi-axes of the scaled set of wrenches for torques of norm 1, (d, d), in the same order: shortest first.
 
-        inf in a direction that the structure bears, where no torque is needed.
+        inf in a direction that the structure bears without torque.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             lengths = 1.0 / self.singular_values
@@ -101,7 +101,7 @@ class Transmission:
         return np.asarray(np.linalg.svd(self.scaled)[0].T) if p else np.eye(d)
 
     def velocity_ratio(self, twist: ArrayLike) -> float:
-        """Return how many times a twist is reached by rates of size 1; 0 where it is impossible (Chiu 1988).
+        """Return the largest multiple of a twist that rates of norm 1 reach; 0 where it is impossible (Chiu 1988).
 
         Parameters
         ----------
@@ -116,12 +116,13 @@ class Transmission:
         return 1.0 / size if reached and size > 0.0 else 0.0
 
     def force_ratio(self, wrench: ArrayLike) -> float:
-        """Return how many times a wrench is exerted by torques of size 1; inf where the structure bears it.
+        """Return the largest multiple of a wrench that torques of norm 1 exert; inf where the structure bears it.
 
         Parameters
         ----------
         wrench : (d,) array
-            Newtons and newton-metres. Friction, and that contacts only push, are left out: see ``hand_torques``.
+            Newtons and newton-metres. Friction and unilateral contact are ignored:
+            see ``hand_torques``.
         """
         w = self._direction("wrench", wrench)
         torques = float(np.linalg.norm(self.matrix.T @ w))

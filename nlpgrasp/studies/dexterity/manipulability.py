@@ -1,4 +1,4 @@
-"""How well the hand moves the body in the grasp found, and passes forces on to it (Section 4's manipulability).
+"""Manipulability of a grasp by its hand: velocity and force transmission to the body (Section 4).
 
 With every contact kept, the contacts' components of the fingers' velocities are those of the body's:
 ``J_h q' = G^T nu`` (Li, Hsu and Sastry 1989, DOI 10.1177/027836498900800402; Bicchi and Prattichizzo 2000,
@@ -25,19 +25,19 @@ from nlpgrasp.hands import PosedHand
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.studies.dexterity.ellipsoids import RANK, Transmission
 
-LOCKED = 1e-7  # of a unit motion: joint rates below that are none
+LOCKED = 1e-7  # joint rates per unit motion below which joints count as locked
 
 
 @dataclass(frozen=True)
 class FingerManipulability:
-    """How well a finger moves its contact point.
+    """Manipulability of one finger at its contact point.
 
     Parameters
     ----------
     finger : int
-        Index of the contact that it makes.
+        Index of its contact.
     joints : tuple of str
-        Those that move it.
+        Joints that move it.
     velocity : Transmission
         Of the contact point, (3, joints), body frame; angular velocities are left out.
     """
@@ -59,19 +59,19 @@ class FingerManipulability:
 
 @dataclass(frozen=True)
 class Manipulability:
-    """How well the hand moves the body while all contacts are kept.
+    """Manipulability of the body by the hand with all contacts kept.
 
     Parameters
     ----------
     fingers : tuple of FingerManipulability
-        One a finger.
+        One per finger.
     hand_jacobian : (n, m) array
         ``J_h``: velocities along the contacts' force components per unit of the joints' rates.
     joints : tuple of m str
         Names, in the order of the columns of ``hand_jacobian``.
     body : Transmission
-        From joint rates, as far as the contacts let them, to twists of the body about the grasp's torque origin: the
-        velocity first, body frame.
+        From joint rates that the contacts allow to twists of the body about the grasp's torque origin: velocity first,
+        body frame.
     """
 
     fingers: tuple[FingerManipulability, ...]
@@ -81,17 +81,17 @@ class Manipulability:
 
     @property
     def mobility(self) -> int:
-        """Dimension of the body's motions that the joints can make with all contacts kept."""
+        """Dimension of the body's motions by the joints with all contacts kept."""
         return self.body.rank
 
     @property
     def manipulable(self) -> bool:
-        """Whether the joints can give the body every twist: G has full rank, and ``range(G^T)`` is in that of J_h."""
+        """Whether the joints can give the body every twist: G has full rank, and ``range(G^T)`` lies in that of J_h."""
         return self.mobility == len(self.body.matrix)
 
     @property
     def internal(self) -> int:
-        """Dimension of the joint motions that leave contacts and body where they are."""
+        """Dimension of the joint motions that leave contacts and body fixed."""
         values = np.linalg.svd(self.hand_jacobian, compute_uv=False)
         return len(self.joints) - int(np.count_nonzero(values > RANK * np.max(values, initial=0.0)))
 
@@ -102,7 +102,7 @@ class Manipulability:
 
     @property
     def isotropy(self) -> float:
-        """Shortest over longest semi-axis of it, from 0 to 1."""
+        """Shortest over longest semi-axis of the body's scaled velocity ellipsoid, from 0 to 1."""
         return self.body.isotropy
 
     def to_dict(self) -> Json:
@@ -135,17 +135,17 @@ class Manipulability:
 
 
 def manipulability(solution: GraspSolution, hand: MovingHand, torque_scale: float | None = None) -> Manipulability:
-    """Return how well a hand moves the body in the grasp found.
+    """Return the manipulability of the body by a hand in its grasp.
 
-    Contacts are kept where they are on their links and on the body, to first order; contact models say which
-    components they pass on: a point without friction one, with friction three, a soft finger four.
+    Contacts stay fixed on their links and on the body, to first order; contact models determine the transmitted
+    components: one for a frictionless point, three with friction, four for a soft finger.
 
     Parameters
     ----------
     solution : GraspSolution
-        Found with the hand.
+        A solution with this hand.
     hand : URDFHand
-        The problem's hand: a file does not hold all of it.
+        The problem's hand: a file does not contain all of it.
     torque_scale : float, optional
         Metres: the length that makes angular velocities comparable with velocities; the mean distance of the contacts
         from the torque origin when left out. Ranks and ratios of single directions do not depend on it.
@@ -182,23 +182,23 @@ def contact_jacobian(grasp: Grasp, jacobians: FloatArray) -> FloatArray:
 
 
 def body_transmission(grasp: Grasp, J_h: FloatArray, torque_scale: float) -> Transmission:
-    """Return how joint rates move the body with all contacts kept: A of the module's first paragraph, (6, p)."""
+    """Return the map of joint rates to body twists with all contacts kept: A of the module's docstring, (6, p)."""
     space, m = grasp.space, J_h.shape[1]
     scale = np.ones(grasp.dimension)
     scale[space:] = 1.0 / torque_scale
-    G_t = grasp.G.T * scale  # of scaled twists
+    G_t = grasp.G.T * scale  # for scaled twists
     turning = np.concatenate([[axis >= space for axis in model.axes(space)] for model in grasp.contacts])
-    weight = np.where(turning, torque_scale, 1.0)[:, None]  # velocities of moments, in m/s as well
+    weight = np.where(turning, torque_scale, 1.0)[:, None]  # angular components in m/s as well
     together = weight * np.concatenate([J_h, -G_t], axis=1)
     values, basis = np.linalg.svd(together)[1:]
     null = basis[int(np.count_nonzero(values > RANK * np.max(values, initial=0.0))) :].T
     rates, twists = null[:m], null[m:]
     lengths, turn = np.linalg.svd(rates, full_matrices=False)[1:]
-    kept = lengths > LOCKED  # what is left moves the body with the joints locked: a body that is not held
+    kept = lengths > LOCKED  # the others move the body with locked joints: it is not held
     return Transmission(scale[:, None] * (twists @ turn[kept].T / lengths[kept]), torque_scale, space)
 
 
 def _finger(i: int, J: FloatArray, names: tuple[str, ...], scale: float) -> FingerManipulability:
-    """Return the velocity ellipsoid of a contact point, from its velocity Jacobian (3, m)."""
+    """Return the manipulability of a finger from its contact point's velocity Jacobian (3, m)."""
     moving = np.flatnonzero(np.linalg.norm(J, axis=0) > 1e-12)
     return FingerManipulability(i, tuple(names[j] for j in moving), Transmission(J[:, moving], scale, 3))

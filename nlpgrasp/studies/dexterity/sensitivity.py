@@ -1,9 +1,9 @@
-"""How much mu changes with where the contacts are, with friction and with the joints (Section 4's sensitivity).
+"""Sensitivity of mu to contact positions, friction and joint positions (Section 4).
 
 ``mu = min_y phi_G(y) / phi_A(y)`` is a minimum of functions of the placement, so it has one-sided derivatives only.
-That along a change d is the least over the weakest directions y of ``d phi_G(y; d) / phi_A(y)`` (Danskin). At the best
-grasp several directions are equally weak, one loses whichever way a contact goes, and mu falls both ways: no error.
-Which of the weakest directions count is seen a little way along each change, where those that lose most are weakest.
+The derivative along a change d is the least over the weakest directions y of ``d phi_G(y; d) / phi_A(y)`` (Danskin). At
+an optimal grasp several directions are equally weak, and mu falls both ways along a change. The relevant weakest
+directions are found at a small step along each change, where those that lose most are weakest.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.studies.dexterity.changes import Change, Changes
 
-PROBE = 2e-4  # over a change's size: how far along it the weakest directions are looked for
-STEP = 1e-6  # of differences
-SAME = 1e-4  # relative: directions nearer than that are one
-ALMOST = 1e-3  # directions whose ratio is above the least by this share still count as the weakest
+PROBE = 2e-4  # step for finding weakest directions, relative to the change's size
+STEP = 1e-6  # step of finite differences, relative to the change's size
+SAME = 1e-4  # relative distance below which directions are merged
+ALMOST = 1e-3  # relative excess of the ratio up to which directions count as weakest
 
 
 @dataclass(frozen=True)
 class Rate:
-    """How mu changes with one number, to first order.
+    """One-sided derivatives of mu with respect to one parameter.
 
     Parameters
     ----------
     name : str
         For example ``"contact 2 along tangent 0"``.
     unit : {"m", "", "rad or m"}
-        Of the number: rates are per unit.
+        Unit of the parameter: rates are per unit.
     more, less : float
-        Change of mu for each unit that the number rises, and for each that it falls.
+        Change of mu per unit of increase, and per unit of decrease.
     """
 
     name: str
@@ -52,12 +52,12 @@ class Rate:
 
     @property
     def worst(self) -> float:
-        """How fast mu falls at worst, at least 0."""
+        """Largest rate of decrease of mu, at least 0."""
         return max(-self.more, -self.less, 0.0)
 
     @property
     def smooth(self) -> bool:
-        """Whether both sides agree to 1 %, so that mu has a derivative as far as one can see."""
+        """Whether both one-sided rates agree to 1 %, so that mu appears differentiable."""
         return abs(self.more + self.less) <= 0.01 * max(abs(self.more), abs(self.less))
 
     def to_dict(self) -> dict[str, str | float]:
@@ -71,18 +71,18 @@ class Rate:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How mu changes with contacts, friction and joints.
+    """One-sided derivatives of mu with respect to contacts, friction and joints.
 
     Parameters
     ----------
     mu : float
-        Where the rates are taken: the least ratio found.
+        Value of mu at the grasp: the least ratio found.
     contacts : tuple of Rate
         Of each contact along each of its tangents, per metre.
     coefficients : tuple of Rate
         Of each contact's friction, and torsional friction in metres, per unit.
     joints : tuple of Rate
-        Of each joint that moves a contact, per radian (per metre of a sliding joint); empty without a hand.
+        Of each joint that moves a contact, per radian (per metre for a sliding joint); empty without a hand.
     directions : (m, d) array
         The weakest directions, each with ``phi_A = 1``.
     """
@@ -100,7 +100,7 @@ class Sensitivity:
 
     @property
     def worst_contact(self) -> Rate:
-        """The contact, and the way, along which mu falls fastest."""
+        """Rate of the contact and tangent along which mu falls fastest."""
         return max(self.contacts, key=lambda rate: rate.worst)
 
     def to_dict(self) -> Json:
@@ -121,25 +121,25 @@ class Sensitivity:
 def sensitivity(
     solution: GraspSolution, body: Body | None = None, hand: MovingHand | None = None, almost: float = ALMOST
 ) -> Sensitivity:
-    """Return how fast mu changes with contact positions, coefficients of friction and joint angles.
+    """Return the rates of mu with contact positions, friction coefficients and joint positions.
 
-    The rates are exact one-sided derivatives for the weakest directions that are found: those whose ratio is within
-    ``almost`` of the least, looked for at the grasp and a little way along each change. Directions that are missed can
-    only make mu fall faster. Those that are but nearly the weakest make a rate the more cautious: at a grasp that a
-    solver found, several are equally weak to its tolerance only.
-    A rate tells of small changes alone; ``solution.robust`` certifies what is left after some that are not.
+    The rates are exact one-sided derivatives over the weakest directions found: those with a ratio within ``almost`` of
+    the least, at the grasp and at a small step along each change. Missed directions can only make mu fall faster;
+    nearly weakest ones make a rate more conservative, as at a solver's grasp directions are equally weak only to its
+    tolerance. Rates hold for small changes alone; ``solution.robust`` certifies the remaining quality after larger
+    ones.
 
-    Contacts move on their faces, with the normals turning as the surface does; on a mesh along the tangent plane. A
-    joint carries its contacts along; what it moves them off or into the body is left out, and so is rolling.
+    Contacts move on their faces, and normals follow the surface; on a mesh they move in the tangent plane. A joint
+    carries its contacts along; their motion off or into the body is ignored, as is rolling.
 
     Parameters
     ----------
     solution : GraspSolution
         One with a grasp.
     body : Body, optional
-        Where the solution does not say all of it: a mesh, or a body given by a function.
+        Required where the solution does not contain it: a mesh, or a body given by a function.
     hand : URDFHand, optional
-        For the rates of joints; the one the solution was found with.
+        The solution's hand, for the rates of joints.
     almost : float
         Relative; above 0.
 
@@ -181,7 +181,7 @@ def _ratios(solution: GraspSolution, grasp: Grasp, y: FloatArray) -> FloatArray:
 def _weakest(
     solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Change], share: float
 ) -> FloatArray:
-    """Return the weakest directions of the grasp, also those that only a change tells from the others, (m, d)."""
+    """Return the weakest directions of the grasp, also those that only a change separates, (m, d)."""
     rng, seen = np.random.default_rng(0), [y]
     for change in changes:
         for sign in (1.0, -1.0):
@@ -200,7 +200,7 @@ def _weakest(
 
 
 def _rate(solution: GraspSolution, change: Change, y: FloatArray, before: FloatArray) -> Rate:
-    """Return the one-sided differences of the least of the supports in the weakest directions."""
+    """Return the one-sided differences of the least support ratio over the weakest directions."""
     step = STEP * change.size
     each = (_ratios(solution, change.grasp(sign * step), y) - before for sign in (1.0, -1.0))
     more, less = (float(np.min(difference)) / step for difference in each)

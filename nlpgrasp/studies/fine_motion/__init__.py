@@ -1,4 +1,4 @@
-"""Fine motion (Section 3.5.1): fingers that move one at a time, within the limits of their hand."""
+"""Fine motion (Section 3.5.1): fingers that move one at a time within their hand's limits."""
 
 from nlpgrasp.studies.fine_motion.fine_manipulation import fine_manipulation
 from nlpgrasp.studies.fine_motion.finger_path import FingerPath

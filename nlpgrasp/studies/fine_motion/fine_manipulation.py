@@ -1,4 +1,4 @@
-"""Fine manipulation (Section 3.5.1): pick up under constraints, then move to the grasp that these excluded."""
+"""Fine manipulation (Section 3.5.1): pick-up under constraints, then finger moves to a better grasp."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from nlpgrasp.studies.fine_motion.paths.surface_paths import SurfaceGraph
 from nlpgrasp.studies.fine_motion.records import FineManipulation, FingerMove
 from nlpgrasp.tasks import TaskEllipsoid
 
-UNEVEN = 0.1  # of the weight: forces in any direction while a finger moves
-LIFT = 5e-3  # metres
+UNEVEN = 0.1  # share of the weight: disturbance in any direction while a finger moves
+LIFT = 5e-3  # metres: default height of a lifted finger
 
 
 def fine_manipulation(
@@ -36,28 +36,27 @@ def fine_manipulation(
     *,
     lift: float = LIFT,
 ) -> FineManipulation:
-    """Solve a pick-up problem and the problem in the hand, and plan the fingers' moves between their grasps.
+    """Solve a pick-up problem and an in-hand problem, and plan the finger moves between their grasps.
 
-    Fingers move one after another along shortest paths over the body, in the order that keeps the weakest of the
-    intermediate grasps as strong as possible. A finger is lifted where the other fingers hold the body alone: one
-    certificate of theirs is valid along the whole path. Where they do not, or the hand cannot lift it, the finger
-    slides. A slide is certified at stations along the path. Between them nothing is certified but what the other
-    fingers hold alone. Fingers with equal contact models may take each other's places, unless a hand with a pose says
-    which finger is which.
+    Fingers move one after another along shortest paths over the body, in the order that maximises the quality of the
+    weakest intermediate grasp. A finger is lifted where the other fingers hold the body alone: their certificate is
+    valid along the whole path. Otherwise, or where the hand cannot lift it, the finger slides. A slide is certified at
+    stations along the path; between them only the quality of the other fingers alone is certified. Fingers with equal
+    contact models may swap contacts, unless the hand has a pose.
 
     Parameters
     ----------
     pick : GraspProblem
-        With the constraints of the place where the body is, for example a table.
+        Problem with the constraints of the pick-up place, for example a table.
     goal : GraspProblem
-        The same body and contacts, without them.
+        The same body and contacts, without these constraints.
     hold : TaskEllipsoid, optional
-        What the other fingers exert on the body while one moves, body frame, N and N m. When left out they carry a
-        unit weight: 1 N up along the body frame's last axis, with a tenth of it in any direction.
+        Task of the other fingers while one moves, body frame, N and N m. When left out they carry a unit weight: 1 N
+        along the body frame's last axis, with a tenth of it in any direction.
     starts, seed, options
         As in ``solve``.
     lift : float
-        How high a finger that is lifted off goes above the body on its way, metres.
+        Height of a lifted finger above the body, metres.
 
     Raises
     ------
@@ -66,11 +65,10 @@ def fine_manipulation(
 
     Notes
     -----
-    With a hand each move is checked along its path, and of all orders of moves those that the hand does not do are left
-    out (docs/hands.md says how, and what is certain). A URDF hand's palm stays where the pick-up left it: joint limits,
-    links against the body, against what the goal's constraints keep links away from, and against each other. Free
-    fingertips and parallel jaws keep their own limits. A move that is not found is a local statement: postures near the
-    last waypoint were looked at.
+    With a hand, each move is checked along its path, and orders with impossible moves are excluded (docs/hands.md says
+    how, and what is certain). A URDF hand's palm stays fixed after the pick-up; joint limits and collisions of links
+    with the body, the surroundings of the goal and each other are checked. Free fingertips and parallel jaws keep their
+    own limits. That a move is impossible is a local statement, for postures near the last waypoint.
     """
     hold = _checked(pick, goal, hold)
     lift = number("lift", lift, above=0.0)
@@ -91,7 +89,7 @@ def fine_manipulation(
 
 
 def _checked(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
-    """Refuse problems that are about different things; return what is held while a finger moves."""
+    """Refuse problems with different bodies or contacts; return the holding task."""
     for name, problem in (("pick", pick), ("goal", goal)):
         if not isinstance(problem, GraspProblem):
             raise InputError(name, problem, "a GraspProblem")
@@ -107,7 +105,7 @@ def _checked(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None)
         )
     space, d = pick.body.space, pick.dimension
     if hold is None:
-        carried = np.where(np.arange(d) == space - 1, 1.0, 0.0)  # up: what the fingers exert against a weight
+        carried = np.where(np.arange(d) == space - 1, 1.0, 0.0)  # upwards, against the weight
         hold = TaskEllipsoid(np.where(np.arange(d) < space, UNEVEN, 0.0), center=carried)
     if not isinstance(hold, TaskEllipsoid) or hold.dimension != d:
         raise InputError("hold", hold, f"a TaskEllipsoid of dimension {d}")
@@ -126,7 +124,7 @@ def _moves(problem: GraspProblem, first: GraspSolution, holding: Holding, lift: 
 
 
 def _matched(problem: GraspProblem, graph: SurfaceGraph, here: Grasp, there: Grasp) -> tuple[int, ...]:
-    """Return which new contact each finger takes, the paths together as short as possible."""
+    """Return the new contact of each finger, in the matching of least total path length."""
     k = len(here)
     fixed = problem.hand is not None and not problem.hand.follows_contacts
     cost = np.full((k, k), np.inf)

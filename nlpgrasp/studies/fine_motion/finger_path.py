@@ -1,4 +1,4 @@
-"""Record of a finger's path: waypoints, joints and clearances, or what stops the finger."""
+"""Record of a finger's path: waypoints, joints and clearances, or the obstruction."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from nlpgrasp.common.validation import FloatArray
 
 @dataclass(frozen=True)
 class FingerPath:
-    """The waypoints of a finger that moves while the palm and the other fingers stay.
+    """Waypoints of a moving finger while the palm and the other fingers stay.
 
     Parameters
     ----------
     feasible : bool
-        Whether the hand gets to the end of the path, no link deeper than ``tolerance`` in anything between waypoints.
+        Whether the hand completes the path, with no link deeper than ``tolerance`` in anything between waypoints.
     reason : str
-        Why not, with the place; empty where it does.
+        Reason for an infeasible path, with the place; empty if feasible.
     points : (m, space) array
-        Where the fingertip touches, or the point of it that will, metres, body frame: waypoints up to the end, or up to
-        the last that the hand gets to.
+        Point of the fingertip that touches, or will touch, metres, body frame: waypoints up to the end, or up to the
+        last reachable one.
     along : (m,) array
-        Metres of the path over the surface up to each waypoint.
+        Arc length on the surface up to each waypoint, metres.
     phases : tuple of m str
         ``"sliding"``, ``"lifting off"``, ``"lifted"`` or ``"setting down"``; ``"moving"`` for hands without links.
     clearances : (m,) array
-        Least distance of what moves of the hand to anything that it must not touch, metres, at each waypoint; inf where
-        nothing is.
+        Least distance of the moving parts of the hand to anything that they must not touch, metres, at each waypoint;
+        inf without any.
     joint_names : tuple of n str
         The finger's own joints; empty for hands without joints.
     joints : (m, n) array
         Their positions, radians or metres; between waypoints on straight lines.
     stopped_at : float or None
-        Where the hand gets no farther, metres along the path.
+        Arc length at which the hand is stopped, metres.
     tolerance : float
-        How deep links may be in anything between waypoints, metres.
+        Allowed penetration of links between waypoints, metres.
     """
 
     feasible: bool
@@ -57,7 +57,7 @@ class FingerPath:
         return float(np.min(self.clearances, initial=np.inf))
 
     def to_dict(self) -> Json:
-        """Return the path as JSON data; a clearance from nothing is None."""
+        """Return the path as JSON data; an infinite clearance is None."""
         return {
             "feasible": self.feasible,
             "reason": self.reason,

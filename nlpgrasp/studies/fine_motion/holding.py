@@ -1,4 +1,4 @@
-"""Quality of what holds a body while a finger moves."""
+"""Quality of the grasp that holds a body while a finger moves."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from nlpgrasp.studies.fine_motion.paths.least_along import first_stations, least
 from nlpgrasp.studies.fine_motion.records import FingerMove
 from nlpgrasp.tasks import TaskEllipsoid
 
-ROUGH = 6  # stations at equal distances of a slide that is compared with others
+ROUGH = 6  # evenly spaced stations for estimating a slide
 HELD_RTOL = 0.05
-TOLERANCE, ARM = 1e-3, 0.2  # of the body's size: chords of a path; metres that a radian of the normal counts
+TOLERANCE, ARM = 1e-3, 0.2  # shares of the body's size: chord tolerance; arc length per radian of the normal
 
 
 class Holding:
-    """Quality of a grasp while one finger moves and some have moved already.
+    """Quality of intermediate grasps while one finger moves.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class Holding:
     order : sequence of int
         Contact of ``there`` that each finger takes.
     paths : sequence of k sequences of Station
-        From each finger's contact to its new one.
+        Path of each finger from its contact to its new one.
     hold : TaskEllipsoid
-        What is exerted on the body meanwhile.
+        Task of the fingers meanwhile.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Holding:
         return min(self._estimate(self._grasp(moved, finger, float(station))) for station in stations)
 
     def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
-        """Return the move of a finger, with certificates: of the other fingers alone, and at stations of a slide."""
+        """Return the move of a finger, certified for the other fingers alone and at stations of a slide."""
         path = np.array([station.point for station in self.paths[finger]])
         others = self.others(moved, finger)
         if not slides:
@@ -79,7 +79,7 @@ class Holding:
 
         least_along(quality, first_stations(way.total, way.edges))
         lower, upper = min(b.lower for b in known.values()), min(b.upper for b in known.values())
-        held = Bounds(max(lower, others.lower), max(upper, others.lower))  # nowhere less than the other fingers alone
+        held = Bounds(max(lower, others.lower), max(upper, others.lower))  # at least that of the other fingers alone
         return FingerMove(finger, path, slides, held, stations=len(known), others=others)
 
     def _estimate(self, grasp: Grasp) -> float:
@@ -89,7 +89,7 @@ class Holding:
         return mu(grasp, self.hold, HELD_RTOL, force_budget=self.budget)
 
     def _grasp(self, moved: frozenset[int], finger: int, station: float | None = None) -> Grasp:
-        """Return the grasp of the other fingers, and of the finger without friction at a station of its path."""
+        """Return the grasp of the other fingers, with the finger frictionless at a station of its path, if given."""
         places: list[tuple[FloatArray, FloatArray, ContactModel]] = [
             (self.there.points[self.order[i]], self.there.normals[self.order[i]], model)
             if i in moved

@@ -1,4 +1,4 @@
-"""Order of finger moves: the weakest intermediate grasp as strong as possible, within the hand's limits."""
+"""Order of finger moves by a widest-path search: strongest weakest intermediate grasp within the hand's limits."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from nlpgrasp.studies.fine_motion.holding import Holding
 from nlpgrasp.studies.fine_motion.records import FingerMove
 
 S = TypeVar("S")
-_Width = tuple[int, float]  # 0 where the other fingers hold the body alone, 1 elsewhere; minus the strength
+_Width = tuple[int, float]  # 0 if the other fingers hold the body alone, else 1; negative quality
 _WIDEST: _Width = (0, -np.inf)
 LIFTED, SLIDES = False, True
 
 
 class Motions(Protocol[S]):
-    """What a hand can do: postures, and the ways of fingers from them."""
+    """Interface of a hand's finger motions between postures."""
 
     def start(self) -> S:
         """Return the posture of the first grasp."""
 
     def taken(self, posture: S, finger: int, slides: bool) -> tuple[FingerPath, S]:
-        """Return the way of a finger to its new contact, and the posture that it ends with."""
+        """Return the path of a finger to its new contact, and the final posture."""
 
 
 @dataclass(frozen=True)
 class _Reached(Generic[S]):
-    """Fingers that have moved, how, and the posture then.
+    """Search node: moved fingers, their moves and the posture.
 
-    ``next_one`` is a move still to be examined: the finger, and the ways it may go, the first one of which is taken
-    that the hand can do.
+    ``next_one`` is a move still to be examined: the finger, and the ways to move it, of which the first feasible one is
+    taken.
     """
 
     moved: frozenset[int] = frozenset()
@@ -44,15 +44,15 @@ class _Reached(Generic[S]):
 
 
 def ordered_moves(holding: Holding, motions: Motions[S] | None = None) -> tuple[FingerMove, ...]:
-    """Return the moves with their certificates: of all orders the hand allows the one whose weakest grasp is strongest.
+    """Return the certified moves of the order, among those that the hand allows, whose weakest grasp is strongest.
 
-    A move during which the other fingers hold the body alone counts by their strength, which is certified on the whole
-    path, whether the finger is lifted or slides; it is lifted where the hand can do that. Any other move is a slide, is
-    weaker than all of those, and counts by its least strength at a few stations.
+    A move during which the other fingers hold the body alone is valued by their quality, certified on the whole path,
+    whether the finger is lifted or slides; it is lifted where the hand can do that. Any other move is a slide, ranks
+    below all of those, and is valued by its least quality at a few stations.
 
-    A search for the widest path over the sets of fingers that have moved: what is strongest so far goes on first, and
-    the hand is asked about a move only when it is the strongest there is. Each set goes on with the posture in which
-    it was reached first. Where the hand allows no order, the strongest of all is returned, with what stops the hand.
+    This is a widest-path search over the sets of moved fingers: the strongest node is expanded first, and the hand's
+    motion is computed only for the strongest move. Each set keeps the posture in which it was reached first. Where the
+    hand allows no order, the strongest of all is returned, with the obstruction.
     """
     best = _widest(holding, motions)
     if best is None:
@@ -88,7 +88,7 @@ def _widest(holding: Holding, motions: Motions[S] | None) -> _Reached[S] | None:
 
 
 def _option(holding: Holding, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
-    """Return width, finger and ways of a move: lifted, or else sliding, where the others hold the body alone."""
+    """Return width, finger and ways of a move: lifted or else sliding, if the others hold the body alone."""
     alone = holding.others(moved, finger).lower
     if alone > 0.0:
         return (0, -alone), finger, (LIFTED, SLIDES)
@@ -96,7 +96,7 @@ def _option(holding: Holding, moved: frozenset[int], finger: int) -> tuple[_Widt
 
 
 def _moved(here: _Reached[S], move: tuple[int, tuple[bool, ...]], motions: Motions[S] | None) -> _Reached[S] | None:
-    """Return what is reached by a move, None where the hand does not do it."""
+    """Return the search node after a move; None where the hand cannot do it."""
     finger, ways = move
     for slides in ways:
         motion, posture = None, here.posture
@@ -108,7 +108,7 @@ def _moved(here: _Reached[S], move: tuple[int, tuple[bool, ...]], motions: Motio
 
 
 def _followed(sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[S] | None) -> _Reached[S]:
-    """Return a sequence of moves with the hand's way of each, up to where it is stopped and beyond."""
+    """Return a sequence of moves with the hand's path of each, up to the obstruction and beyond."""
     result, posture, stopped = [], None if motions is None else motions.start(), None
     for finger, slides, _ in sequence:
         motion: FingerPath | None = None
@@ -123,5 +123,5 @@ def _followed(sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions
 
 
 def unknown(reason: str) -> FingerPath:
-    """Return the record of a move that was not looked at."""
+    """Return the record of a move that was not examined."""
     return FingerPath(False, reason, np.zeros((0, 3)), np.zeros(0), (), np.zeros(0))

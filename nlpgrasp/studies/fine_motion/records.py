@@ -1,4 +1,4 @@
-"""Records of fine manipulation: a grasp to pick up with, a better one, and the moves between them."""
+"""Records of fine manipulation: pick-up grasp, goal grasp and the finger moves between them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nlpgrasp.studies.fine_motion.finger_path import FingerPath
 
 @dataclass(frozen=True)
 class FingerMove:
-    """One finger goes to its new place while the others hold the body.
+    """Move of one finger to its new contact while the others hold the body.
 
     Parameters
     ----------
@@ -25,18 +25,18 @@ class FingerMove:
     path : (m, space) array
         Points of the body's surface from the old contact to the new one, metres, body frame.
     slides : bool
-        Whether the finger keeps pressing on its way (without friction, as a sliding finger does), or is lifted.
+        Whether the finger slides under pressure (without friction), or is lifted.
     held : Bounds
-        Quality against the holding task meanwhile. Of a lifted finger: certified quality of the other fingers, whose
-        grasp is the same all along the path. Of a sliding finger: the least of the certified qualities, of all fingers,
-        at ``stations`` places of its path; the least along the path may be less, as nothing is certified between them.
+        Quality for the holding task meanwhile. For a lifted finger: certified quality of the other fingers, constant
+        along the path. For a sliding finger: the least certified quality of all fingers at ``stations`` points of its
+        path; the least along the path may be smaller, as nothing is certified between them.
     motion : FingerPath or None
-        How the hand does it, or why it does not; None without a hand whose limits are known.
+        The hand's motion, or its obstruction; None without a hand of known limits.
     stations : int
-        Number of grasps certified: 1 of a lifted finger.
+        Number of certified grasps: 1 for a lifted finger.
     others : Bounds or None
-        Certified quality of the other fingers alone. Everywhere on its path a sliding finger may press with nothing, so
-        that the quality is nowhere less. None stands for ``held`` of a lifted finger, and for nothing of a slide.
+        Certified quality of the other fingers alone, a lower bound on the whole path, as a sliding finger may exert no
+        force. None means ``held`` for a lifted finger, and zero for a slide.
     """
 
     finger: int
@@ -54,12 +54,12 @@ class FingerMove:
 
     @property
     def feasible(self) -> bool:
-        """Whether nothing that is known of the hand is against the move."""
+        """Whether no known limit of the hand prevents the move."""
         return self.motion is None or self.motion.feasible
 
     @property
     def least(self) -> float:
-        """Quality that is certified everywhere on the path: the lower bound of the other fingers alone."""
+        """Certified quality on the whole path: the lower bound of the other fingers alone."""
         if not self.slides:
             return self.held.lower
         return 0.0 if self.others is None else self.others.lower
@@ -71,7 +71,7 @@ class FingerMove:
 
     @property
     def held_text(self) -> str:
-        """The quality meanwhile in words, with what is certified along the path."""
+        """Quality during the move as text, with its certified part."""
         if not self.slides:
             return f"held with {self.held}" if self.certified else "not held by the other fingers"
         if self.held.upper <= 0.0:
@@ -97,7 +97,7 @@ class FingerMove:
 
 @dataclass(frozen=True)
 class FineManipulation:
-    """A grasp to pick up with, a better one, and how the fingers get from one to the other.
+    """Pick-up grasp, goal grasp, and the finger moves from one to the other.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ class FineManipulation:
     order : tuple of int
         Contact of ``goal.grasp`` that each finger takes.
     moves : tuple of FingerMove
-        One after another; empty where either grasp is missing. Where no order of moves is within the hand's limits,
-        those that would be held best, with the reasons.
+        Moves in order; empty where either grasp is missing. If the hand's limits allow no order, those with the best
+        holding quality, with the reasons.
     """
 
     pick: GraspSolution
@@ -117,17 +117,17 @@ class FineManipulation:
 
     @property
     def success(self) -> bool:
-        """Whether both grasps exist, no move is beyond the hand, and each is certified to be held on its whole path."""
+        """Whether both grasps exist, every move is feasible, and each is certified on its whole path."""
         return self.held_at_stations and all(m.certified for m in self.moves)
 
     @property
     def held_at_stations(self) -> bool:
-        """Whether the same holds at all stations examined; slides may not be certified between them."""
+        """Whether the same holds at all examined stations; slides may be uncertified between them."""
         return bool(self.moves) and self.feasible and all(m.held.lower > 0.0 for m in self.moves)
 
     @property
     def feasible(self) -> bool:
-        """Whether nothing that is known of the hand is against any of the moves."""
+        """Whether no known limit of the hand prevents any of the moves."""
         return all(m.feasible for m in self.moves)
 
     @property

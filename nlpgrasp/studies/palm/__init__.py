@@ -1,4 +1,4 @@
-"""The palm's way to the grasp (Section 1.2): straight, with open fingers, then closing."""
+"""Palm path to a grasp (Section 1.2): straight approach with open fingers, then closing."""
 
 from nlpgrasp.solve.phases.approach import BlockedDirection
 from nlpgrasp.studies.palm.palm_path import palm_path

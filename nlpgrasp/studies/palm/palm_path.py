@@ -1,4 +1,4 @@
-"""A collision-free way of the palm to the final grasp (Section 1.2): straight, the fingers open, then closing."""
+"""Collision-free palm path to a grasp (Section 1.2): straight approach with open fingers, then closing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.solve.space import Surroundings
 from nlpgrasp.studies.palm.records import APPROACHING, CLOSING, PalmPath
 
 DIRECTIONS = 100
-LIMIT_ROUNDING = 1e-6  # radians or metres
+LIMIT_ROUNDING = 1e-6  # radians or metres: tolerance of joint limits
 
 
 def palm_path(
@@ -29,28 +29,27 @@ def palm_path(
     *,
     directions: int = DIRECTIONS,
 ) -> PalmPath:
-    """Return a straight way of the palm to a grasp, on which the hand touches nothing but the body it grasps.
+    """Return a straight, collision-free palm path to a grasp.
 
     The palm moves straight with the fingers open; then they close. Each finger is as in the solution's pregrasp, or as
-    far towards it as it has room. Without a direction the one in which the palm faces comes first, then others around
-    it, the nearest first, until one is free; where none is, the fingers open wider, up to four times as far. Links (as
-    balls that enclose them) stay off the body, off what the constraints keep links away from, such as tables and
-    obstacles, and off each other; joints keep their limits. Waypoints are so near each other that nothing can be
-    between them, however thin (docs/hands.md).
+    near to it as clearances allow. Without a direction, the palm's facing direction is tried first, then others by
+    increasing angle, until one is free; if none is, the fingers open wider, up to four times as far. Links (as
+    enclosing spheres) stay clear of the body, of tables and obstacles in the constraints, and of each other; joints
+    keep their limits. Waypoints are so close that nothing can be between them, however thin (docs/hands.md).
 
     Parameters
     ----------
     solution : GraspSolution
-        With a grasp and a hand that has a pregrasp.
+        A solution with a grasp and a hand with a pregrasp.
     problem : GraspProblem
-        Whose solution it is: it has the body and the hand.
+        The solution's problem, with body and hand.
     direction : (3,) array, optional
-        In which the palm is to move, body frame; of any length.
+        Direction of the palm's motion, body frame; of any length.
     distance : float
-        How far it moves straight, metres.
+        Length of the straight approach, metres.
     directions : int
-        How many directions, spread over the sphere, are looked at where none is given: beside them the axes of palm and
-        body, and where none is free others ever closer about the one that is free longest.
+        Number of directions, spread over the sphere, to try if none is given; the axes of palm and body are tried too,
+        and, if none is free, others ever closer to the one that is free longest.
 
     Raises
     ------
@@ -60,7 +59,7 @@ def palm_path(
     Warns
     -----
     UserWarning
-        Of a link inside something in the grasp itself, and of contacts that are off their fingertips' links.
+        On a link inside something in the grasp itself, and on contacts that are off their fingertips' links.
     """
     hand = _hand(solution, problem)
     distance = number("distance", distance, above=0.0)
@@ -94,7 +93,7 @@ def _hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
 
 
 def _given(direction: ArrayLike) -> FloatArray:
-    """Return the direction that was asked for, of unit length."""
+    """Return the given direction as a unit vector."""
     vector = array("direction", direction, (3,))
     size = float(np.linalg.norm(vector))
     if size == 0.0:
@@ -103,7 +102,7 @@ def _given(direction: ArrayLike) -> FloatArray:
 
 
 def _beyond_limits(hand: URDFHand, *postures: Values) -> str:
-    """Return which joint is beyond its limits in any of the postures; those between are within if these are."""
+    """Return the joint that exceeds its limits in any of the postures; those between are within if these are."""
     lower, upper = hand.tree.joint_limits
     for values in postures:
         over = np.maximum(lower - values["joints"], values["joints"] - upper)
@@ -113,7 +112,7 @@ def _beyond_limits(hand: URDFHand, *postures: Values) -> str:
 
 
 def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: Approach, touching: str) -> PalmPath:
-    """Return the record of a way, from afar to the grasp."""
+    """Return the record of a path, from its start to the grasp."""
     tree, others = around.hand.tree, ~around.of_tips()
     outside, inside = list(reversed(found.outside)), list(reversed(fingers.places))[1:]
     values = [place.values for place in (*outside, *inside)]
@@ -139,7 +138,7 @@ def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: 
 def _none(
     around: Surroundings, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
 ) -> PalmPath:
-    """Return the record of no way."""
+    """Return the record of a failed search."""
     names = tuple(around.hand.tree.joint_positions(np.zeros(len(around.hand.robot.free_joints))))
     nothing = np.zeros((0, len(names)))
     return PalmPath(

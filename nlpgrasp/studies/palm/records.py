@@ -1,4 +1,4 @@
-"""Record of a palm's path to a grasp: waypoints, joints and clearances, or why there is none."""
+"""Record of a palm path to a grasp: waypoints, joints and clearances, or the reason for having none."""
 
 from __future__ import annotations
 
@@ -15,36 +15,37 @@ APPROACHING, CLOSING = "approaching", "closing"
 
 @dataclass(frozen=True)
 class PalmPath:
-    """Waypoints of a hand from away from the body to its grasp.
+    """Waypoints of a hand from a distance to its grasp.
 
     Parameters
     ----------
     reason : str
-        Why there is none; empty where there is one.
+        Why there is no path; empty where there is one.
     direction : (3,) array or None
-        In which the palm moves, unit, body frame; None where no direction is free.
+        Unit direction of the palm's motion, body frame; None where no direction is free.
     distance : float
         How far it moves straight, metres.
     openings : (k,) array
-        How far each fingertip is, on the way, from its place in the grasp, palm frame, metres; empty without a way.
+        Distance of each fingertip on the approach from its position in the grasp, palm frame, metres; empty without a
+        path.
     phases : tuple of m str
         ``"approaching"`` or ``"closing"``.
     poses : (m, 4, 4) array
         The palm's frame in the body's at each waypoint, from afar to the grasp.
     joint_names : tuple of n str
-        All joints that move, those that follow others included.
+        All moving joints, mimic joints included.
     joints : (m, n) array
-        Their positions, radians or metres. Between waypoints palm and joints are on straight lines.
+        Their positions, radians or metres. Between waypoints palm and joints move on straight lines.
     clearances : (m,) array
         Least distance of the hand to anything it must not touch, at each waypoint, metres; while the fingers close,
         fingertips and body are not counted.
     blocked : tuple of BlockedDirection
-        The directions that were looked at before one was free.
+        The blocked directions that were tried.
     tolerance : float
-        How deep links may be in anything between waypoints, metres.
+        Allowed penetration of links between waypoints, metres.
     touching : str
-        What is wrong with the hand in the grasp itself, where the way ends, in words: links inside something, contacts
-        off their links; empty where there is nothing.
+        Obstructions in the grasp itself, as text: links that penetrate something, contacts off their links; empty
+        without any.
     """
 
     reason: str
@@ -62,7 +63,7 @@ class PalmPath:
 
     @property
     def success(self) -> bool:
-        """Whether there is a way."""
+        """Whether there is a path."""
         return not self.reason
 
     @property
@@ -71,7 +72,7 @@ class PalmPath:
         return float(np.min(self.clearances, initial=np.inf))
 
     def to_dict(self) -> Json:
-        """Return the way as JSON data; a clearance from nothing is None."""
+        """Return the path as JSON data; an infinite clearance is None."""
         return {
             "reason": self.reason,
             "direction": None if self.direction is None else self.direction.tolist(),

@@ -1,1 +1,1 @@
-"""Bodies as numbers: surfaces, normals and distances in closed form, from JSON data alone."""
+"""Numeric bodies from JSON data: surfaces, normals and signed distances in closed form."""

@@ -1,7 +1,7 @@
-"""Convex bodies by their corners, and the shortest translation that parts two of them.
+"""Convex bodies as vertices, and the penetration depth of two of them.
 
-Two convex solids A and B overlap where their Minkowski difference, the hull of all ``a - b``, holds the origin; the
-origin's distance from the nearest of its faces is the length of the shortest translation that parts them (Cameron and
+Two convex solids A and B overlap if their Minkowski difference, the hull of all ``a - b``, contains the origin; the
+origin's distance from its nearest face is the length of the shortest translation that separates them (Cameron and
 Culley 1986, doi:10.1109/ROBOT.1986.1087645).
 """
 
@@ -18,13 +18,13 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.bodies.mesh import MeshSurface
 from nlpgrasp.verify.placement import Surface
 
-CONVEX = 0.999  # of its hull's volume: what counts as convex
-AROUND = 400  # points of a curved surface that stand for it, or corners of a cylinder
-CORNERS = 64  # of a solid, at most: of more the outermost ones in as many directions
+CONVEX = 0.999  # least share of its hull's volume of a surface that counts as convex
+AROUND = 400  # sample points of a curved surface, or corners of a cylinder
+CORNERS = 64  # most corners of a solid; of more, the extreme ones in as many directions
 
 
 def convex_corners(data: Json, surface: Surface) -> FloatArray | None:
-    """Return the corners (n, 3) of a convex body in its own frame, metres; None of any other body.
+    """Return the corners (n, 3) of a convex body in its own frame, metres; None for any other body.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def convex_corners(data: Json, surface: Surface) -> FloatArray | None:
 
 
 def mesh_corners(vertices: FloatArray, triangles: FloatArray) -> FloatArray | None:
-    """Return the corners (n, 3) of a closed convex surface; None of one that is not convex.
+    """Return the corners (n, 3) of a closed convex surface; None if it is not convex.
 
     Parameters
     ----------
@@ -62,19 +62,19 @@ def mesh_corners(vertices: FloatArray, triangles: FloatArray) -> FloatArray | No
     """
     try:
         hull = ConvexHull(vertices)
-    except QhullError:  # all in one plane
+    except QhullError:  # coplanar points
         return None
     volume = abs(float(np.sum(np.linalg.det(triangles - vertices.mean(axis=0))))) / 6.0
     return vertices[hull.vertices] if volume >= CONVEX * hull.volume else None
 
 
 def way_out(one: FloatArray, other: FloatArray) -> float:
-    """Return the length of the shortest translation that parts two convex solids, metres; 0 where they are apart.
+    """Return the length of the shortest translation that separates two convex solids, metres; 0 where they are apart.
 
     Parameters
     ----------
     one, other : (n, 3) and (m, 3) arrays
-        Their corners. Of more than ``CORNERS`` the outermost ones are taken, which makes a round solid smaller by up to
+        Their corners. Of more than ``CORNERS``, the extreme ones are taken, which makes a round solid smaller by up to
         six hundredths.
     """
     differences = (_outermost(one)[:, None] - _outermost(other)[None]).reshape(-1, 3)
@@ -88,7 +88,7 @@ def _outermost(corners: FloatArray) -> FloatArray:
 
 
 def _on_superquadric(directions: FloatArray, e1: float, e2: float) -> FloatArray:
-    """Return the points (m, 3) in some directions of a superquadric whose semi-axes are 1."""
+    """Return the points (m, 3), in given directions, of a superquadric with semi-axes 1."""
     x, y, z = np.abs(directions).T
     flat = (x ** (2.0 / e2) + y ** (2.0 / e2)) ** (e2 / e1)
     return np.asarray(directions / (flat + z ** (2.0 / e1))[:, None] ** (e1 / 2.0))

@@ -1,4 +1,4 @@
-"""How far contacts are from the edges at which a body's surface turns by more than 30 degrees."""
+"""Distances of contacts from sharp edges, those at which a body's surface turns by more than 30 degrees."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from nlpgrasp.verify.check import NO_BODY, NotMadeError
 from nlpgrasp.verify.placement import Surface
 from nlpgrasp.verify.rows import RowValue
 
-COSINE = 0.75**0.5  # of 30 degrees
-FLAT = 1e-12  # of the size squared: the area of a triangle whose normal is rounding
+COSINE = 0.75**0.5  # cosine of 30 degrees
+FLAT = 1e-12  # area over squared size below which a triangle counts as degenerate
 Distance = Callable[[FloatArray], float]
 """Of a point (space,) of a face from the face's own sharp edges, metres; infinite where it has none."""
 
 
 def from_corners(v: FloatArray, i: int) -> Distance:
-    """Return the distance from those ends of edge i of a polygon (n, 2) at which it turns by more than 30 degrees."""
+    """Return the distance function from the sharp ends, by more than 30 degrees, of edge i of a polygon (n, 2)."""
     before, here, there, after = (v[(i + j) % len(v)] for j in (-1, 0, 1, 2))
     ends = [end for a, end, b in ((before, here, there), (here, there, after)) if _cosine(end - a, b - end) < COSINE]
     return lambda p: min((float(np.linalg.norm(p[:2] - end)) for end in ends), default=np.inf)
@@ -47,7 +47,7 @@ def sharp_segments(surface: TriangleSurface) -> FloatArray:
 
 
 def from_segments(segments: FloatArray) -> Distance:
-    """Return the distance from segments (m, 2, 3)."""
+    """Return the distance function from segments (m, 2, 3)."""
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     lengths = np.maximum(np.sum(along**2, axis=1), 1e-300)
 

@@ -1,4 +1,4 @@
-"""Signed distances from bodies, tables and obstacles at many points."""
+"""Signed distances from bodies, tables and obstacles for many points at once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Distance = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Solid:
-    """Something solid that a hand may run into.
+    """A solid that a hand may collide with.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ class Solid:
     distance : callable
         Points (m, space), body frame, to signed distances (m,), metres, negative inside.
     clearance : float
-        Metres that a hand is asked to keep from it.
+        Required clearance of a hand, metres.
     rough : float
-        How far above this distance the solver's own may be, metres.
+        Largest excess of the solver's distance over this one, metres.
     corners : (n, 3) array or None
-        Of a convex solid in space, metres, body frame.
+        Corners of a convex solid in space, metres, body frame.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Solid:
 
 
 def solid_body(name: str, data: Json, surface: Surface) -> Solid:
-    """Return a body in its own frame.
+    """Return a body as a solid in its own frame.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def solid_body(name: str, data: Json, surface: Surface) -> Solid:
 
 
 def surroundings(constraints: Sequence[Json], placement: StatedPlacement) -> Iterator[Solid]:
-    """Yield the tables and obstacles among some constraints."""
+    """Yield the tables and obstacles among constraints, as solids."""
     for data in constraints:
         if data["type"] == "table":
             clearance = number("clearance", data["clearance"], at_least=0.0)
@@ -72,17 +72,17 @@ def surroundings(constraints: Sequence[Json], placement: StatedPlacement) -> Ite
 
 
 def fast_distance(surface: Surface) -> Distance:
-    """Return the signed distance from a body, points (m, space) to metres; from a mesh by its search tree."""
+    """Return the signed distance function of a body, points (m, space) to metres; of a mesh by a search tree."""
     if isinstance(surface, MeshSurface):
         return SearchTree(surface.triangles.vertices, surface.triangles.faces).clearance
     return surface.distance
 
 
 def _above(height: float, points: FloatArray) -> FloatArray:
-    """Return how far points (m, space) are above a height along the last axis, metres."""
+    """Return the height of points (m, space) above a level along the last axis, metres."""
     return np.asarray(points[:, -1] - height)
 
 
 def _beside(data: Json, distance: Distance, points: FloatArray) -> FloatArray:
-    """Return the signed distance of points (m, space) from an obstacle, whose own frame ``distance`` is in, metres."""
+    """Return the signed distance of points (m, space) from an obstacle, metres; ``distance`` is in its frame."""
     return distance(in_frame_of(data, points))

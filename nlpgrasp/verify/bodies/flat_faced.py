@@ -1,4 +1,4 @@
-"""Bodies with edges: box, cylinder, polygon, prism. Each face is a flat or round piece with limits."""
+"""Bodies with edges: box, cylinder, polygon and prism, each face a bounded flat or round piece."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ Piece = Callable[[FloatArray], tuple[float, FloatArray, float]]
 
 @dataclass(frozen=True)
 class FacedSurface:
-    """A body of several faces.
+    """Surface of a body with several faces.
 
     Parameters
     ----------
     bounds : (2, space) array
     pieces : mapping
-        Face to its piece.
+        Piece of each face.
     field : callable
         Points (m, space) to signed distances (m,).
     edges : mapping
-        Face to the distance from its sharp edges.
+        Distance from the sharp edges of each face.
     """
 
     bounds: FloatArray
@@ -42,7 +42,7 @@ class FacedSurface:
     tight: bool = True
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Return distance and turn of a contact."""
+        """Return distance and normal deviation of a contact."""
         off, outward, past = self.pieces[face](point)
         return Fit(float(np.hypot(off, max(past, 0.0))), float(np.linalg.norm(normal + outward)))
 
@@ -56,7 +56,7 @@ class FacedSurface:
 
 
 def box(data: Json, sources: Sources) -> FacedSurface:
-    """Return the six sides ``+x``, ``-x``, ..."""
+    """Return a box with the sides ``+x``, ``-x``, ..."""
     half = positive("extents", data["extents"], 3) / 2.0
     pieces = {
         ("+" if sign > 0.0 else "-") + "xyz"[axis]: _side_of_box(axis, sign, half)
@@ -77,7 +77,7 @@ def _side_of_box(axis: int, sign: float, half: FloatArray) -> Piece:
 
 
 def cylinder(data: Json, sources: Sources) -> FacedSurface:
-    """Return ``side``, ``top`` and ``bottom``."""
+    """Return a cylinder with ``side``, ``top`` and ``bottom``."""
     radius, half = number("radius", data["radius"], above=0.0), number("height", data["height"], above=0.0) / 2.0
 
     def side(p: FloatArray) -> tuple[float, FloatArray, float]:
@@ -103,7 +103,7 @@ def cylinder(data: Json, sources: Sources) -> FacedSurface:
 
 
 def polygon(data: Json, sources: Sources) -> FacedSurface:
-    """Return the edges ``edge0``, ``edge1``, ..."""
+    """Return a polygon with the edges ``edge0``, ``edge1``, ..."""
     v = _counter_clockwise("vertices", data["vertices"])
     pieces = {f"edge{i}": _edge(v, i) for i in range(len(v))}
     edges = {f"edge{i}": from_corners(v, i) for i in range(len(v))}
@@ -111,7 +111,7 @@ def polygon(data: Json, sources: Sources) -> FacedSurface:
 
 
 def prism(data: Json, sources: Sources) -> FacedSurface:
-    """Return ``side0``, ``side1``, ..., ``top`` and ``bottom``."""
+    """Return a prism with ``side0``, ``side1``, ..., ``top`` and ``bottom``."""
     v = _counter_clockwise("polygon", data["polygon"])
     half = number("height", data["height"], above=0.0) / 2.0
 
@@ -143,7 +143,7 @@ def prism(data: Json, sources: Sources) -> FacedSurface:
 
 
 def _counter_clockwise(field: str, value: object) -> FloatArray:
-    """Return a polygon's vertices (n, 2); clockwise ones would turn the body inside out."""
+    """Return a polygon's vertices (n, 2); refuse clockwise ones, which turn the body inside out."""
     v = array(field, value, (None, 2))
     after = np.roll(v, -1, axis=0)
     if not float(np.sum(v[:, 0] * after[:, 1] - v[:, 1] * after[:, 0])) > 0.0:
@@ -154,7 +154,7 @@ def _counter_clockwise(field: str, value: object) -> FloatArray:
 
 
 def _cross(start: FloatArray, end: FloatArray) -> bool:
-    """Return whether some edges cross: each has the ends of the other on different sides of its line."""
+    """Return whether some edges intersect: each has the ends of the other on different sides of its line."""
 
     def side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
         """Return on which side of each line from a to b (n, 2) each point (m, 2) is, (n, m)."""
@@ -166,7 +166,7 @@ def _cross(start: FloatArray, end: FloatArray) -> bool:
 
 
 def _edge(v: FloatArray, i: int) -> Piece:
-    """Return the piece over the edge from vertex i of a counter-clockwise polygon to the next."""
+    """Return the piece of the edge from vertex i of a counter-clockwise polygon to the next."""
     start, along = v[i], v[(i + 1) % len(v)] - v[i]
     length = float(np.linalg.norm(along))
     along = along / length
@@ -180,7 +180,7 @@ def _edge(v: FloatArray, i: int) -> Piece:
 
 
 def _polygon_distance(v: FloatArray, p: FloatArray) -> FloatArray:
-    """Return the signed distance of points (m, 2) to a polygon (n, 2): nearest edge, and how often it goes around."""
+    """Return the signed distance of points (m, 2) to a polygon (n, 2): nearest edge and winding number."""
     along = np.roll(v, -1, axis=0) - v
     there = p[:, None] - v[None]  # (m, n, 2)
     t = np.clip(np.sum(there * along, axis=2) / np.sum(along**2, axis=1), 0.0, 1.0)
@@ -192,6 +192,6 @@ def _polygon_distance(v: FloatArray, p: FloatArray) -> FloatArray:
 
 
 def _joined(*parts: FloatArray) -> FloatArray:
-    """Return the signed distance to an intersection of sets whose own distances grow at right angles."""
+    """Return the signed distance to an intersection of sets with orthogonal distance gradients."""
     every = np.stack(parts)
     return np.asarray(np.linalg.norm(np.maximum(every, 0.0), axis=0) + np.minimum(np.max(every, axis=0), 0.0))

@@ -1,4 +1,4 @@
-"""Bodies given by a script's own function: the file holds their box, and their function as text alone."""
+"""Implicit bodies: the file contains their bounding box, and their function as text alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlpgrasp.verify.sources import Sources
 
 @dataclass(frozen=True)
 class TextSurface:
-    """A body whose function stays in the script that made it.
+    """An implicit body whose function is not in the file.
 
     Parameters
     ----------
@@ -42,5 +42,5 @@ class TextSurface:
 
 
 def implicit(data: Json, sources: Sources) -> TextSurface:
-    """Return the box of a body whose function is not in the file."""
+    """Return the bounding box of an implicit body, whose function is not in the file."""
     return TextSurface(array("bounds", data["bounds"], (2, None)))

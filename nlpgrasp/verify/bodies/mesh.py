@@ -1,4 +1,4 @@
-"""A mesh as numbers: read again from its source, where that is there and has the recorded fingerprint."""
+"""Mesh bodies: read again from the recorded source if its fingerprint agrees."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.placement import Fit
 from nlpgrasp.verify.sources import Sources
 
-TOUCHING = 1e-6  # of the size: triangles so close to a contact touch it
+TOUCHING = 1e-6  # share of the body's size: triangles this close to a contact touch it
 ROUND = ("sphere", "cylinder")  # fingertips whose normal is the direction from their centre to the contact
-PARALLEL = 1e-9  # sine
-BESIDE = 1e-3  # of the size: a rise over less than this is measured over this
-GRID_POINTS, GRID_MARGIN, CELL_SHARE = 120_000, 0.5, 0.5  # of the solver's grid of an obstacle's distances
+PARALLEL = 1e-9  # sine of the angle below which vectors are parallel
+BESIDE = 1e-3  # share of the body's size: least length over which a rise is measured
+GRID_POINTS, GRID_MARGIN, CELL_SHARE = 120_000, 0.5, 0.5  # the solver's distance grid of an obstacle
 
 
 @dataclass(frozen=True)
 class MeshSurface:
-    """A mesh; its one face is ``surface``.
+    """Surface of a mesh, with the one face ``surface``.
 
     Parameters
     ----------
@@ -52,16 +52,16 @@ class MeshSurface:
 
     @property
     def rough(self) -> float:
-        """Half a cell of the grid on which the solver keeps the distance to an obstacle, metres."""
+        """Half a cell of the solver's distance grid of an obstacle, metres."""
         sides = np.ptp(self.bounds, axis=0) + 2.0 * GRID_MARGIN * self.size
         return CELL_SHARE * float((np.prod(sides) / GRID_POINTS) ** (1.0 / 3.0))
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Return how far a contact is from the nearest triangle, and how its normal differs from what belongs there.
+        """Return a contact's distance from the nearest triangle, and its normal's deviation from the expected one.
 
-        A free contact has the normal of a triangle that it lies on. A round fingertip touches in the point nearest to
-        its centre, also on edges and corners: no triangle there rises above the plane across its normal. Other
-        fingertips may keep the normal of the solver's smooth surface: its angle to the mesh's normals is stated.
+        A free contact has the normal of a triangle that it lies on. A round fingertip touches at the point nearest to
+        its centre, also on edges and corners: no triangle there rises above the plane perpendicular to its normal.
+        Other fingertips may keep the normal of the solver's smooth surface; its angle to the mesh's normals is stated.
         """
         if face != "surface":
             raise KeyError(face)
@@ -87,7 +87,7 @@ class MeshSurface:
         return sharp_segments(self.triangles)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, 3) to the mesh itself."""
+        """Return the signed distance of points (m, 3) from the mesh itself."""
         boxed = np.all((points >= self.bounds[0]) & (points <= self.bounds[1]), axis=1)
         found = np.array([self.triangles.distance(p) for p in points])
         inside = [near and self.triangles.is_inside(p) for p, near in zip(points, boxed, strict=True)]
@@ -95,10 +95,10 @@ class MeshSurface:
 
 
 def angle_off_cone(direction: FloatArray, generators: FloatArray) -> float:
-    """Return the angle between a unit vector (3,) and the convex cone of unit vectors (n, 3), radians.
+    """Return the angle of a unit vector (3,) to the convex cone of unit vectors (n, 3), radians.
 
-    The nearest vector of the cone is a generator, lies between two of them, or is the direction itself, which then is
-    on the inner side of all planes through pairs of generators that have the others on one side.
+    The nearest vector of the cone is a generator, lies between two generators, or is the direction itself, which then
+    is on the inner side of all planes through two generators that have the others on one side.
     """
     nearest = float(np.max(generators @ direction))
     one, other = np.triu_indices(len(generators), 1)
@@ -123,15 +123,15 @@ def angle_off_cone(direction: FloatArray, generators: FloatArray) -> float:
 
 
 class OtherMeshError(NotMadeError):
-    """The file at the recorded source has another fingerprint than the one recorded.
+    """Error on a file at the recorded source with another fingerprint than recorded.
 
     Parameters
     ----------
     why : str
     readings : sequence of MeshSurface
-        What the file holds, in each unit that may be meant.
+        The file's mesh in each possible unit.
     readers : sequence of str
-        The libraries that its triangles come from.
+        The libraries that read its triangles.
     """
 
     def __init__(self, why: str, readings: Sequence[MeshSurface], readers: Sequence[str]) -> None:
@@ -142,15 +142,15 @@ class OtherMeshError(NotMadeError):
 def mesh(data: Json, sources: Sources) -> MeshSurface:
     """Return the mesh of the recorded source.
 
-    It is read in the unit recorded, then in the others that there are, until the fingerprint agrees: files of earlier
-    versions record no unit.
+    It is read in the recorded unit, then in the others, until the fingerprint agrees: files of earlier versions record
+    no unit.
 
     Raises
     ------
     InputError
         Where the fingerprint is that of another unit than the one recorded.
     NotMadeError
-        Where the source is not there, is not a mesh, or (``OtherMeshError``) has another fingerprint.
+        Where the source is missing, is not a mesh, or (``OtherMeshError``) has another fingerprint.
     """
     place = sources.find(data.get("source"))
     known = data.get("unit")
@@ -172,7 +172,7 @@ def mesh(data: Json, sources: Sources) -> MeshSurface:
 
 
 def _read(place: Path, unit: str) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
-    """Return the mesh with its fingerprint and repairs, None where it cannot be used in this unit."""
+    """Return the mesh with its fingerprint and repairs; None where it cannot be used in this unit."""
     try:
         found, repairs = usable_mesh(read_mesh(place, unit))
     except InputError:

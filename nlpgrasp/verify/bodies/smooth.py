@@ -1,4 +1,4 @@
-"""Bodies of one smooth face: sphere, ellipsoid, superquadric, torus.
+"""Bodies with one smooth face: sphere, ellipsoid, superquadric and torus.
 
 Each is the zero set of a function h with gradient g: ``|h| / |g|`` is the distance to it, exactly for sphere and torus,
 to first order near the surface for the others, and ``g / |g|`` is the outward normal.
@@ -19,19 +19,19 @@ from nlpgrasp.verify.sources import Sources
 
 Field = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 SMALLEST = 1e-300
-ROUNDED = 1e-8  # superquadrics: their powers below 2 are rounded so close to the planes of symmetry
+ROUNDED = 1e-8  # superquadrics: width of the smoothing of powers below 2 near the planes of symmetry
 
 
 @dataclass(frozen=True)
 class SmoothSurface:
-    """A body with the one face ``surface``.
+    """Surface of a body with the one face ``surface``.
 
     Parameters
     ----------
     corner : (3,) array
         Upper corner of the bounding box; the lower one is opposite.
     field : callable
-        Points (m, 3) to signed distances (m,) and gradients of the same sense (m, 3).
+        Points (m, 3) to signed distances (m,) and outward gradients (m, 3).
     """
 
     corner: FloatArray
@@ -45,7 +45,7 @@ class SmoothSurface:
         return np.stack([-self.corner, self.corner])
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Return distance and turn of a contact."""
+        """Return distance and normal deviation of a contact."""
         if face != "surface":
             raise KeyError(face)
         distance, gradient = self.field(point[None])
@@ -62,13 +62,13 @@ class SmoothSurface:
 
 
 def sphere(data: Json, sources: Sources) -> SmoothSurface:
-    """Return ``|p| - r``."""
+    """Return a sphere with the distance ``|p| - r``."""
     radius = number("radius", data["radius"], above=0.0)
     return SmoothSurface(np.full(3, radius), lambda p: (np.linalg.norm(p, axis=1) - radius, p))
 
 
 def ellipsoid(data: Json, sources: Sources) -> SmoothSurface:
-    """Return ``(g - 1) / |grad g|`` with the gauge ``g = |p / a|``: never more than the distance outside."""
+    """Return an ellipsoid with ``(g - 1) / |grad g|``, gauge ``g = |p / a|``: a lower bound on the distance outside."""
     axes = positive("semi_axes", data["semi_axes"], 3)
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -80,7 +80,7 @@ def ellipsoid(data: Json, sources: Sources) -> SmoothSurface:
 
 
 def torus(data: Json, sources: Sources) -> SmoothSurface:
-    """Return the distance from the tube's centre line less the minor radius."""
+    """Return a torus: the distance from the tube's centre line less the minor radius."""
     major, minor = (number(key, data[key], above=0.0) for key in ("major_radius", "minor_radius"))
     if not minor < major:
         raise InputError("minor_radius", minor, f"less than the major radius, {major:g}")
@@ -113,7 +113,7 @@ def superquadric(data: Json, sources: Sources) -> SmoothSurface:
 
 
 def positive(field: str, value: object, count: int) -> FloatArray:
-    """Return lengths (count,) above zero."""
+    """Return validated lengths (count,) above zero."""
     lengths = array(field, value, (count,))
     if not np.all(lengths > 0.0):
         raise InputError(field, value, "numbers above zero")

@@ -1,4 +1,4 @@
-"""Distances from points to triangles, and what is inside a surface of triangles, in numpy alone."""
+"""Point-triangle distances and inside tests for triangle surfaces, in numpy alone."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class TriangleSurface:
         return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None])
 
     def near(self, point: FloatArray, reach: float) -> tuple[NDArray[np.intp], FloatArray]:
-        """Return the triangles that may be within ``reach`` of the nearest one, and their distances from a point (3,).
+        """Return the triangles possibly within ``reach`` of the nearest one, and their distances from a point (3,).
 
-        A triangle lies in the ball about its centre through its farthest corner, which rules out nearly all of them.
+        Bounding balls about the triangles' centres rule out nearly all of them.
         """
         centre, radius = self._balls
         apart = np.linalg.norm(centre - point, axis=1)
@@ -55,7 +55,7 @@ class TriangleSurface:
         return float(np.min(self.near(point, 0.0)[1]))
 
     def is_inside(self, point: FloatArray) -> bool:
-        """Return whether the surface winds around a point (3,): solid angles of Van Oosterom and Strackee (1983)."""
+        """Return whether the surface encloses a point (3,), by solid angles (Van Oosterom and Strackee 1983)."""
         a, b, c = ((self.corners[:, i] - point) for i in range(3))
         la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
         volume = np.einsum("ij,ij->i", a, np.cross(b, c))

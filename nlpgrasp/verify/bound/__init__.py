@@ -1,1 +1,1 @@
-"""An independent check of bounds over all placements: every leaf computed again, and that leaves cover them all."""
+"""Independent verification of global upper bounds: leaves recomputed, and shown to cover all placements."""

@@ -1,4 +1,4 @@
-"""Checks of the bound over all placements that a solution file states beside its grasp."""
+"""Checks of the global bound that a solution file states."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.check import Check, NotMadeError
 from nlpgrasp.verify.sources import Sources
 
-SAME = 1e-9  # relative
-PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget", "edge_margin")  # of a problem
+SAME = 1e-9  # relative tolerance
+PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget", "edge_margin")  # keys of a problem
 
 
 def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources: Sources) -> list[Check]:
-    """Return whether a bound is not below the grasp, and follows from its certificate.
+    """Return the checks that the bound is not below the grasp, and that it follows from its certificate.
 
     Parameters
     ----------
@@ -28,9 +28,9 @@ def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources:
         The certificate of its bound is in the file itself, or named as ``file`` and ``sha256``.
     grasp : Grasp
     found : Bounds
-        The grasp's quality, computed anew.
+        The grasp's recomputed quality.
     sources : Sources
-        Where the named file is looked for.
+        Where the named file is searched.
     """
     bound, problem, lower = solution.bound, solution.problem, solution.mu.lower
     if bound is None:
@@ -63,7 +63,7 @@ def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources:
 
 
 def _certificate(bound: GlobalBound, problem: Json, sources: Sources) -> Json:
-    """Return the certificate; out of a file where one is named, which has to be the file that was meant."""
+    """Return the certificate, from the solution or from the bound file that it names by digest."""
     stated = bound.certificate
     if "file" not in stated:
         return stated

@@ -1,4 +1,4 @@
-"""Check that every placement can be turned so that some contacts are on a line, where they alone are looked for."""
+"""Check of reductions by continuous symmetry: some contacts may be restricted to a line or a point."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from nlpgrasp.verify.bound.faces import is_among
 from nlpgrasp.verify.bound.motions import keeps_body, keeps_task, on_wrenches
 from nlpgrasp.verify.bound.places import Places
 
-RADIAN = 1.0  # no part of a turn: what this turn leaves as it is, every turn about the axis does
+RADIAN = 1.0  # an irrational share of a turn: invariance under it implies invariance under all turns
 SAME = 1e-9
 
 
 class Turning:
-    """What may be turned: body, task and torque origin of a problem, without constraints.
+    """Body, task and torque origin of a problem, for tests of rotational symmetry without constraints.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Turning:
         self.body, self.task, self.origin, self.size = body, task, origin, size
 
     def about(self, axis: FloatArray) -> bool:
-        """Return whether turns about an axis (3,), unit, through the body frame's origin change nothing."""
+        """Return whether rotations about a unit axis (3,) through the frame's origin leave everything invariant."""
         R = Rotation.from_rotvec(RADIAN * axis).as_matrix()
         stays = float(np.max(np.abs(R @ self.origin - self.origin))) <= SAME * self.size
         same_task = keeps_task(self.task, on_wrenches(R))
@@ -45,10 +45,10 @@ class Turning:
 
 
 def wrong_with(groups: Sequence[Json], turning: Turning, faces: Faces, places: Sequence[Places]) -> str:
-    """Return why groups that state where they were turned to may not, or do not cover it; nothing where they may.
+    """Return why the stated reductions are not allowed, or do not cover their line; empty if they are.
 
-    Two ways are allowed: one contact of a body of revolution on the half-plane at angle 0, or of an ellipsoid on any
-    half-plane through the axis; on a sphere one at a pole and one on a meridian through it.
+    Two reductions are allowed. On a body of revolution, one contact on the half-plane at angle 0, for an ellipsoid on
+    any half-plane through the axis. On a sphere, one contact at a pole and one on a meridian through it.
     """
     turned = [group for group in groups if group["turned"] is not None]
     if not turned:
@@ -106,7 +106,7 @@ def _pole(pole: Sequence[Json], meridian: Sequence[Json] | None, turning: Turnin
 
 
 def _round(body: Json) -> bool:
-    """Return whether a body is a sphere, or an ellipsoid that is one."""
+    """Return whether a body is a sphere, also as an ellipsoid with equal semi-axes."""
     return body["type"] == "sphere" or (body["type"] == "ellipsoid" and len(set(body["semi_axes"])) == 1)
 
 
@@ -116,7 +116,7 @@ def _is_on(cell: Ellipsoid, turning: Turning) -> bool:
 
 
 def _arcs(roots: Sequence[Json]) -> FloatArray | None:
-    """Return the axis of two quarter turns that meet in one point at a right angle to it, None where they do not."""
+    """Return the axis of two quarter circles that meet in one point at right angles to it; None for other arcs."""
     cells = [Ellipsoid(cell) for cell in roots if cell["kind"] == "ellipsoid"]
     if len(cells) != 2 or any(len(cell.corners) != 2 for cell in cells):
         return None

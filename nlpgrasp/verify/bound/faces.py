@@ -1,4 +1,4 @@
-"""Check that the first cells of a certificate cover the faces that a contact may use."""
+"""Check that the root cells of a certificate cover the faces that a contact may use."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from nlpgrasp.verify.bound.cells.polygon import Polygon, below
 from nlpgrasp.verify.bound.places import Places
 from nlpgrasp.verify.check import NotMadeError
 
-SAME = 1e-9  # relative to the body's size
+SAME = 1e-9  # tolerance relative to the body's size
 
 
 def uncovered(faces: Faces, own: Places, roots: Sequence[Json], size: float) -> list[str]:
-    """Return the faces of which a contact may use a part that no root covers; nothing is said of a mesh."""
+    """Return the faces with an allowed part that no root cell covers; meshes are not checked here."""
     members = [cell for root in roots for cell in _members(root)]
     missing = []
     for name, face in faces.items():
@@ -33,7 +33,7 @@ def uncovered(faces: Faces, own: Places, roots: Sequence[Json], size: float) -> 
 
 
 def _members(root: Json) -> Iterator[Json]:
-    """Yield the cells that a root is made of."""
+    """Yield the member cells of a root cell."""
     if root["kind"] != "bundle":
         yield root
         return
@@ -42,7 +42,7 @@ def _members(root: Json) -> Iterator[Json]:
 
 
 def is_among(cell: Json, others: Sequence[Json], size: float) -> bool:
-    """Return whether one of some cells has the same numbers as a cell, to rounding."""
+    """Return whether a cell equals one of others, up to rounding."""
     return any(_alike(cell, other, SAME * max(size, 1.0)) for other in others)
 
 
@@ -68,7 +68,7 @@ def _on(cell: Json, face: FlatFace, size: float) -> bool:
 
 
 def _left(face: FlatFace, own: Places, cells: Sequence[Json], size: float) -> bool:
-    """Return whether anything that is allowed is left of a face without some polygons in its plane."""
+    """Return whether an allowed part of a flat face is left outside polygons in its plane."""
     polygons = [Polygon(cell).vertices for cell in cells]
     if any(_same_corners(face.corners, p, SAME * size) for p in polygons):
         return False
@@ -86,7 +86,7 @@ def _left(face: FlatFace, own: Places, cells: Sequence[Json], size: float) -> bo
 
 
 def _same_corners(corners: FloatArray, others: FloatArray, tolerance: float) -> bool:
-    """Return whether two polygons have the same corners in the same order, from whichever."""
+    """Return whether two polygons have the same corners in the same cyclic order."""
     if corners.shape != others.shape:
         return False
     turns = [np.roll(others, shift, axis=0) for shift in range(len(others))]
@@ -94,7 +94,7 @@ def _same_corners(corners: FloatArray, others: FloatArray, tolerance: float) -> 
 
 
 def _outside(piece: FloatArray, A: FloatArray, b: FloatArray) -> list[FloatArray]:
-    """Return convex pieces that cover what a convex piece has outside of a convex region ``A p <= b``."""
+    """Return convex pieces that cover the part of a convex piece outside a convex region ``A p <= b``."""
     parts = []
     for row, offset in zip(A, b, strict=True):
         if len(piece) < 2:
@@ -106,7 +106,7 @@ def _outside(piece: FloatArray, A: FloatArray, b: FloatArray) -> list[FloatArray
 
 
 def _sides(polygon: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the outward unit vectors and offsets of the sides of a convex polygon, of a segment at its ends."""
+    """Return outward unit normals and offsets of the sides of a convex polygon, or of the ends of a segment."""
     if len(polygon) == 2:
         along = (polygon[1] - polygon[0]) / np.linalg.norm(polygon[1] - polygon[0])
         return np.stack([along, -along]), np.array([along @ polygon[1], -along @ polygon[0]])
@@ -125,7 +125,7 @@ def _convex(polygon: FloatArray, normal: FloatArray, size: float) -> bool:
 
 
 def _wide(piece: FloatArray, least: float) -> bool:
-    """Return whether a convex piece is wider than a length in every direction; a segment longer than it."""
+    """Return whether a convex piece is wider than a length in every direction; for a segment, longer."""
     if len(piece) < 2:
         return False
     spread = np.linalg.svd(piece - piece.mean(axis=0), compute_uv=False)

@@ -22,13 +22,13 @@ from nlpgrasp.verify.claims.quality import OTHER_SEED, overlap
 from nlpgrasp.verify.sources import Sources
 
 SCHEMA = "nlpgrasp-bound/1"
-LARGEST = 512 * 2**20  # bytes of a file
+LARGEST = 512 * 2**20  # bytes: largest file that is read
 KEYS = ("upper", "gap", "closed", "dropped", "problem", "grasp", "certificate")
-ON_FACE = 1e-6  # of the body's size; and of the length of a unit normal
+ON_FACE = 1e-6  # tolerance relative to the body's size, and of unit normals
 
 
 def bound_file(path: Path) -> Json | None:
-    """Return the data of a bound file, ``None`` where it is another kind of file.
+    """Return the data of a bound file; None for another kind of file.
 
     Raises
     ------
@@ -54,15 +54,15 @@ def bound_file(path: Path) -> Json | None:
 
 
 def verify_bound(data: Json, rtol: float, sources: Sources) -> Verification:
-    """Return the checks of a bound file: certificate, grasp, gap. A bound that cannot be computed again fails."""
-    with np.errstate(all="ignore"):  # numbers that make no sense give NaN, which no comparison passes
+    """Return the checks of a bound file: certificate, grasp, gap; a bound that cannot be recomputed fails."""
+    with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
         try:
             upper, proof = float(data["upper"]), Proof(data["problem"], data["certificate"], sources)
             checks = proof.checks(upper, data["dropped"])
         except BROKEN as error:
             return Verification((Check("certificate", False, no_sense(error)),), None)
         unmade = [check for check in checks if not check.made]
-        if unmade:  # what a bound file claims is the bound: without all of its checks nothing of it is known
+        if unmade:  # a bound file claims the bound alone, which needs all checks
             checks.append(Check("bound", False, f"not computed again: {unmade[0].name} was {unmade[0].detail}"))
         found: Bounds | None = None
         lower = 0.0
@@ -78,7 +78,7 @@ def verify_bound(data: Json, rtol: float, sources: Sources) -> Verification:
 
 
 def _grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds, list[Check]]:
-    """Return the quality of the grasp that a bound file holds, and its checks."""
+    """Return the quality of a bound file's grasp, and its checks."""
     problem = proof.problem
     models = [contact_from_dict(contact) for contact in problem["contacts"]]
     grasp = Grasp(data["positions"], data["normals"], models, proof.origin)
@@ -97,7 +97,7 @@ def _grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds,
 
 
 def _placed(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
-    """Return whether the contacts are on their faces, with those faces' normals, where constraints allow them."""
+    """Return the check that contacts are on their faces, with the faces' normals, where constraints allow them."""
     slack, off = ON_FACE * proof.size, 0.0
     for i, (face, p, n, own) in enumerate(zip(faces, grasp.points, grasp.normals, proof.asked[0], strict=True)):
         fit = proof.surface.fit(face, p, n, None)
@@ -110,7 +110,7 @@ def _placed(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
 
 
 def _gap_check(data: Json, lower: float) -> Check:
-    """Return whether the stated gap is that of bound and grasp, and whether it is closed as is said."""
+    """Return the check that the stated gap follows from bound and grasp, and whether it is closed as stated."""
     upper, stated, asked = float(data["upper"]), data["gap"], float(data["certificate"]["asked"])
     gap = max(upper / lower - 1.0, 0.0) if lower > 0.0 else 0.0 if upper == 0.0 else None
     same = stated is None if gap is None else stated is not None and abs(float(stated) - gap) <= RECOMPUTED

@@ -1,7 +1,7 @@
-"""Bounds of a certificate's leaves, computed again from cells and mixtures of directions.
+"""Recomputation of a certificate's leaf bounds from cells and dual weights of directions.
 
 For weights w >= 0 of directions y, a grasp of the quality mu has ``mu^p sum w phi_A(y)^p <= sum w phi_G(y)^p``, and
-``phi_G(y)^p <= sum of s_i(y)^p`` over its contacts. So mu^p is at most the sum over the cells of
+``phi_G(y)^p <= sum of s_i(y)^p`` over its contacts. So mu^p is at most the sum over the contacts' cells of
 ``max over the cell of sum w s^p``, divided by ``sum w phi_A(y)^p``.
 """
 
@@ -20,23 +20,23 @@ from nlpgrasp.verify.bound.cells.mesh import MeshCell
 from nlpgrasp.verify.bound.node_cover import Group
 from nlpgrasp.verify.bound.supports import Budget, Contact
 
-MARGIN = 1e-9  # relative: what rounding may take from a bound, added to every one
-MATTERS = 0.5  # of the largest bound of a leaf
-ROUNDS, MOST_PARTS = 8, 20_000  # of smaller parts of curved cells, and those of a leaf at most
-PART = 4000  # corners of a mesh at a time
+MARGIN = 1e-9  # relative guard against rounding, added to every bound
+MATTERS = 0.5  # share of the largest leaf bound below which leaves are not resolved further
+ROUNDS, MOST_PARTS = 8, 20_000  # subdivision rounds of curved cells, and most parts of a leaf
+PART = 4000  # mesh corners in a batch
 
 
 class Leaves:
-    """The leaves of a certificate, with what their bounds are computed from.
+    """The leaves of a certificate, with the data of their bounds.
 
     Parameters
     ----------
     data : mapping
-        ``origin``, ``directions``; ``mixtures``: numbers of directions and their weights; ``leaves``: cells by slot,
-        the number of a mixture, and the bound stated.
+        ``origin``, ``directions``; ``mixtures``: numbers of directions and their dual weights; ``leaves``: cells by
+        slot, the number of a mixture, and the stated bound.
     groups : sequence of Group
     contacts : sequence of mapping
-        The problem's, by number.
+        Contacts of the problem, by number.
     task : Task
     budget : Budget
     """
@@ -52,10 +52,10 @@ class Leaves:
         self._groups, self._slots = groups, [i for i, group in enumerate(groups) for _ in group.contacts]
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Return the bounds that are claimed of leaves and those computed again, (n,) each.
+        """Return the claimed and the recomputed bounds of the leaves, (n,) each.
 
-        A leaf far below the largest is claimed to be below a share of that only: it does not matter more closely. Over
-        curved cells bounds are computed as closely as it takes to see that they are not above the claimed ones.
+        The claim of a leaf far below the largest is raised to a share of that, which suffices. Over curved cells,
+        bounds are refined only until they are not above the claimed ones.
         """
         stated = np.array([float(bound) for _, _, bound in self.leaves])
         claimed = np.maximum(stated, MATTERS * np.max(stated, initial=0.0))
@@ -68,7 +68,7 @@ class Leaves:
         return claimed, found
 
     def _under(self, mixture: int, nodes: Sequence[Sequence[int]], claimed: Sequence[float]) -> list[float]:
-        """Return the bounds that a mixture gives for nodes, as closely as is claimed."""
+        """Return the bounds of nodes by one set of dual weights, refined until they meet the claims."""
         w, twists, whole = self._mixture(mixture)
         add = max if self.budget.shared and len(w) == 1 else sum
         slots = [list(zip(self._slots, node, strict=True)) for node in nodes]
@@ -81,7 +81,7 @@ class Leaves:
         return found
 
     def _mixture(self, number: int) -> tuple[FloatArray, FloatArray, float]:
-        """Return the weights (j,) and directions (j, d) of a mixture, and ``sum w phi_A(y)^p`` of them."""
+        """Return the dual weights (j,) and directions (j, d) of a mixture, and their ``sum w phi_A(y)^p``."""
         if not 0 <= number < len(self._mixtures):
             raise ValueError(f"mixture {number} of {len(self._mixtures)}")
         numbers, weights = self._mixtures[number]
@@ -93,7 +93,7 @@ class Leaves:
     def _largest(
         self, cells: set[tuple[int, int]], twists: FloatArray, weights: FloatArray
     ) -> dict[tuple[int, int], Largest]:
-        """Return the largest mixed power over cells, each by the number of its group and its own."""
+        """Return the largest weighted power over each cell, by group number and cell number."""
         found: dict[tuple[int, int], Largest] = {}
         for i, (group, contact) in enumerate(zip(self._groups, self._models, strict=True)):
             own = {number: group.cells[number] for where, number in cells if where == i}
@@ -107,7 +107,7 @@ class Leaves:
 
 @dataclass(frozen=True)
 class Mixed:
-    """The mixed powers ``sum of w s^p`` of one contact.
+    """The weighted power ``sum of w s^p`` of one contact, s its support along each direction.
 
     Parameters
     ----------
@@ -124,27 +124,27 @@ class Mixed:
     origin: FloatArray
 
     def most(self, rows: Rows) -> float:
-        """Return the largest over rows; 0 where there are none."""
+        """Return the largest weighted power over vertex contacts; 0 without any."""
         if not len(rows.points):
             return 0.0
         return float(np.max(self.contact.powers(rows.points, rows.normals, self.twists, self.origin)[0] @ self.weights))
 
 
 class Largest:
-    """The largest mixed power of a contact anywhere in a cell, between two numbers.
+    """Lower and upper bounds on the largest weighted power of a contact in a cell.
 
     Parameters
     ----------
     mixed : Mixed
     below : float
-        The largest over the rows of the cell.
+        The largest over the vertex contacts of the cell.
     sheets : sequence of Sheet
-        What is curved of it.
+        Curved parts of the cell.
 
     Attributes
     ----------
     below, above : float
-        The largest of contacts met, and what none exceeds.
+        Largest value over evaluated contacts, and an upper bound for all contacts.
     """
 
     def __init__(self, mixed: Mixed, below: float, sheets: Sequence[Sheet]) -> None:
@@ -156,21 +156,21 @@ class Largest:
 
     @property
     def above(self) -> float:
-        """What no contact of the cell exceeds."""
+        """Upper bound over all contacts of the cell."""
         return max([self.below, *(float(np.max(bounds)) for _, _, bounds in self._parts)])
 
     @property
     def count(self) -> int:
-        """How many parts there are."""
+        """Number of parts."""
         return sum(len(bounds) for _, _, bounds in self._parts)
 
     def narrow(self, enough: float, room: float) -> None:
-        """Look at smaller parts in place of those that might exceed the largest met by too much.
+        """Subdivide the parts whose upper bound exceeds the lower one by too much.
 
         Parameters
         ----------
         enough, room : float
-            Good enough is this relative share more, and this much.
+            Allowed relative and absolute excess.
         """
         for i, (sheet, parts, bounds) in enumerate(self._parts):
             large = bounds > (1.0 + enough) * self.below + room
@@ -180,7 +180,7 @@ class Largest:
                 self._parts[i] = (sheet, np.concatenate([parts[~large], small]), new)
 
     def _bounds(self, sheet: Sheet, parts: FloatArray) -> FloatArray:
-        """Return what no contact in each part (n, c, q) exceeds, (n,)."""
+        """Return an upper bound for the contacts in each part (n, c, q), (n,)."""
         n, c, q = parts.shape
         contact, twists, weights = self._mixed.contact, self._mixed.twists, self._mixed.weights
         points, normals = sheet.contacts(parts.reshape(n * c, q))
@@ -192,15 +192,16 @@ class Largest:
 
 
 def _total(largest: Sequence[Largest], asked: float, add: Callable[[Iterable[float]], float]) -> float:
-    """Return what no contacts of one node exceed together, as closely as it takes to see whether that is what is asked.
+    """Return an upper bound for a node's contacts together, refined until the requested bound is shown or disproved.
 
     Parameters
     ----------
     largest : sequence of Largest
-        Of each contact's cell.
+        Bounds of each contact's cell.
     asked : float
+        The requested bound.
     add : callable
-        How contacts add up.
+        Aggregation over contacts: sum or maximum.
     """
     once = list(dict.fromkeys(largest))
     for _ in range(ROUNDS):
@@ -208,13 +209,13 @@ def _total(largest: Sequence[Largest], asked: float, add: Callable[[Iterable[flo
         done = met > asked or add(part.above for part in largest) <= asked  # disproved, or shown
         if done or sum(part.count for part in once) > MOST_PARTS:
             break
-        for part in once:  # half of what there is above the contacts met by their shares, half for each
+        for part in once:  # half of the slack by shares, half equally
             part.narrow(0.5 * (asked / met - 1.0) if met > 0.0 else 0.0, 0.5 * (asked - met) / len(largest))
     return add(part.above for part in largest)
 
 
 def _over_mesh(cells: dict[int, MeshCell], mixed: Mixed) -> dict[int, float]:
-    """Return the largest mixed power over cells of one mesh, from those over ranges between all their ends."""
+    """Return the largest weighted power over cells of one mesh, from disjoint ranges of its pieces."""
     if not cells:
         return {}
     whole = next(iter(cells.values()))

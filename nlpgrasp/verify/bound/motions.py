@@ -11,11 +11,11 @@ from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSum
 from nlpgrasp.verify.bound.places import Places
 
-SAME = 1e-8  # relative: how far an image may be off for rounding
+SAME = 1e-8  # relative tolerance of an image
 
 
 def wrong_with(motion: Json, problem: Json, task: Task, origin: FloatArray, own: Sequence[Places], size: float) -> str:
-    """Return what a motion does not map onto itself, nothing where it maps all.
+    """Return the part of the problem that a motion does not map onto itself; empty for a symmetry.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def wrong_with(motion: Json, problem: Json, task: Task, origin: FloatArray, own:
     origin : (space,) array
         Torque origin, metres.
     own : sequence of Places
-        Of each contact.
+        Allowed region of each contact.
     size : float
         Of the body, metres.
     """
@@ -48,7 +48,7 @@ def wrong_with(motion: Json, problem: Json, task: Task, origin: FloatArray, own:
 
 
 def on_wrenches(R: FloatArray) -> FloatArray:
-    """Return what R does to forces and to moments about a point that it keeps: ``(R p) x (R f) = det(R) R (p x f)``."""
+    """Return the action of R on wrenches about a fixed point: ``(R p) x (R f) = det(R) R (p x f)``."""
     space, handed = len(R), 1.0 if np.linalg.det(R) > 0.0 else -1.0
     turned = np.array([[handed]]) if space == 2 else handed * R
     zero = np.zeros((space, len(turned)))
@@ -56,7 +56,7 @@ def on_wrenches(R: FloatArray) -> FloatArray:
 
 
 def keeps_task(task: Task, matrix: FloatArray) -> bool:
-    """Return whether a linear map takes a set of wrenches to itself, as far as its kind shows it."""
+    """Return whether a linear map leaves a set of wrenches invariant, as far as its kind shows it."""
     if isinstance(task, TaskSum):
         return all(keeps_task(part, matrix) for part in task.tasks)
     if isinstance(task, TaskPolytope):
@@ -71,7 +71,7 @@ def keeps_task(task: Task, matrix: FloatArray) -> bool:
 
 
 def _scale(sizes: FloatArray) -> FloatArray:
-    """Return the largest force in place of every force, the largest moment in place of every moment; 1 for zeros."""
+    """Return the largest force for each force component, the largest moment for each moment component; 1 for zeros."""
     forces = 2 if len(sizes) == 3 else 3
     most = np.repeat([sizes[:forces].max(), sizes[forces:].max()], [forces, len(sizes) - forces])
     return np.where(most > 0.0, most, 1.0)
@@ -84,14 +84,14 @@ def keeps_body(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bo
 
 
 def _box(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether corners go to corners: the box is their convex hull."""
+    """Return whether corners map to corners: the box is their convex hull."""
     signs = np.array(np.meshgrid(*[[1.0, -1.0]] * 3)).reshape(3, -1).T
     corners = signs * array("extents", body["extents"], (3,)) / 2.0
     return _same_points(corners @ R.T + t, corners, tolerance)
 
 
 def _polygon(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether corners go to corners and the middles of edges to those of edges."""
+    """Return whether corners map to corners, and edge midpoints to edge midpoints."""
     corners = array("vertices", body["vertices"], (None, 2))
     return _same_outline(corners, R, t, tolerance)
 
@@ -103,14 +103,14 @@ def _prism(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
 
 
 def _ellipsoid(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether the quadratic form of the surface stays the same."""
+    """Return whether the quadratic form of the surface is invariant."""
     axes = np.full(3, body["radius"]) if body["type"] == "sphere" else array("semi_axes", body["semi_axes"], (3,))
     form = np.diag((axes / axes.max()) ** 2)
     return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R @ form @ R.T - form)) <= SAME)
 
 
 def _turned(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether the axis z goes to itself, or upside down."""
+    """Return whether the z axis maps to itself, or to its reverse."""
     return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R[2, :2])) <= SAME)
 
 
@@ -126,7 +126,7 @@ BODIES: dict[str, Callable[[Json, FloatArray, FloatArray, float], bool]] = {
 
 
 def _same_outline(corners: FloatArray, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether a motion of the plane maps a polygon's corners in order onto those in order, or reversed."""
+    """Return whether a plane motion maps a polygon's corners onto those in order, or reversed."""
     image = corners @ R.T + t
     for one in (image, image[::-1]):
         for shift in range(len(corners)):
@@ -136,7 +136,7 @@ def _same_outline(corners: FloatArray, R: FloatArray, t: FloatArray, tolerance: 
 
 
 def _keeps_places(places: Places, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
-    """Return whether the regions that a contact has to be inside of stay the same; others say no."""
+    """Return whether the regions that a contact has to be inside of are invariant; False for other limits."""
     if places.outside or places.away:
         return False
     if not places.inside:
@@ -149,6 +149,6 @@ def _keeps_places(places: Places, R: FloatArray, t: FloatArray, tolerance: float
 
 
 def _same_points(image: FloatArray, points: FloatArray, tolerance: float) -> bool:
-    """Return whether two sets of points are the same."""
+    """Return whether two sets of points are equal within a tolerance."""
     apart = np.max(np.abs(image[:, None] - points[None]), axis=2)
     return bool(np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance)

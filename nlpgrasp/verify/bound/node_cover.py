@@ -1,4 +1,4 @@
-"""Check that the nodes of a certificate leave no placement out: each is cut, a twin of another, or a leaf."""
+"""Check that a certificate's nodes cover all placements: each is split, a symmetric copy of another, or a leaf."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from nlpgrasp.verify.bound.cells.cell import Cell
 from nlpgrasp.verify.bound.cells.mesh import MeshCell
 from nlpgrasp.verify.bound.places import Places
 
-SAME = 1e-8  # relative to the body's size
+SAME = 1e-8  # tolerance relative to the body's size
 Node = tuple[int, ...]
 
 
 class Group:
-    """The cells of contacts that are alike, by number.
+    """The numbered cells of a group of interchangeable contacts.
 
     Parameters
     ----------
     data : mapping
         ``contacts``, ``roots``, ``cuts``.
     mesh : callable
-        Returns the body's triangles, for cells that are made of them.
+        Returns the body's triangles, for mesh cells.
     """
 
     def __init__(self, data: Json, mesh: Callable[[], TriangleSurface]) -> None:
@@ -43,7 +43,7 @@ class Group:
             self._cut(int(number), cut, parts)
 
     def _cut(self, number: int, cut: int | list[list[int]], parts: Sequence[int | None]) -> None:
-        """Add the parts of a cell; None for one that constraints exclude."""
+        """Add the two parts of a cell; None for a part that constraints exclude."""
         if number in self.parts or len(parts) != 2:
             raise ValueError(f"cell {number} is cut into {len(parts)} parts, or twice")
         for part, cell in zip(parts, self.cells[number].parts(cut), strict=True):
@@ -56,7 +56,7 @@ class Group:
         self.parts[number] = tuple(part for part in parts if part is not None)
 
     def wrongly_left_out(self, own: Places, slack: float) -> list[int]:
-        """Return the numbers of cells of which a part was left out that constraints do not exclude."""
+        """Return the numbers of cells with an omitted part that constraints do not exclude."""
         return [number for number, cell in self.left_out if not own.exclude(cell, slack)]
 
 
@@ -65,7 +65,7 @@ def _root(cell: Json, mesh: Callable[[], TriangleSurface]) -> Cell:
 
 
 class Nodes:
-    """The nodes of a certificate.
+    """The nodes of a certificate's search tree.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Nodes:
         self._images: dict[tuple[int, int, int], FloatArray] = {}
 
     def _node(self, cells: Sequence[int]) -> Node:
-        """Return cells by slot, those of contacts that are alike in order."""
+        """Return cells by slot, sorted within each group of interchangeable contacts."""
         if len(cells) != sum(len(group.contacts) for group in self.groups):
             raise ValueError(f"a node of {len(cells)} cells")
         return tuple(chain.from_iterable(sorted(part) for part in self._by_group([int(c) for c in cells])))
@@ -102,15 +102,15 @@ class Nodes:
         return parts
 
     def roots(self) -> list[Node]:
-        """Return every choice of cells to begin with."""
+        """Return every combination of root cells."""
         choices = product(*(combinations_with_replacement(sorted(g.roots), len(g.contacts)) for g in self.groups))
         return [tuple(chain.from_iterable(choice)) for choice in choices]
 
     def uncovered(self) -> str:
-        """Return which node is neither cut, a twin nor a leaf, or is so only by itself; nothing where all are covered.
+        """Return a node that is not split, no symmetric copy and no leaf, or rests on itself; empty if there is none.
 
-        What a node needs is followed until leaves alone are left. A placement in a node is in one of its parts, or has
-        an image in its twin, so that it has an image in a leaf: unless the way there goes in a circle.
+        Dependencies are followed down to leaves. A placement in a node is in one of its parts, or has an image in its
+        symmetric copy; so it has an image in a leaf, unless the dependencies are cyclic.
         """
         done: set[Node] = set()
         on_way: set[Node] = set()
@@ -135,7 +135,7 @@ class Nodes:
         return ""
 
     def _needed(self, node: Node) -> list[Node] | None:
-        """Return the nodes that have to be covered for a node to be, None where nothing says how."""
+        """Return the nodes that must be covered for a node to be covered; None where nothing covers it."""
         if node in self.twins:
             return [self.twins[node][1]]
         if node not in self.splits:
@@ -152,7 +152,7 @@ class Nodes:
         return None
 
     def false_twins(self) -> list[Node]:
-        """Return the nodes whose motion does not map their cells onto those of the node that stands for them."""
+        """Return the nodes whose motion does not map their cells onto those of their symmetric copy."""
         return [node for node, (motion, other) in self.twins.items() if not self._maps(node, motion, other)]
 
     def _maps(self, node: Node, motion: int, other: Node) -> bool:

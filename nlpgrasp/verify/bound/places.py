@@ -1,4 +1,4 @@
-"""Allowed places of one contact by constraints on it alone, and what of a problem the bound leaves out."""
+"""Allowed region of one contact by its own constraints, and the parts of a problem that the bound relaxes."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from nlpgrasp.verify.constraints.regions import corners, unit
 from nlpgrasp.verify.registry import BODIES, HANDS
 from nlpgrasp.verify.sources import Sources
 
-EXACT = ("box", "cylinder", "polygon", "prism", "sphere", "torus")  # bodies whose distance is exact everywhere
+EXACT = ("box", "cylinder", "polygon", "prism", "sphere", "torus")  # bodies with an exact distance everywhere
 Sides = tuple[FloatArray, FloatArray]
 """``A`` (m, space), unit rows, and ``b`` (m,): the points with ``A p <= b``, metres."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where one contact may be.
+    """Allowed region of one contact.
 
     Parameters
     ----------
     faces : tuple of str
-        Names that its model allows and no constraint forbids; None for all faces.
+        Names of faces that its model allows and no constraint forbids; None for all faces.
     inside : tuple of (A, b, radius)
         ``A (p - radius n) <= b`` for the contact p with inward normal n.
     outside : tuple of (A, b)
-        Regions whose inside the contact is not in.
+        Forbidden regions ``A p < b``.
     away : tuple of (distance, least, radius)
         Distances of the fingertip's centre from other bodies, metres.
     """
@@ -45,11 +45,11 @@ class Places:
 
     @property
     def limited(self) -> bool:
-        """Whether anything but faces limits the contact."""
+        """Whether the contact has other limits than its faces."""
         return bool(self.inside or self.outside or self.away)
 
     def exclude(self, cell: Cell, slack: float) -> bool:
-        """Return whether no contact of a cell is allowed, but for a slack in metres."""
+        """Return whether no contact of a cell is allowed, even with a slack in metres."""
         points, beyond = cell.hull()
         for A, b, radius in self.inside:
             if np.any(np.min(points @ A.T, axis=0) - beyond - b > radius - slack):
@@ -60,7 +60,7 @@ class Places:
         return any(float(d(middle[None])[0]) + around + radius < least + slack for d, least, radius in self.away)
 
     def forbid(self, face: str, point: FloatArray, normal: FloatArray, slack: float) -> bool:
-        """Return whether a contact (space,) on a face is where it may not be, by more than a slack in metres."""
+        """Return whether a contact (space,) on a face violates its region by more than a slack in metres."""
         if face not in self.faces or any(np.any(A @ (point - r * normal) - b > slack) for A, b, r in self.inside):
             return True
         if any(np.all(A @ point - b < -slack) for A, b in self.outside):
@@ -68,11 +68,11 @@ class Places:
         return any(float(d((point - r * normal)[None])[0]) < least - slack for d, least, r in self.away)
 
     def rows(self) -> FloatArray:
-        """Return the sides of all regions to be inside of, (m, space + 2): direction, offset, radius."""
+        """Return the half-spaces of all required regions, (m, space + 2): direction, offset, radius."""
         return np.concatenate([np.column_stack([A, b, np.full(len(b), radius)]) for A, b, radius in self.inside])
 
     def same(self, other: Places) -> bool:
-        """Return whether another contact may be in the same places."""
+        """Return whether another contact has the same allowed region."""
         if set(self.faces) != set(other.faces) or len(self.outside) != len(other.outside):
             return False
         if len(self.inside) != len(other.inside) or len(self.away) != len(other.away):
@@ -83,7 +83,7 @@ class Places:
 
 
 def places(problem: Json, faces: Sequence[str], space: int, sources: Sources) -> tuple[list[Places], list[str]]:
-    """Return the places of each contact, and in words what is left out of a bound because it is not about one alone."""
+    """Return each contact's allowed region, and the relaxed parts of the problem as text: those of several contacts."""
     constraints, contacts, hand = problem["constraints"], problem["contacts"], problem["hand"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
     radii = [0.0] * len(contacts) if hand is None else list(HANDS.of(hand)(hand, {}, {}, sources).radii)
@@ -106,7 +106,7 @@ def places(problem: Json, faces: Sequence[str], space: int, sources: Sources) ->
 
 
 def _limit(data: Json, contact: int, radius: float, space: int, sources: Sources) -> Places | None:
-    """Return what a constraint says of one contact alone, None where it says nothing."""
+    """Return a constraint's limits on one contact alone; None without any."""
     kind = data["type"]
     if kind == "table":
         lowest = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0) + radius
@@ -125,7 +125,7 @@ def _limit(data: Json, contact: int, radius: float, space: int, sources: Sources
 
 
 def _sides(region: Json, space: int) -> Sides | None:
-    """Return the sides of a region, None where it stays in a script."""
+    """Return the half-spaces of a region; None where its function is not in the file."""
     if region["type"] == "half_space":
         normal = unit("normal", region["normal"], space)
         return -normal[None], np.array([-number("offset", region["offset"])])
@@ -136,7 +136,7 @@ def _sides(region: Json, space: int) -> Sides | None:
 
 
 def _distance(data: Json, space: int, sources: Sources) -> Callable[[FloatArray], FloatArray]:
-    """Return the distance of points (m, space) from an obstacle, metres."""
+    """Return the distance function of an obstacle, points (m, space) to metres."""
     surface = BODIES.of(data["body"])(data["body"], sources)
     position = np.zeros(space) if data["position"] is None else array("position", data["position"], (space,))
     turn = data["quaternion_wxyz"]

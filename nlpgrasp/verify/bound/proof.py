@@ -1,4 +1,4 @@
-"""Checks of a certificate: what it covers, by which symmetries, and what follows for mu."""
+"""Checks of a bound's certificate: coverage, symmetries and the resulting bound on mu."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from nlpgrasp.verify.placement import Surface
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import Sources
 
-UNIT = 1e-9  # relative: how far the task's work along a direction may be from 1
-RECOMPUTED = 1e-10  # of the largest bound: how far one that is stated may be below the one computed again
+UNIT = 1e-9  # relative tolerance of the task's unit support along a direction
+RECOMPUTED = 1e-10  # share of the largest bound that a stated bound may lack of the recomputed one
 
 
 class Proof:
-    """A problem and the certificate of a bound on mu over all placements.
+    """A problem with the certificate of a global upper bound on mu.
 
     Parameters
     ----------
     problem : mapping
-        As of a solution file.
+        Problem as in a solution file.
     data : mapping
         The certificate.
     sources : Sources
@@ -46,7 +46,7 @@ class Proof:
 
     @cached_property
     def task(self) -> Task:
-        """What is asked for, about the torque origin."""
+        """Task about the torque origin."""
         return task_from_dict(self.problem["task"])
 
     @cached_property
@@ -56,7 +56,7 @@ class Proof:
 
     @cached_property
     def surface(self) -> Surface:
-        """The body as numbers."""
+        """The numeric body."""
         return BODIES.of(self.problem["body"])(self.problem["body"], self.sources)
 
     @cached_property
@@ -72,12 +72,12 @@ class Proof:
 
     @cached_property
     def asked(self) -> tuple[list[Places], list[str]]:
-        """Where each contact may be, and what is left out."""
+        """Allowed region of each contact, and the relaxed parts of the problem."""
         return places(self.problem, tuple(self.faces), len(self.origin), self.sources)
 
     @cached_property
     def groups(self) -> list[Group]:
-        """Contacts that are alike, with their cells."""
+        """Groups of interchangeable contacts, with their cells."""
         return [Group(group, self._triangles) for group in self.data["groups"]]
 
     def _triangles(self) -> TriangleSurface:
@@ -87,18 +87,18 @@ class Proof:
 
     @cached_property
     def nodes(self) -> Nodes:
-        """Choices of a cell for each contact."""
+        """The nodes of the search tree: a cell for each contact."""
         return Nodes(self.data, self.groups, self.size)
 
     def checks(self, upper: float, dropped: Sequence[str]) -> list[Check]:
-        """Return whether a bound follows from the certificate.
+        """Return the checks that a bound follows from the certificate.
 
         Parameters
         ----------
         upper : float
-            The bound that is claimed.
+            The claimed bound.
         dropped : sequence of str
-            What is said to be left out.
+            The stated relaxed parts of the problem.
         """
         parts: dict[str, Callable[[], tuple[str, str]]] = {
             "dropped": partial(self._dropped, dropped),
@@ -173,7 +173,7 @@ class Proof:
 
     @cached_property
     def leaves(self) -> Leaves:
-        """What bounds are computed from."""
+        """The leaves, with the data of their bounds."""
         budget = Budget.of(self.problem["force_budget"])
         return Leaves(with_mixtures(self.data), self.groups, self.problem["contacts"], self.task, budget)
 
@@ -184,7 +184,7 @@ class Proof:
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """The leaves' bounds as stated and computed again."""
+        """The leaves' stated and recomputed bounds."""
         return self.leaves.bounds()
 
     def _leaves(self) -> tuple[str, str]:
@@ -202,7 +202,7 @@ class Proof:
 
 
 def with_mixtures(data: Json) -> Json:
-    """Return a certificate whose leaves name mixtures by number, also of an older one whose leaves have their own."""
+    """Return a certificate whose leaves refer to dual weights by number, converted from older files."""
     if "mixtures" in data:
         return data
     mixtures = [[numbers, weights] for _, numbers, weights, _ in data["leaves"]]
@@ -211,7 +211,7 @@ def with_mixtures(data: Json) -> Json:
 
 
 def _check(name: str, part: Callable[[], tuple[str, str]]) -> Check:
-    """Return the check of a part, which says what is wrong, if anything, and what was seen."""
+    """Return the check of a part, whose function returns what is wrong, if anything, and what was seen."""
     try:
         wrong, seen = part()
     except NotMadeError as reason:

@@ -1,8 +1,8 @@
-"""Support of one contact: the most work that it does along a twist, by formulas other than the search's.
+"""Support function of one contact: its largest work along a twist, by other formulas than the search's.
 
-For the velocity v of a contact point and the twist's turning tau, a force with normal part n does the work
-``n v_n + f_t . v_t + m tau_n``. Its largest value needs the sizes a = |v_t| and |tau_n| alone, each with a
-coefficient c.
+For the velocity v of a contact point and the twist's angular velocity tau, a force with normal part n does the work
+``n v_n + f_t . v_t + m tau_n``. Its largest value depends on v_n and the magnitudes a = |v_t| and |tau_n| alone, each
+with a coefficient c.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.verify.check import NotMadeError
 
-NARROWINGS = 50  # of an interval of angles by a third: to the square root of rounding, where the work is flat
+NARROWINGS = 50  # steps that shrink an interval of angles by a third: to the square root of rounding
 BUDGETS = {"l2": (2.0, True), "per_finger": (1.0, False), "per_finger_size": (1.0, True), "shared": (8.0, False)}
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What a unit of force means: ``phi_G^p <= sum of s^p``, of a shared budget the largest s.
+    """Force budget of the bound: ``phi_G^p <= sum of s^p``, or the largest s for a shared budget.
 
     Parameters
     ----------
     power : float
         p.
     lengths : bool
-        Whether a unit is a force's length and not its normal part.
+        Whether the budget counts a force's length, not its normal part.
     shared : bool
     """
 
@@ -40,7 +40,7 @@ class Budget:
 
     @classmethod
     def of(cls, data: str | Json) -> Budget:
-        """Return the budget of its JSON data; raise ``NotMadeError`` on another than the four."""
+        """Return the budget of its JSON data; raise ``NotMadeError`` on an unknown kind."""
         kind = data if isinstance(data, str) else str(data["type"])
         if kind not in BUDGETS:
             raise NotMadeError(f"nothing recomputes bounds under the force budget {kind!r}")
@@ -49,12 +49,12 @@ class Budget:
 
 @dataclass(frozen=True)
 class Contact:
-    """What a contact can do: normal force, friction, torsion.
+    """Contact model: normal force, friction, torsion.
 
     Parameters
     ----------
     coefficients : tuple of float
-        Of friction, and of torsion in metres, as many as there are.
+        Coefficients of friction, and of torsion in metres, if any.
     elliptic : bool
         Whether friction and torsion share one ellipse.
     budget : Budget
@@ -66,7 +66,7 @@ class Contact:
 
     @classmethod
     def of(cls, data: Json, budget: Budget) -> Contact:
-        """Return the contact of its JSON data; raise ``NotMadeError`` on another than point, friction or soft."""
+        """Return the contact of its JSON data; raise ``NotMadeError`` on other models than point, friction or soft."""
         names = {"point": (), "friction": ("friction",), "soft": ("friction", "torsional_friction")}.get(data["model"])
         if names is None:
             raise NotMadeError(f"nothing recomputes bounds for a {data['model']} contact")
@@ -75,11 +75,11 @@ class Contact:
 
     @property
     def steepness(self) -> float:
-        """The length of the longest force of one unit."""
+        """Length of the longest force that uses one unit."""
         return 1.0 if self.budget.lengths else float(np.sqrt(1.0 + sum(c**2 for c in self.coefficients)))
 
     def work(self, normal: FloatArray, sizes: Sequence[FloatArray]) -> FloatArray:
-        """Return the most work of one unit, for works along the normal and in each other part, all of one shape."""
+        """Return the largest work of one unit, given velocities along the normal and magnitudes in each other part."""
         parts = list(zip(self.coefficients, sizes, strict=False))
         if not self.budget.lengths:
             others = [c * a for c, a in parts]
@@ -100,7 +100,7 @@ class Contact:
         return np.asarray(np.sqrt(n**2 + sum(np.minimum(a, c * n) ** 2 for c, a in parts)))
 
     def _elliptic(self, normal: FloatArray, sliding: FloatArray, turning: FloatArray) -> FloatArray:
-        """Return the length of the projection onto ``|(f_t / c_1, m / c_2)| <= n``: over the cone's rim by sections."""
+        """Return the length of the projection onto ``|(f_t / c_1, m / c_2)| <= n``, by search over the cone's rim."""
         c, d = self.coefficients
 
         def along(angle: FloatArray) -> FloatArray:
@@ -120,7 +120,7 @@ class Contact:
     def powers(
         self, points: FloatArray, normals: FloatArray, twists: FloatArray, origin: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return what contacts do along twists, to the budget's power, and how fast their points move.
+        """Return the contacts' work along twists, to the budget's power, and their points' speeds.
 
         Parameters
         ----------
@@ -142,17 +142,17 @@ class Contact:
         return self.work(normal, [sliding, torsion]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
 
     def above(self, powers: FloatArray, speeds: FloatArray, bends: FloatArray, twists: FloatArray) -> FloatArray:
-        """Return what no contact near each of some exceeds along twists in space, to the budget's power, (m, j).
+        """Return upper bounds near each contact of the work along spatial twists, to the budget's power, (m, j).
 
-        That is ``s^p + p (s + L x)^(p - 1) L z`` with the steepness L, the work z that bends add to an interpolation
-        and the work x by which the contact's neighbours differ from it; ``(s + L x)^p`` where that is less.
+        The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the steepness L, the interpolation error z of the work, and
+        the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less.
 
         Parameters
         ----------
         powers, speeds : (m, j) arrays
-            Of each contact.
+            Powers and speeds of each contact.
         bends : (m, 2, 3) array
-            Of the part that it is a corner of.
+            Interpolation coefficients of the part that it is a corner of.
         twists : (j, 6) array
         """
         turning, p, L = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power, self.steepness
@@ -163,7 +163,7 @@ class Contact:
 
 
 def _turned(turning: FloatArray, arms: FloatArray) -> FloatArray:
-    """Return ``tau x arm`` for every arm (m, space) and turning (j, 1 or 3), (m, j, space)."""
+    """Return ``tau x arm`` for every arm (m, space) and angular velocity (j, 1 or 3), (m, j, space)."""
     if arms.shape[1] == 2:
         return np.asarray(turning[None] * np.stack([-arms[:, 1], arms[:, 0]], axis=1)[:, None])
     (x, y, z), (p, q, r) = arms.T[:, :, None], turning.T

@@ -1,1 +1,1 @@
-"""What a file claims beside its rows: quality and its evidence, how the solve ended, torques, the drawing."""
+"""Checks of a file's claims: quality, optimality, outcome, forces, hand and drawing."""

@@ -1,4 +1,4 @@
-"""Whether the drawing in a file is one of the body."""
+"""Check that the drawing in a file shows the body."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from nlpgrasp.common.shown.drawing import Drawing
 from nlpgrasp.verify.check import Check
 from nlpgrasp.verify.placement import Surface
 
-LIKENESS = 0.1  # of the body's size: meshes are drawn with fewer triangles, round bodies with flat ones
+LIKENESS = 0.1  # tolerance relative to the body's size: drawings have fewer triangles
 
 
 def drawing_check(drawing: Drawing, surface: Surface) -> Check:
-    """Compare the box around the drawn body with the body's own.
+    """Compare the bounding box of the drawn body with the body's own.
 
-    A body that a script states as a function may be smaller than the box in which the function is looked at, and so may
-    bodies from outside the package that do not say ``tight``: their drawings have to be within the box.
+    Implicit bodies may be smaller than the box of their function, and so may bodies from outside the package that do
+    not state ``tight``: their drawings have to be within the box.
     """
     low, high = surface.bounds
     space = len(low)

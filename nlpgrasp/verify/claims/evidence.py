@@ -1,4 +1,4 @@
-"""The evidence for a certified quality: grasp map, worst direction and finger forces, put to the test one by one."""
+"""Checks of the evidence for a certified quality: grasp map, worst direction and finger forces."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 from nlpgrasp.verify.check import Check
 
 FORCE_TOLERANCE = 1e-6
-PROVEN = 1e-5  # relative: what rounding and guards add to the ratio that is the upper bound
-DIRECTIONS = 500  # in which a wrench is compared with what a task asks for
+PROVEN = 1e-5  # relative tolerance of the upper bound over the support ratio
+DIRECTIONS = 500  # directions in which a wrench is compared with the task's support
 
 
 def grasp_map_check(grasp: Grasp) -> Check:
-    """Compare ``G = T_f B`` with columns built one by one."""
+    """Compare ``G = T_f B`` with a column-by-column reconstruction."""
     columns = []
     for p, n, t, model in zip(grasp.points, grasp.normals, grasp.tangents, grasp.contacts, strict=True):
         arm = p - grasp.torque_origin
@@ -46,9 +46,9 @@ def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Chec
 
 
 def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
-    """Evaluate the stated worst direction by hand: its ratio is an upper bound on mu, and the one that is stated.
+    """Check that the support ratio along the stated worst direction is the stated upper bound on mu.
 
-    The stated bound may be less, as another direction of the same solve may have given it, and never more.
+    The stated bound may be smaller, from another direction of the same solve, but never larger.
     """
     y = solution.mu.worst_direction
     if y is None:
@@ -86,12 +86,12 @@ def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> 
 def put_back(
     grasp: Grasp, force_set: ForceSet, wrench: FloatArray, forces: FloatArray, moments: FloatArray
 ) -> tuple[float, float, float]:
-    """Return how far forces (k, space) and moments (k, d - space) are from a wrench (d,) and from the cones.
+    """Return equilibrium residual, cone distance and budget of forces (k, space), moments (k, d - space), wrench (d,).
 
     Returns
     -------
     balance, cone, used : float
-        Both distances relative to the forces, and how much of the force budget they use.
+        Both distances relative to the forces, and the used share of the force budget.
     """
     space, d = grasp.space, grasp.dimension
     total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces) + moments.sum(axis=0)])
@@ -111,16 +111,16 @@ def put_back(
 
 
 def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
-    """Check that the forces stated are for wrenches of the task's boundary times the stated lower bound.
+    """Check that the stated forces are for wrenches on the task's boundary times the stated lower bound.
 
-    Some of the wrenches may be left out, in the file of a solve not all. Ends of semi-axes and vertices are compared
-    number by number; of other tasks, a wrench must be within the task and not zero.
+    Some wrenches may be missing, but not all in the file of a solve. Ends of semi-axes and vertices are compared
+    number by number; for other tasks, a wrench must be within the task and not zero.
     """
     share, name = solution.mu.lower, "wrenches"
     if not solution.forces:
         if share <= 0.0 or not len(task.ends()):
             return []
-        if not solution.starts:  # a step that follows another grasp: its file claims no forces
+        if not solution.starts:  # a continuation step: its file claims no forces
             return [Check.not_made(name, "the file states no finger forces")]
         return [Check(name, False, "no finger forces for any of the task's wrenches")]
     wrenches = np.array([wrench for wrench, _ in solution.forces])
@@ -134,7 +134,7 @@ def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Che
 
 
 def _not_asked(task: Task, wrenches: FloatArray, share: float) -> list[int]:
-    """Return which wrenches (m, d) are not what a task asks for times a share."""
+    """Return the indices of wrenches (m, d) that are not in a task times a share."""
     size = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
     if isinstance(task, TaskEllipsoid | TaskPolytope):
         ends = share * (task.ends() if isinstance(task, TaskEllipsoid) else task.wrenches)

@@ -1,4 +1,4 @@
-"""Whether the grasps that a file keeps beside its answer are what it says: each as the answer itself, and distinct."""
+"""Checks of the alternative grasps in a file: each like the answer, and all distinct."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check, guarded
 
-MOST = 6  # contacts that are matched in every order
-SLACK = 1e-9  # relative
+MOST = 6  # most contacts that are matched in every order
+SLACK = 1e-9  # relative tolerance
 Checked = Callable[[GraspSolution], Sequence[Check]]
 
 
 def grasps_checks(solution: GraspSolution, checked: Checked, size: float) -> list[Check]:
-    """Return whether the grasps kept are sound, one check each, and what they are together.
+    """Return one check per kept grasp, and one of their order and distinctness.
 
     Parameters
     ----------
     solution : GraspSolution
     checked : callable
-        Returns the checks of a solution that has one of them as its answer.
+        Returns the checks of a solution with one of them as its answer.
     size : float
-        Of the body, metres: at most this.
+        Upper bound on the body's size, metres.
     """
     if solution.stated_first is None and not solution.others:
         return []
@@ -41,7 +41,7 @@ def grasps_checks(solution: GraspSolution, checked: Checked, size: float) -> lis
 
 
 def _one(i: int, alone: GraspSolution, checked: Checked) -> list[Check]:
-    """Return in one check what is found of one grasp."""
+    """Return one check that combines those of one grasp."""
     checks = checked(alone)
     failed = [f"{check.name}: {check.detail}" for check in checks if check.failed]
     left = sum(not check.made for check in checks)
@@ -50,7 +50,7 @@ def _one(i: int, alone: GraspSolution, checked: Checked) -> list[Check]:
 
 
 def _together(solution: GraspSolution, size: float) -> Iterator[str]:
-    """Yield what the grasps kept say together that is not so."""
+    """Yield the inconsistencies between the kept grasps."""
     first = solution.stated_first
     if first is not None and first.to_dict() != solution.grasps[0].to_dict():
         yield "grasps[0] is another than the answer"
@@ -75,7 +75,7 @@ def _together(solution: GraspSolution, size: float) -> Iterator[str]:
 
 
 def _apart(one: FoundGrasp, other: FoundGrasp) -> float:
-    """Return how far a contact is from its match in the best order, metres; of many contacts a lower bound on it."""
+    """Return the largest contact distance of two grasps in the best order, metres; for many contacts a lower bound."""
     p, q = one.grasp.points, other.grasp.points
     if p.shape != q.shape:
         return np.inf

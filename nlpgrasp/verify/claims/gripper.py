@@ -1,4 +1,4 @@
-"""Whether the pose of parallel jaws is that of their contacts, and the way in as free as the file says."""
+"""Checks of a parallel-jaw gripper: its pose against the contacts, and the clearance of its approach."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from nlpgrasp.verify.claims.version import states_all
 from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.placement import StatedPlacement, Surface
 
-UNIT = 1e-9  # of a direction or a quaternion
-CLOSE = 1e-6  # of the body's size
-TURNED = 1e-3  # radians beyond a cone: what the tolerance of its row leaves
-STATIONS = 25  # of a line on the way in, before it is looked at more closely
-APART = 2e-3  # metres between two lines, at most
-WALK, FINE = 2e-4, 3e-5  # metres looked at most closely along pads and inside something, and elsewhere
-STEEP, LEAST = 0.6, 1e-6  # share of these by which the distance falls on entry, and metres that are inside
-STEP = 2.5e-4  # metres that two walks along a line may differ by
-WAY = 2.0  # of the body's size
+UNIT = 1e-9  # tolerance of the unit length of a direction or quaternion
+CLOSE = 1e-6  # tolerance relative to the body's size
+TURNED = 1e-3  # radians: allowed angle beyond a cone, by the constraint's tolerance
+STATIONS = 25  # initial samples of a line on the approach
+APART = 2e-3  # metres: largest distance between two lines
+WALK, FINE = 2e-4, 3e-5  # metres: finest sampling along pads or inside an obstacle, and elsewhere
+STEEP, LEAST = 0.6, 1e-6  # fall of the distance on entry, as a share of these; least depth inside, metres
+STEP = 2.5e-4  # metres: allowed difference of two samplings of a line
+WAY = 2.0  # length of the approach path, in body sizes
 DIRECTION = "hand.approach.direction"
-LETTERS = "xyz"  # coordinate axes of the gripper's own frame
+LETTERS = "xyz"  # coordinate axes of the gripper's frame
 
 
 def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface: Surface | None) -> list[Check]:
-    """Return the check of ``hand.palm_pose``, ``opening`` and ``approach`` of parallel jaws, and that of its ``depth``.
+    """Return the checks of parallel jaws: ``hand.palm_pose``, ``opening`` and ``approach``, and its ``depth``.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     placement : StatedPlacement
         Contacts and hand.
     surface : Surface or None
-        The body; None where it is not there.
+        The body; None if missing.
     """
     asked, hand = solution.problem.get("hand") or {}, solution.hand or {}
     if asked.get("type") != "parallel_jaw":
@@ -66,7 +66,7 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
 
 
 def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
-    """Yield what is wrong with opening, approach and pose."""
+    """Yield the errors in opening, approach and pose."""
     (p, q), size, space = placement.points, placement.size, placement.points.shape[1]
     opening = float(np.linalg.norm(q - p))
     closing, approach = (q - p) / opening, array(DIRECTION, hand["approach"]["direction"], (space,))
@@ -95,7 +95,7 @@ def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
 
 
 def _own_axis(asked: Json, key: str, letter: str) -> FloatArray:
-    """Return a direction in the gripper's own frame, (3,): a letter with a sign, or a unit direction."""
+    """Return a direction in the gripper's frame, (3,), from a signed letter or a unit direction."""
     stated = asked.get(key, letter)
     if not isinstance(stated, str):
         return unit(f"problem.hand.{key}", stated, 3)
@@ -106,14 +106,14 @@ def _own_axis(asked: Json, key: str, letter: str) -> FloatArray:
 
 
 def _rotated(quaternion: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return a direction turned by a quaternion, w first: ``v + 2 w (u x v) + 2 u x (u x v)``."""
+    """Return a direction rotated by a quaternion, w first: ``v + 2 w (u x v) + 2 u x (u x v)``."""
     w, u = quaternion[0], quaternion[1:]
     across = np.cross(u, direction)
     return np.asarray(direction + 2.0 * w * across + 2.0 * np.cross(u, across))
 
 
 def _cones(solution: GraspSolution, hand: Json, space: int) -> Iterator[str]:
-    """Yield which cones of ``Approach`` the approach is not within."""
+    """Yield the cones of ``Approach`` that the approach violates."""
     for data in solution.problem["constraints"]:
         if data["type"] == "approach":
             approach = array(DIRECTION, hand["approach"]["direction"], (space,))
@@ -127,18 +127,18 @@ def _cones(solution: GraspSolution, hand: Json, space: int) -> Iterator[str]:
 def _walked(
     solution: GraspSolution, asked: Json, hand: Json, placement: StatedPlacement, surface: Surface | None
 ) -> tuple[float, bool, float]:
-    """Return how deep the way in leads into body, tables and obstacles, whether a line enters one steeply, and a doubt.
+    """Return the approach's penetration of its surroundings, whether a line enters one steeply, and an error bound.
 
-    Each line is halved where something may be: where the distances at both ends are together less than its length.
+    Each line is halved where something may be in between: where the sum of both ends' distances is below its length.
 
     Returns
     -------
     depth : float
-        Metres, at least zero; the clearance that a table or an obstacle asks for is part of it.
+        Metres, at least zero; the required clearance of a table or an obstacle is included.
     through : bool
         Whether a line enters anything, however thin, other than along a pad.
     rough : float
-        How far the solver's own distances may be from these, metres.
+        Largest difference of the solver's distances from these, metres.
     """
     if surface is None:
         raise NotMadeError(NO_BODY)
@@ -174,7 +174,7 @@ def _walked(
 
 
 def _lines(asked: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return lines of fingers and palm: their places at the pads (n, space), where they begin, and which are on pads.
+    """Return lines of fingers and palm: their points at the pads (n, space), their starts, and which are on pads.
 
     A finger reaches from its contact outwards by its thickness; the palm, a finger's length behind, from one contact to
     the other.
@@ -191,5 +191,5 @@ def _lines(asked: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, NDA
 
 
 def _length(asked: Json, key: str) -> float:
-    """Return a length of a finger, metres; 0 where none is stated."""
+    """Return a length of a finger, metres; 0 if not stated."""
     return number(key, asked.get(key, 0.0), at_least=0.0)

@@ -1,9 +1,9 @@
-"""Penetration of a hand's links recomputed from the hand's file, in the grasp and on the way in; contacts off links.
+"""Recomputation of a hand's link penetrations, in the grasp and on the approach, and of contacts off their links.
 
-The depth of a link in a solid is the largest sum of how deep a point is in both. It is looked for from samples of the
-link's surface, by the simplex method of Nelder and Mead (1965, doi:10.1093/comjnl/7.4.308), with shapes, kinematics and
-distances of this package, ``verify``, alone. Of convex shapes in convex solids it is the shortest translation that
-parts the two, where that is longer.
+The depth of a link in a solid is the largest sum of a point's depths in both. It is searched from samples of the link's
+surface by the simplex method of Nelder and Mead (1965, doi:10.1093/comjnl/7.4.308), with shapes, kinematics and
+distances of this package, ``verify``, alone. For convex shapes in convex solids it is the shortest translation that
+separates the two, where that is longer.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from nlpgrasp.verify.hands.urdf import URDFNumbers, require_links
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 
 SPACING = 2e-3  # metres between samples of a link's surface
-MOST_SAMPLES = 4000  # of a link
-BEGINNINGS = 3  # of its samples, the deepest ones, that the search begins from
-ON = 1e-6  # metres: how far outside a solid a point of its surface may be by rounding
-SLACK, SHARE = 3e-4, 0.2  # metres and share by which two measurements of one depth may differ
-STATION, MOST_STATIONS = 2e-3, 50  # metres that a link moves between two looks on the way in; looks at a leg
+MOST_SAMPLES = 4000  # most samples of a link
+BEGINNINGS = 3  # deepest samples from which the search starts
+ON = 1e-6  # metres: tolerance of a point on a solid's surface
+SLACK, SHARE = 3e-4, 0.2  # metres and share: allowed difference of two measurements of one depth
+STATION, MOST_STATIONS = 2e-3, 50  # metres of a link between samples of the approach; samples per leg
 
 
 def link_checks(
     solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None, placement: StatedPlacement
 ) -> list[Check]:
-    """Return the checks of links inside something, in the grasp and on the way in, and of contacts off their links.
+    """Return the checks of link penetrations, in the grasp and on the approach, and of contacts off their links.
 
     Parameters
     ----------
     solution : GraspSolution
     hand : HandNumbers or None
     surface : Surface or None
-        The body; None where it is not there.
+        The body; None if missing.
     placement : StatedPlacement
-        Contacts, and what reads obstacles.
+        Contacts, and the reader of obstacles.
     """
     if (solution.problem.get("hand") or {}).get("type") not in ("urdf",):
         return []
@@ -62,7 +62,7 @@ def link_checks(
 
 
 def _checks(solution: GraspSolution, solids: _Solids, points: FloatArray) -> list[Check]:
-    """Return the checks of links whose shapes are there."""
+    """Return the checks for links with known shapes."""
     if not solids.shapes:
         stated = (solution.hand or {}).get("link_depth") is not None
         told = "the hand's links have no collision shapes: what they run into is not known"
@@ -81,7 +81,7 @@ def _checks(solution: GraspSolution, solids: _Solids, points: FloatArray) -> lis
 
 
 class _Solids:
-    """The links' shapes, what they may be inside of, and what a file states of both."""
+    """The links' shapes, the solids around them, and the file's statements about both."""
 
     def __init__(self, solution: GraspSolution, hand: URDFNumbers, things: Sequence[Solid]) -> None:
         self.solution, self.hand, self.things = solution, hand, things
@@ -101,7 +101,7 @@ class _Solids:
     def of(
         cls, solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None, placement: StatedPlacement
     ) -> _Solids:
-        """Return them; raise ``NotMadeError`` where something is not there."""
+        """Return the solids; raise ``NotMadeError`` where data are missing."""
         known = require_links(hand, "links")
         if surface is None:
             raise NotMadeError(NO_BODY)
@@ -109,12 +109,12 @@ class _Solids:
         return cls(solution, known, [body, *surroundings(solution.problem["constraints"], placement)])
 
     def in_grasp(self) -> tuple[str, str]:
-        """Return what is wrong with the stated depth in the grasp, and otherwise what was seen."""
+        """Return the error in the stated depth in the grasp, and otherwise what was seen."""
         stated, seen = link_depth_of(self.solution.hand), self._at(self.hand)
         return self._judged(stated, seen, self.solution.status in (Status.SOLVED, Status.OPTIMAL))
 
     def on_the_way(self) -> tuple[str, str]:
-        """Return what is wrong with the stated depth on the way in, and otherwise what was seen."""
+        """Return the error in the stated depth on the approach, and otherwise what was seen."""
         phases = {phase.name: phase for phase in self.solution.phases}
         way = [phases[name] for name in (APPROACH, PREGRASP, GRASP) if name in phases]
         seen = max((self._at(hand) for hand in self._stations(way)), key=lambda d: d.depth, default=LinkDepth())
@@ -128,7 +128,7 @@ class _Solids:
         return wrong, f"{len(way)} keyframes; " + (seen.words if seen.depth > self.tolerance else "free")
 
     def contacts_off_links(self, points: FloatArray) -> tuple[str, str]:
-        """Return what is wrong with the stated distances of contacts from their links, and otherwise what was seen."""
+        """Return the error in the stated distances of contacts from their links, and otherwise what was seen."""
         stated = (self.solution.hand or {}).get("tip_gaps")
         seen = [self._gap(str(tip["link"]), point) for tip, point in zip(self.hand.tips, points, strict=True)]
         off = [
@@ -158,7 +158,7 @@ class _Solids:
         return wrong, (f"{seen.words}{more}" if seen.depth > 0.0 else f"none is{more}")
 
     def _differs(self, stated: LinkDepth, seen: LinkDepth) -> str:
-        """Return how a stated depth differs from the one seen, or a tolerance from the solve's; empty if not."""
+        """Return how a stated depth differs from the one seen, or a tolerance from the solve's; empty where equal."""
         if stated.tolerance != self.tolerance:
             return f"a tolerance of {stated.tolerance:g} m stated, {self.tolerance:g} m among the options"
         if abs(stated.depth - seen.depth) > SLACK + SHARE * max(stated.depth, seen.depth):
@@ -181,9 +181,9 @@ class _Solids:
         return worst
 
     def _depth(self, link: str, pose: FloatArray, samples: FloatArray, thing: Solid) -> float:
-        """Return how deep a link is in one thing, metres; ``samples`` (m, 3) of its surface are in the body's frame.
+        """Return the depth of a link in one solid, metres; ``samples`` (m, 3) of its surface are in the body's frame.
 
-        Contacts are looked at too: they are on the body, which may be inside a link as a whole.
+        Contacts are tried too: they are on the body, which may lie wholly inside a link.
         """
         samples = np.concatenate([samples, self.contacts[[self._distance(link, pose, p) < 0.0 for p in self.contacts]]])
         found = thing.distance(samples)
@@ -206,7 +206,7 @@ class _Solids:
         return max(depth, *self._ways_out(link, pose, thing)) if depth > 0.0 else 0.0
 
     def _ways_out(self, link: str, pose: FloatArray, thing: Solid) -> list[float]:
-        """Return how far each convex shape of a link is from being outside a convex solid, metres."""
+        """Return the separating translation of each convex shape of a link from a convex solid, metres."""
         if thing.corners is None:
             return [0.0]
         shapes = [shape.corners for shape in self.shapes[link] if shape.corners is not None]
@@ -218,7 +218,7 @@ class _Solids:
         return min(float(tree.clearance(local)[0]) for tree in self.trees[link])
 
     def _gap(self, link: str, point: FloatArray) -> float | None:
-        """Return how far a point is outside a link and what is fixed to it, metres; None where they have no shape."""
+        """Return the distance of a point from a link and its rigid group, metres; None where they have no shape."""
         rigid = [name for name in self.shapes if self.hand.is_fixed(name, link)]
         gaps = [self._distance(name, self.hand.poses[name], point) for name in rigid]
         return max(0.0, min(gaps)) if gaps else None

@@ -1,8 +1,8 @@
-"""Whether what the fingers are said to press for the task as it was given is so.
+"""Check of the stated finger forces for the task at its full size.
 
-Every amount of force is put to a proof: for any direction y of wrench space, forces that produce w use at least
-``<w, y> / phi(y)`` of the budget, phi the support function of what one unit of it can produce. Where y comes from, a
-conic program, plays no part in that.
+Every amount of force is proved by weak duality: for any direction y of wrench space, forces that produce w use at least
+``<w, y> / phi(y)`` of the budget, phi the support function of the wrenches of one unit. The proof does not depend on
+the conic program that proposes y.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from nlpgrasp.tasks import Task, TaskEllipsoid
 from nlpgrasp.verify.check import Check
 from nlpgrasp.verify.claims.evidence import DIRECTIONS, FORCE_TOLERANCE, put_back
 
-LEAST = 1e-7  # relative: how much more than the least forces may be, for the solvers' tolerance
-SAME = 1e-9  # relative: numbers that follow from others in the file
+LEAST = 1e-7  # relative tolerance of forces over the least ones
+SAME = 1e-9  # relative tolerance of numbers that follow from others in the file
 
 
 def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
-    """Recompute what a file says the task as given needs: wrench, least forces, and the numbers that follow."""
+    """Recompute the stated requirement of the task at full size: wrench, least forces and derived numbers."""
     stated = solution.needed
     if stated is None:
         return []
@@ -51,7 +51,7 @@ def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: 
 
 
 class _Amounts:
-    """The least of the budget that wrenches take, each proved by a direction."""
+    """Lower bounds on the budget that wrenches need, each proved by a direction."""
 
     def __init__(self, grasp: Grasp, force_set: ForceSet) -> None:
         arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
@@ -60,7 +60,7 @@ class _Amounts:
         self._units, self._set = units, WrenchSet(grasp.G / units[:, None], force_set)
 
     def __call__(self, wrenches: FloatArray) -> FloatArray:
-        """Return what wrenches (m, d) take at least, (m,); 0 where no direction proves more."""
+        """Return lower bounds on the budget of wrenches (m, d), (m,); 0 where no direction proves more."""
         scaled = wrenches / self._units
         size = np.maximum(np.linalg.norm(scaled, axis=1), 1e-300)
         scaled /= size[:, None]
@@ -72,7 +72,7 @@ class _Amounts:
 
 
 def _wrench(solution: GraspSolution, wrench: FloatArray, task: Task, amounts: _Amounts, used: float) -> Iterator[str]:
-    """Yield what speaks against the stated wrench: one that the task does not ask for, or an easier one than others."""
+    """Yield the errors in the stated wrench: not in the task, or easier than others."""
     y = solution.mu.worst_direction
     if not _asked(task, wrench):
         yield "a wrench that the task does not ask for"
@@ -83,7 +83,7 @@ def _wrench(solution: GraspSolution, wrench: FloatArray, task: Task, amounts: _A
 
 
 def _asked(task: Task, wrench: FloatArray) -> bool:
-    """Return whether a wrench (d,) is in the task: of an ellipsoid by its coordinates, of others along directions."""
+    """Return whether a wrench (d,) is in the task: by coordinates for an ellipsoid, else along directions."""
     close = FORCE_TOLERANCE * max(float(np.linalg.norm(wrench)), 1e-300)
     if isinstance(task, TaskEllipsoid):
         u = np.linalg.lstsq(task.axes.T, wrench - task.center, rcond=None)[0]
@@ -96,9 +96,9 @@ def _asked(task: Task, wrench: FloatArray) -> bool:
 
 
 def _numbers(solution: GraspSolution, grasp: Grasp, task: Task, stated: ForcesNeeded) -> Iterator[str]:
-    """Yield the numbers that do not follow from the stated forces, from mu and from the limit in the problem.
+    """Yield the numbers that do not follow from the stated forces, mu and the problem's limit.
 
-    Where the file leaves out forces of some extreme wrenches, the largest ones may be theirs.
+    If the file omits forces of some extreme wrenches, the largest ones may belong to those.
     """
     size, share = np.linalg.norm(stated.forces, axis=1), solution.mu.lower
     scale = max(float(np.max(size)), 1e-300)
@@ -132,7 +132,7 @@ def _not_least(
     amounts: _Amounts,
     used: float,
 ) -> Iterator[str]:
-    """Yield which of the stated forces are more than it takes."""
+    """Yield the stated forces that are not least."""
     least = float(amounts(wrench[None])[0])
     if not used <= least * (1.0 + LEAST):
         yield f"{used:.6g} of the budget, where {least:.6g} is enough"

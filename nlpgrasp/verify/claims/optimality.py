@@ -1,4 +1,4 @@
-"""Whether a grasp is the local optimum that its file says, as far as that can be told without the program."""
+"""Check of a stated local optimum, as far as it is possible without the program."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from nlpgrasp.verify.bodies.smooth import SmoothSurface
 from nlpgrasp.verify.check import Check
 from nlpgrasp.verify.placement import Surface
 
-SUM, BINDING = 1e-5, 1e-5  # of the weights; relative: how unequal inequalities that bind may be
-ABOVE = 2e-3  # relative: the program's beta over mu, at most
-SLOPE = 1e-4  # of mu: what a free contact's way over the body's size may be worth
-STEP, FREE = 1e-6, 1e-3  # of the body's size: of central differences; from an edge, where a contact is free
+SUM, BINDING = 1e-5, 1e-5  # tolerances: sum of the weights; relative spread of binding inequalities
+ABOVE = 2e-3  # largest relative excess of the program's beta over mu
+SLOPE = 1e-4  # share of mu: largest first-order gain of a free contact over the body's size
+STEP, FREE = 1e-6, 1e-3  # shares of the body's size: difference step; least distance of a free contact from edges
 
 
 def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: Surface | None, size: float) -> list[Check]:
-    """Return whether the inequalities stated bind equally at mu, and whether free contacts would raise it elsewhere.
+    """Return the checks that stated inequalities bind equally at mu, and that free contacts cannot raise it.
 
-    Contacts of a hand with joints, and those in active constraints, are not free; what holds them is not looked at.
+    Contacts of a hand with joints, and those in active constraints, are not free and not checked.
     """
     kkt = solution.kkt
     if kkt is None:
@@ -56,7 +56,7 @@ def _of_weights(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> Iterator[str
 
 
 def _of_contacts(solution: GraspSolution, grasp: Grasp, kkt: KKT, surface: Surface, size: float) -> Iterator[str]:
-    """Yield which free contacts would raise the weighted ratios."""
+    """Yield the free contacts whose moves would raise the weighted ratios."""
     weights = np.array(kkt.weights)
     least = SLOPE * solution.mu.upper
     for i in range(len(grasp)):
@@ -81,7 +81,7 @@ def _ratios(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> FloatArray:
 
 
 def _moved(grasp: Grasp, i: int, step: FloatArray, normal: Callable[[FloatArray], FloatArray]) -> Grasp:
-    """Return the grasp with one contact moved, and with the inward normal that belongs there."""
+    """Return the grasp with one contact moved, and the inward normal at its new point."""
     points, normals = grasp.points.copy(), grasp.normals.copy()
     points[i] += step
     normals[i] = normal(points[i])
@@ -89,7 +89,7 @@ def _moved(grasp: Grasp, i: int, step: FloatArray, normal: Callable[[FloatArray]
 
 
 def _is_held(solution: GraspSolution, i: int) -> bool:
-    """Return whether a contact is part of a hand with joints or of an active constraint."""
+    """Return whether a contact belongs to a hand with joints or to an active constraint."""
     hand = solution.problem["hand"]
     if hand is not None and hand["type"] not in ("fingertips", "parallel_jaw"):
         return True
@@ -99,7 +99,7 @@ def _is_held(solution: GraspSolution, i: int) -> bool:
 def _normal_near(
     solution: GraspSolution, grasp: Grasp, surface: Surface, i: int, size: float
 ) -> Callable[[FloatArray], FloatArray] | None:
-    """Return the inward normal around a contact; None where the contact is at an edge or the surface is not known."""
+    """Return the inward normal function near a contact; None at an edge or on an unknown surface."""
     face, point = solution.faces[i], grasp.points[i]
     if isinstance(surface, MeshSurface):
         which, off = surface.triangles.near(point, FREE * size)

@@ -1,4 +1,4 @@
-"""Whether how a solve ended, as a file tells it, goes with the grasp in it."""
+"""Check that the stated outcome of a solve agrees with its grasp."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from nlpgrasp.verify.check import Check
 
 WITH_GRASP = (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES)
 WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
-SAME = 1e-9  # relative
-KEPT = 0.5  # of the best start's mu: what a grasp that is not fragile has at least, to win over a fragile one
+SAME = 1e-9  # relative tolerance
+KEPT = 0.5  # least share of a fragile start's mu with which a robust grasp wins over it
 
 
 def outcome_checks(solution: GraspSolution) -> list[Check]:
-    """Return whether status, starts and the start that won say the same as grasp and quality."""
+    """Return the check that status, starts and winning start agree with grasp and quality."""
     wrong = [*_status(solution), *_winner(solution)]
     told = f"{solution.status.name.lower()}, {len(solution.starts)} starts"
     return [Check("outcome", not wrong, "; ".join(wrong) if wrong else told)]
@@ -45,11 +45,11 @@ def _status(solution: GraspSolution) -> Iterator[str]:
 
 
 def _winner(solution: GraspSolution) -> Iterator[str]:
-    """Yield what the winning start says that is not so.
+    """Yield the false statements of the winning start.
 
-    The answer's certificate is made anew and keeps the better ends of both; without a search for robustness no other
-    start is better for certain, but for what the room of a hand's joints took, and for fragile ones and those a hand
-    cannot squeeze, which a grasp of half their mu wins over that is not fragile or that it can squeeze.
+    The answer's certificate is recomputed and keeps the better ends of both. Without a search for robustness no other
+    start is certainly better, except for mu traded for joint-limit margins, and for starts that are fragile or cannot
+    be squeezed: a grasp with half their mu wins over them if it is robust or can be squeezed.
     """
     indices = [start.index for start in solution.starts]
     if len(set(indices)) < len(indices):
@@ -70,7 +70,7 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
         most = max(best.mu.upper, _without_room(solution))
         preferred = _is_steady(solution) or solution.squeeze is not None
         most /= KEPT if options.get("rank") == "robust" and preferred else 1.0
-        free = solution.has_free_way  # then starts that something obstructs rank behind it
+        free = solution.has_free_way  # then obstructed starts rank behind it
         rivals = [s for s in solution.starts if s.status is Status.SOLVED and not (free and s.obstruction)]
         better = [s.index for s in rivals if s.mu.lower > most]
         if better:
@@ -78,11 +78,11 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
 
 
 def _without_room(solution: GraspSolution) -> float:
-    """Return the mu that a grasp states it had before its joints got room: ``room_checks`` has a word on it."""
+    """Return the mu that a grasp had before the search for joint-limit margins; see ``room_checks``."""
     room = (solution.hand or {}).get("room")
     return 0.0 if room is None else mu_without(room)
 
 
 def _is_steady(solution: GraspSolution) -> bool:
-    """Return whether a grasp states that it is not fragile: it may win over one with up to twice its mu."""
+    """Return whether a grasp is stated not to be fragile, and so may win over one with up to twice its mu."""
     return solution.robust is not None and not solution.is_fragile

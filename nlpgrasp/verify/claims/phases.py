@@ -1,4 +1,4 @@
-"""Whether the phases of a hand follow from its grasp, and whether it has a free way in or says why not."""
+"""Checks of a hand's phases against its grasp, and of the stated approach."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlpgrasp.verify.check import Check
 from nlpgrasp.verify.claims.version import states_all
 from nlpgrasp.verify.constraints.regions import unit
 
-SAME = 1e-9  # metres, radians: what sums may be off by
+SAME = 1e-9  # metres, radians: rounding tolerance of sums
 
 
 def phase_checks(solution: GraspSolution) -> list[Check]:
@@ -31,7 +31,7 @@ def phase_checks(solution: GraspSolution) -> list[Check]:
 
 
 def _way_in(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
-    """Return what is wrong with the statement of a way in, and otherwise what it is."""
+    """Return the error in the statement of an approach, and otherwise what it states."""
     way = posture.get("approach")
     if way is None:
         return "the file does not state hand.approach", ""
@@ -42,7 +42,7 @@ def _way_in(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
 
 
 def _poses(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
-    """Yield what is wrong with where palm and joints are."""
+    """Yield the errors in palm pose and joints."""
     if GRASP not in phases:
         yield "no grasp among the phases"
         return
@@ -67,7 +67,7 @@ def _poses(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
 
 
 def _commands(solution: GraspSolution, phases: dict[str, Phase]) -> Iterator[str]:
-    """Yield what is wrong with squeeze and lift."""
+    """Yield the errors in squeeze and lift."""
     grasp, squeezed, lift = phases.get(GRASP), phases.get(SQUEEZE), phases.get(LIFT)
     if grasp is None or (squeezed is None and lift is None):
         return
@@ -92,5 +92,5 @@ def _near(a: FloatArray, b: FloatArray) -> bool:
 
 
 def _joined(a: Phase, b: Phase) -> bool:
-    """Return whether the joints of two phases are the same."""
+    """Return whether the joint positions of two phases are equal."""
     return a.joints.keys() == b.joints.keys() and all(abs(a.joints[j] - b.joints[j]) <= SAME for j in a.joints)

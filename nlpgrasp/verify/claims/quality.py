@@ -1,4 +1,4 @@
-"""Independent checks of certified measures: computed anew, with other random directions."""
+"""Independent checks of certified measures, recomputed with other random directions."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check
 
 OTHER_SEED = 7919
-WIDER = 2.0  # times what is recomputed: a certificate stops early where the arithmetic allows no better
+WIDER = 2.0  # allowed width over the recomputed one, where rounding ends a certificate early
 MUCH_WIDER = 100.0
-SMALL = 1e-9  # of unit force: upper bounds below are as good as zero
-ANY_GAP = 1.0  # relative, where the file does not say how narrow its certificate was to be
-ERROR_BAR = 0.1  # of nu: solves state less
-NOTHING = 1e-3  # of the quality of the grasp: an upper bound below this says that next to nothing is left
-SAME = 1e-9  # of shares, which follow from other numbers of the file
-OFF_BY = 1.5  # of the stated offset: contacts slide along the surface, not along its tangent
+SMALL = 1e-9  # per unit force: smaller upper bounds count as zero
+ANY_GAP = 1.0  # relative gap assumed for files that do not state the requested one
+ERROR_BAR = 0.1  # largest relative error bar of nu; solves state less
+NOTHING = 1e-3  # share of the grasp's quality: a smaller upper bound counts as nothing left
+SAME = 1e-9  # tolerance of shares, which follow from other numbers of the file
+OFF_BY = 1.5  # allowed displacement over the stated offset, as surfaces are curved
 
-SLIPS = 0.99  # of the offset: a contact that is nearer to an edge slips over it
+SLIPS = 0.99  # share of the offset: a contact nearer to an edge slips over it
 
 
 def interval(stated: Bounds) -> Check:
@@ -36,16 +36,16 @@ def interval(stated: Bounds) -> Check:
 
 
 def overlap(name: str, stated: Bounds, found: Bounds) -> Check:
-    """Check that a stated interval and one computed anew overlap."""
+    """Check that a stated interval and a recomputed one overlap."""
     good = stated.lower <= found.upper and found.lower <= stated.upper
     return Check(name, good, f"stated {stated}, recomputed {found}")
 
 
 def width(name: str, stated: Bounds, found: Bounds, rtol: float) -> Check:
-    """Check that a stated interval is no wider than a certificate of this relative gap leaves it.
+    """Check that a stated interval is no wider than its certificate's relative gap allows.
 
-    Both are certified: the true value is at least ``found.lower``, and a certificate's upper bound is close to it,
-    where the lower bound came off zero.
+    Both are certified: the true value is at least ``found.lower``, and a certificate's upper bound is close to it if
+    the lower bound is above zero.
     """
     least = found.lower / (WIDER * (1.0 + rtol))
     most = (WIDER if found.lower > 0.0 else MUCH_WIDER) * found.upper + SMALL
@@ -54,14 +54,14 @@ def width(name: str, stated: Bounds, found: Bounds, rtol: float) -> Check:
 
 
 def widths(solution: GraspSolution, found: Bounds) -> list[Check]:
-    """Check the width of the stated interval; that of a solve that was cut short may have any lower bound."""
+    """Check the width of the stated interval; a solve that was cut short may have any lower bound."""
     gap = solution.solver.get("options", {}).get("final_rtol", ANY_GAP)
     asked = number("final_rtol", gap, above=0.0) if solution.status in (Status.SOLVED, Status.OPTIMAL) else np.inf
     return [width("width", solution.mu, found, asked)]
 
 
 def other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
-    """Compute delta and nu anew, at the stated torque scale."""
+    """Recompute delta and nu at the stated torque scale."""
     checks = []
     if solution.delta is not None:
         found = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
@@ -78,7 +78,7 @@ def other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, r
 
 
 def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> list[Check]:
-    """Check the quality stated of the worst placement found, and that its contacts are within reach."""
+    """Check the stated quality at the worst displacement found, and that its contacts are within reach."""
     stated = solution.robust
     if stated is None:
         return []

@@ -1,7 +1,7 @@
-"""Whether a hand's joints have the room to their limits that a file states, and what of mu it says that took.
+"""Check of the stated joint-limit margins, and of the mu traded for them.
 
-Ranges are those of the hand's file, read by this room's own kinematics. That no posture with more room is to be had at
-the price is not checked.
+Joint ranges come from the hand's file, by this package's own kinematics. That no posture has larger margins at the
+same price is not checked.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from nlpgrasp.verify.check import Check, NotMadeError
 from nlpgrasp.verify.hands.urdf import require_links
 from nlpgrasp.verify.placement import HandNumbers
 
-SAME = 1e-9  # relative
-PART = 0.1  # of a joint's range: its margin at most
-LESS = 1e-6  # of a margin: what a joint may lack of it
-TOLD = 1e-6  # of a margin: how far off a stated distance may be
+SAME = 1e-9  # relative tolerance
+PART = 0.1  # largest margin, as a share of a joint's range
+LESS = 1e-6  # relative tolerance of a margin
+TOLD = 1e-6  # tolerance of a stated distance, relative to the margin
 
 
 def room_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check]:
-    """Check what ``hand.room`` says: the price, and which joints are near a limit."""
+    """Check the price and the joints near a limit that ``hand.room`` states."""
     stated = (solution.hand or {}).get("room")
     if stated is None:
         return []
@@ -39,9 +39,9 @@ def room_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check
 
 
 def _price(stated: Json, solution: GraspSolution) -> Iterator[str]:
-    """Yield what is wrong with the price: other options than the solve's.
+    """Yield the errors in the price: other options than the solve's.
 
-    Of files of earlier versions, which say what it took: another cost, or more than the price allows.
+    In files of earlier versions, which state the cost: another cost, or more than the price allows.
     """
     price, margin = number("hand.room.price", stated["price"], at_least=0.0), stated["margin"]
     options, without = solution.solver.get("options", {}), stated.get("mu_without")
@@ -61,7 +61,7 @@ def _price(stated: Json, solution: GraspSolution) -> Iterator[str]:
 
 
 def _near(stated: Json, solution: GraspSolution, hand: HandNumbers | None) -> Iterator[str]:
-    """Yield joints with another margin, or another distance from their limits, than is stated."""
+    """Yield joints with other margins, or other distances from their limits, than stated."""
     margins, near, margin = stated["margins"], stated["near"], number("hand.room.margin", stated["margin"], above=0.0)
     ends, positions = require_links(hand, "joints").ranges, (solution.hand or {})["joint_positions"]
     if set(margins) != set(ends) or not set(near) <= set(ends):

@@ -1,7 +1,7 @@
-"""Whether the squeeze that a file states holds the body, and whether the hand's joints exert it.
+"""Checks of a stated squeeze: equilibrium, friction cones and joint torques.
 
-Forces are put back into the equilibrium equations and the contacts' cones; torques come from virtual work with the
-Jacobians of this room's own kinematics, read from the URDF. That no other forces need less friction is not checked.
+Forces are inserted into the equilibrium equations and the contacts' cones; torques come from virtual work with the
+Jacobians of this package's own kinematics, from the URDF. That no other forces need less friction is not checked.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from nlpgrasp.verify.claims.evidence import FORCE_TOLERANCE, put_back
 from nlpgrasp.verify.hands.urdf import require_links
 from nlpgrasp.verify.placement import HandNumbers
 
-EDGES = 24  # of a friction pyramid
-INSIDE = 0.98  # of the friction: a squeeze that needs all of it is no refutation
-INFEASIBLE = 2  # of HiGHS
-SAME = 1e-6  # relative: recomputed Jacobians differ by rounding
-LESS = 1e-3  # a share of friction this much smaller, relative, is not enough
-LEAST = 1e-5  # of friction: shares below are as good as none
+EDGES = 24  # edges of a friction pyramid
+INSIDE = 0.98  # share of the friction that a refuting squeeze may use
+INFEASIBLE = 2  # HiGHS status
+SAME = 1e-6  # relative tolerance of recomputed Jacobians
+LESS = 1e-3  # relative tolerance of the share of friction
+LEAST = 1e-5  # smaller shares of friction count as none
 
 
 def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
@@ -59,10 +59,10 @@ def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | No
 
 
 def _none(grasp: Grasp) -> str:
-    """Return what is wrong with the claim that the contacts cannot press against each other; empty where nothing is.
+    """Return the error in the claim that the contacts cannot press against each other; empty without one.
 
-    Forces on the edges of friction pyramids inside the cones that balance with a normal force everywhere would refute
-    it: a linear program, by HiGHS.
+    Balanced forces on the edges of friction pyramids inside the cones, with a normal force at every contact, would
+    refute it: a linear program, by HiGHS.
     """
     smoother = [model.with_friction(INSIDE) for model in grasp.contacts]
     try:
@@ -84,7 +84,7 @@ def _none(grasp: Grasp) -> str:
 
 
 def _forces(stated: Json, grasp: Grasp) -> Iterator[str]:
-    """Yield what is wrong with the forces."""
+    """Yield the errors in the forces."""
     k, space, d = len(grasp), grasp.space, grasp.dimension
     fingers, wrench = stated["fingers"], array("wrench", stated["wrench"], (d,))
     forces = array("force", [f["force"] for f in fingers], (k, space))
@@ -107,7 +107,7 @@ def _forces(stated: Json, grasp: Grasp) -> Iterator[str]:
 
 
 def _share(share: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, turned: FloatArray) -> Iterator[str]:
-    """Yield whether forces need another share of friction than the stated one."""
+    """Yield an error if forces need another share of friction than stated."""
 
     def off(part: float) -> float:
         models = [model.with_friction(part) for model in grasp.contacts]
@@ -123,7 +123,7 @@ def _share(share: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, t
 
 
 def _joints(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> Iterator[str]:
-    """Yield what is wrong with torques, Jacobians, limits and positions."""
+    """Yield the errors in torques, Jacobians, limits and positions."""
     known = require_links(hand, "Jacobians")
     found, torques = known.loads(grasp.points), stated["torques"]
     if list(torques) != list(found):
@@ -150,7 +150,7 @@ def _joints(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbe
 
 
 def _positions(stated: Json, solution: GraspSolution) -> Iterator[str]:
-    """Yield commands that are not the grasp's positions and torque over gain."""
+    """Yield commands other than the grasp's positions plus torque over gain."""
     if "gain" not in stated:
         return
     gain, grasp, told = stated["gain"], (solution.hand or {})["joint_positions"], stated["positions"]

@@ -1,4 +1,4 @@
-"""Whether a budget of joint torques is the hand's own, in the posture that the file states."""
+"""Check that a joint-torque budget is the hand's own, in the stated posture."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from nlpgrasp.verify.hands.free import FreeHand
 from nlpgrasp.verify.hands.urdf import URDFNumbers, require_links
 from nlpgrasp.verify.placement import HandNumbers
 
-SAME = 1e-6  # relative: recomputed Jacobians differ by rounding
+SAME = 1e-6  # relative tolerance of recomputed Jacobians
 KINDS = ("joint_torques", "shared_joint_torques")
 
 
 def torque_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
-    """Compare Jacobians and limits of a budget of joint torques with the hand's.
+    """Compare Jacobians and limits of a joint-torque budget with the hand's.
 
-    Files state a hand's torque limits as ``shared_joint_torques`` in the posture found. Where there is no hand to say
-    more, Jacobians are the problem's own.
+    Files state a hand's torque limits as ``shared_joint_torques`` in the solution's posture. Without a hand, Jacobians
+    are the problem's own.
     """
     budget = solution.problem["force_budget"]
     if not isinstance(budget, Mapping) or budget.get("type") not in KINDS:
@@ -53,7 +53,7 @@ def _compared(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> list[Chec
 
 
 def _other_jacobians(stated: object, found: Mapping[str, FloatArray], turn: float) -> str:
-    """Return what differs between stated Jacobians, (k, 6 or 3, m), and those found, nothing where they agree."""
+    """Return the difference of stated and recomputed Jacobians, (k, 6 or 3, m); empty where they agree."""
     own = np.stack(list(found.values()), axis=2)  # (k, 6, m)
     for i, (J, expected) in enumerate(zip(_listed(stated, len(own)), own, strict=True)):
         rows = array(f"jacobians[{i}]", J, (None, own.shape[2]))
@@ -72,7 +72,7 @@ def _listed(stated: object, count: int) -> Sequence[object]:
 
 
 def _efforts(hand: URDFNumbers, joints: Sequence[str]) -> Check:
-    """Return whether the limits are the URDF's efforts; whoever asked may have stated others."""
+    """Return the check that the limits are the URDF's efforts; users may have stated others."""
     efforts = {link.joint: link.effort for link in hand.links}
     other = [joint for joint in joints if hand.data["torque_limits"][joint] != efforts[joint]]
     if other:

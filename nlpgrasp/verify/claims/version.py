@@ -1,4 +1,4 @@
-"""Versions of solution files: which fields one has to state."""
+"""Versions of solution files, by the fields that they have to state."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from nlpgrasp.solution.solution import GraspSolution
 
 
 def states_all(solution: GraspSolution) -> bool:
-    """Return whether a solve of this version wrote a file, which then states every field of a hand and its way in.
+    """Return whether this version's solve wrote the file, which then states all hand and approach fields.
 
-    Files of earlier versions have no ``link_tolerance`` among the options.
+    Options in files of earlier versions lack ``link_tolerance``.
     """
     return "link_tolerance" in solution.solver.get("options", {})

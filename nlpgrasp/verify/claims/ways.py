@@ -1,7 +1,7 @@
-"""Straight ways of a hand recomputed: the clearance of the approach, and how far hand and body can be lifted.
+"""Recomputation of a hand's straight paths: the approach's clearance, and the distance of a lift.
 
-Links count as the spheres that stand for them, with this package's own kinematics and distances. The way in is looked
-at every two millimetres; a lift at steps as long as the distance from what is around, or of two millimetres.
+Links are represented by their collision spheres, with this package's own kinematics and distances. The approach is
+sampled every two millimetres; a lift in steps of the distance from the surroundings, at least two millimetres.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from nlpgrasp.verify.constraints.regions import unit
 from nlpgrasp.verify.hands.urdf import URDFNumbers, require_links
 from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
 
-STEP = 2e-3  # metres between two looks
-CLEAR = 2e-4  # metres that a stated clearance may be too large by: it is to a tenth of a millimetre
-OUT = 1e-3  # of the hand's span: how deep a ball may be in anything on the way
-GRID = 24  # points in the body along each side of its box
+STEP = 2e-3  # metres between samples
+CLEAR = 2e-4  # metres: allowed excess of a stated clearance, which is rounded to a tenth of a millimetre
+OUT = 1e-3  # share of the hand's span: allowed penetration of a sphere on the path
+GRID = 24  # sample points in the body along each side of its box
 
 
 def way_checks(
     solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None, placement: StatedPlacement
 ) -> list[Check]:
-    """Return the checks of the approach's clearance and of the lift's distance, as far as these are stated.
+    """Return the checks of the approach's clearance and of the lift's distance, if stated.
 
     Parameters
     ----------
     solution : GraspSolution
     hand : HandNumbers or None
     surface : Surface or None
-        The body; None where it is not there.
+        The body; None if missing.
     placement : StatedPlacement
-        What reads obstacles.
+        Reader of obstacles.
     """
     phases, up = {phase.name: phase for phase in solution.phases}, (solution.hand or {}).get("lift")
     stated: dict[str, Callable[[_Scene], Iterator[str]]] = {}
@@ -60,7 +60,7 @@ def way_checks(
 
 @dataclass(frozen=True)
 class _Scene:
-    """A hand, the body in it, and what is around them.
+    """A hand with the held body and the solids around them.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class _Scene:
     def of(
         cls, solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None, placement: StatedPlacement
     ) -> _Scene:
-        """Return it; raise ``NotMadeError`` where something is not there."""
+        """Return the scene; raise ``NotMadeError`` where data are missing."""
         known = require_links(hand, "links")
         if surface is None:
             raise NotMadeError(NO_BODY)
@@ -90,13 +90,13 @@ class _Scene:
 
     @property
     def deepest(self) -> float:
-        """How deep a ball may be in anything on the way, metres."""
+        """Allowed penetration of a sphere on the path, metres."""
         return OUT * self.hand.span + self.hand.error
 
     def approach(self, afar: Phase, before: Phase) -> Iterator[str]:
-        """Yield what is wrong with the clearance stated of the straight way to the pregrasp."""
+        """Yield the errors in the stated clearance of the straight path to the pregrasp."""
         centres, radii, links = _balls(replace(self.hand, posture={**self.hand.posture, **before.to_dict()}))
-        if not len(radii):  # flat fingertips of links without shapes: nothing that could be near anything
+        if not len(radii):  # flat fingertips of links without shapes: no spheres
             return
         way = afar.palm_position - before.palm_position
         count = max(int(np.ceil(np.linalg.norm(way) / STEP)), 1)
@@ -112,7 +112,7 @@ class _Scene:
             yield f"clearance {before.clearance} m stated, {least:.6f} m found"
 
     def lift(self, up: Json) -> Iterator[str]:
-        """Yield what is in the way of hand and body within the distance of a lift; they may stay as near as they are.
+        """Yield the obstructions of hand and body along a lift; they may stay as near as they are.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class _Scene:
                 yield f"a lift by {1e3 * distance:.4g} mm is stated, {where}"
 
     def _points_in_body(self) -> FloatArray:
-        """Return points (m, 3) in the body, and its corners where it is convex, metres."""
+        """Return points (m, 3) in the body, with its corners if it is convex, metres."""
         sides = [np.linspace(low, high, GRID) for low, high in self.bounds.T]
         every = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
         inside = every[self.body.distance(every) <= 0.0]
@@ -143,9 +143,9 @@ class _Scene:
 
 
 def _balls(hand: URDFNumbers) -> tuple[FloatArray, FloatArray, int]:
-    """Return centres (m, 3) and radii (m,) of a hand's balls in its posture, and how many of them are links'.
+    """Return centres (m, 3) and radii (m,) of a hand's spheres in its posture, and the number of links' spheres.
 
-    The others are round fingertips.
+    The remaining ones are round fingertips.
     """
     balls = [(ball.centre, ball.radius) for ball in hand.link_balls]
     links = len(balls)

@@ -1,1 +1,1 @@
-"""Constraints as numbers: the rows that each gives for stated contacts and hand."""
+"""Numeric constraints: recomputed values for stated contacts and hand."""

@@ -1,4 +1,4 @@
-"""A constraint that a script stated as an expression: the file holds its name and limits alone."""
+"""Constraints given by a script's expression: the file contains their name and limits alone."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from nlpgrasp.verify.rows import RowValue
 
 
 def expression(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the limits of the rows that the file states, then say that their values stay unknown.
+    """Yield the stated limits with unknown values.
 
-    Several limits say how many rows there are; one limit is that of them all, and of how many stays in the script.
+    Several limits fix the number of scalar constraints; one limit holds for all, whose number is not in the file.
     """
     name, lower, upper = str(data["name"]), list(data["lower"]), list(data["upper"])
     elements = max(len(lower), len(upper))

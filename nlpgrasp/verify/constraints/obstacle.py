@@ -1,4 +1,4 @@
-"""Another body in the way, as numbers."""
+"""Numeric obstacle constraint: distances of fingertips and links from another body."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from nlpgrasp.verify.rows import RowValue
 
 
 def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the distance of every fingertip's and link's centre from the obstacle, at least radius and clearance.
+    """Yield the distance of every fingertip's and link's centre from the obstacle, at least radius plus clearance.
 
-    The solver keeps off a mesh by a spline through its distances on a grid, far away by a lower bound: there the stated
-    value may be less, and half a cell more, than the distance to the mesh itself.
+    For a mesh, the solver uses a spline through distances on a grid, and a lower bound far away: the stated value may
+    be smaller there, and may exceed the distance to the mesh itself by half a cell.
     """
     surface = placement.surface_of(data["body"])
     clearance, name = number("clearance", data["clearance"], at_least=0.0), str(data["name"])
@@ -37,7 +37,7 @@ def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
 
 
 def in_frame_of(data: Json, points: FloatArray) -> FloatArray:
-    """Return a point (space,), or points (m, space), in the obstacle's frame."""
+    """Return a point (space,), or points (m, space), of the body's frame in the obstacle's frame."""
     point = points
     if data["position"] is not None:
         point = point - array("position", data["position"], point.shape[-1:])
@@ -45,7 +45,7 @@ def in_frame_of(data: Json, points: FloatArray) -> FloatArray:
 
 
 def in_body_frame(data: Json, points: FloatArray) -> FloatArray:
-    """Return points (m, space) of the obstacle's frame in the held body's."""
+    """Return points (m, space) of the obstacle's frame in the held body's frame."""
     turned = points if data["quaternion_wxyz"] is None else np.asarray(_turn(data).apply(points))
     return turned if data["position"] is None else turned + array("position", data["position"], points.shape[-1:])
 

@@ -1,4 +1,4 @@
-"""Constraints on where contacts and palm are: table, workspace, forbidden parts, distances, mirror images, approach."""
+"""Numeric constraints on contacts and palm: table, spread, workspace, forbidden region, symmetry, approach."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlpgrasp.verify.rows import RowValue
 
 
 def table(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the height of the lowest point of every fingertip and link, at least the table's and the clearance."""
+    """Yield the height of the lowest point of every fingertip and link, at least the table's plus the clearance."""
     lower = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
     for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
         yield RowValue(f"table, finger {i}", float(tip[-1]) - radius, lower, scale=placement.size)
@@ -27,7 +27,7 @@ def table(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
 
 
 def spread(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the squared distance of every two contacts."""
+    """Yield the squared distance of each pair of contacts."""
     least, most = number("min", data["min"], at_least=0.0), data["max"]
     upper = np.inf if most is None else number("max", most) ** 2
     for i, j in combinations(sorted(_fingers(data, placement)), 2):
@@ -51,7 +51,7 @@ def workspace(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
 
 
 def forbid(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield how deep each contact is in a forbidden region, at most zero; forbidden faces give no rows."""
+    """Yield each contact's depth in a forbidden region, at most zero; forbidden faces give no constraints."""
     region = data.get("region")
     if region is not None:
         points = {f"forbidden region, finger {i}": point for i, point in enumerate(placement.points)}
@@ -59,7 +59,7 @@ def forbid(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
 
 
 def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield mirror image less contact, a row a coordinate."""
+    """Yield the difference of mirror image and contact, by coordinate."""
     i, j = (int(f) for f in data["fingers"])
     a, b = placement.points[i], placement.points[j]
     normal = unit("normal", data["normal"], len(a))
@@ -70,9 +70,9 @@ def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
 
 
 def approach(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the cosine between the direction in which the palm faces and the one asked for.
+    """Yield the cosine of the angle between the palm's direction and the required one.
 
-    Of jaws, which may be turned about the line between their contacts: how far that line is from leaving room for one.
+    For jaws, which may turn about the line between their contacts: the condition that a turn within the angle exists.
     """
     if isinstance(placement.hand, JawNumbers):
         wanted, angle = unit("direction", data["direction"], 3), number("angle", data["angle"])
@@ -95,7 +95,7 @@ def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
 def _depths(
     region: Json, points: Mapping[str, FloatArray], placement: StatedPlacement, lower: float, upper: float
 ) -> Iterator[RowValue]:
-    """Yield how deep points are in a region; where the region stays in a script, that this is unknown."""
+    """Yield the depths of points in a region; unknown where the region's function is not in the file."""
     unknown = ""
     for name, point in points.items():
         value: float | None = None

@@ -1,4 +1,4 @@
-"""Regions of space as numbers."""
+"""Numeric regions of space: depth of points in boxes, half-spaces and other shapes."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.verify.check import NotMadeError
 
-UNIT = 1e-9  # of a length: files state unit vectors to rounding
+UNIT = 1e-9  # tolerance of the length of unit vectors
 
 
 def inside(region: Json, point: FloatArray) -> float:
-    """Return how deep a point (space,) is in a region, metres, negative outside; of a box to its nearest side.
+    """Return the depth of a point (space,) in a region, metres, negative outside; in a box to its nearest side.
 
     Raises
     ------
     NotMadeError
-        On a region that a script gave as a function: the file holds its text alone.
+        On a region given by a script's function: the file contains its text alone.
     """
     if region["type"] == "half_space":
         normal = unit("normal", region["normal"], len(point))
@@ -35,7 +35,7 @@ def corners(region: Json) -> tuple[FloatArray, FloatArray]:
 
 
 def unit(field: str, value: object, space: int) -> FloatArray:
-    """Return a unit vector (space,) of a file; another length would scale the row that it is in."""
+    """Return a unit vector (space,) of a file; refuse another length, which would scale its constraint."""
     vector = array(field, value, (space,))
     if not abs(float(np.linalg.norm(vector)) - 1.0) <= UNIT:
         raise InputError(field, value, "a vector of length 1")

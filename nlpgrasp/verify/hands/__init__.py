@@ -1,1 +1,1 @@
-"""Hands as numbers: their rows, and where their links are, from JSON data and their own file."""
+"""Numeric hands from JSON data and their own file: constraints and link poses."""

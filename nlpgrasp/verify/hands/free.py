@@ -1,4 +1,4 @@
-"""Hands without links, as numbers: free fingertips, and parallel jaws."""
+"""Numeric hands without links: free fingertips and parallel jaws."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.verify.sources import Sources
 
 @dataclass(frozen=True)
 class FreeHand:
-    """A hand that is where its contacts are.
+    """A hand without links, whose fingertips are at its contacts.
 
     Parameters
     ----------
@@ -38,28 +38,28 @@ class FreeHand:
 
     @property
     def posed_tips(self) -> Sequence[None]:
-        """None for each fingertip: every one is free."""
+        """None for each fingertip, as all are free."""
         return [None] * len(self.radii)
 
     def palm(self) -> Palm | None:
-        """Return None, as nothing has a pose."""
+        """Return None, as the hand has no palm pose."""
         return None
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return none: there are no links."""
+        """Return no spheres, as there are no links."""
         return []
 
     def apart(self) -> Sequence[RowValue]:
-        """Return no rows: nothing can be in its own way."""
+        """Return no self-collision constraints."""
         return []
 
     def limits(self) -> Sequence[RowValue]:
-        """Return no rows: its variables have no limits."""
+        """Return no limits of variables."""
         return []
 
 
 class FingertipNumbers(FreeHand):
-    """Free fingertips, the numeric twin of ``Fingertips``."""
+    """Numeric counterpart of ``Fingertips``."""
 
     def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
         """Yield the squared distances of the fingertips' centres from the palm point and from each other."""
@@ -80,10 +80,10 @@ class FingertipNumbers(FreeHand):
 
 
 class JawNumbers(FreeHand):
-    """Parallel jaws, the numeric twin of ``ParallelJaw``."""
+    """Numeric counterpart of ``ParallelJaw``."""
 
     def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
-        """Yield the opening, and that each jaw faces along the line between the contacts."""
+        """Yield the opening, and the angle of each normal to the line between the contacts."""
         (p, q), (m, n) = placement.points, placement.normals
         between = q - p
         squared, size = float(between @ between), placement.size
@@ -96,11 +96,11 @@ class JawNumbers(FreeHand):
 
 
 def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> FingertipNumbers:
-    """Return free fingertips of one radius."""
+    """Return free fingertips of equal radius."""
     count = integer("count", data["count"], at_least=1)
     return FingertipNumbers(data, posture, (number("radius", data["radius"], at_least=0.0),) * count)
 
 
 def parallel_jaw(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> JawNumbers:
-    """Return two flat pads."""
+    """Return parallel jaws with two flat pads."""
     return JawNumbers(data, posture, (0.0, 0.0))

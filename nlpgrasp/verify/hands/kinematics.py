@@ -1,4 +1,4 @@
-"""Where the links of a URDF are: forward kinematics in numpy, from the file's own text."""
+"""Forward kinematics of a URDF in numpy, from the file's text."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import FloatArray
 
-HALF_TURN = np.pi  # a continuous joint goes so far either way
+HALF_TURN = np.pi  # radians: range of a continuous joint to either side
 
 
 @dataclass(frozen=True)
 class Follow:
-    """A joint that follows another: ``value = multiplier * other + offset``."""
+    """Mimic relation of a joint to another: ``value = multiplier * other + offset``."""
 
     joint: str
     multiplier: float
@@ -25,7 +25,7 @@ class Follow:
 
 @dataclass(frozen=True)
 class Link:
-    """A link with the joint above it.
+    """A link with its parent joint.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Link:
         return self.kind != "fixed"
 
     def step(self, position: float) -> FloatArray:
-        """Return the link's frame in its parent's with the joint at a position, (4, 4)."""
+        """Return the link's frame in its parent's for a joint position, (4, 4)."""
         move = np.eye(4)
         if self.kind == "prismatic":
             move[:3, 3] = position * self.axis
@@ -69,12 +69,12 @@ class Link:
 
 
 def links_below(text: bytes, palm: str) -> tuple[Link, ...]:
-    """Return the links that hang from the palm, parents first.
+    """Return the links below the palm, parents first.
 
     Parameters
     ----------
     text : bytes
-        Of a URDF file.
+        Content of a URDF file.
     palm : str
     """
     root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs, and the text has the recorded sha256)
@@ -99,7 +99,7 @@ def poses(
 
 
 def reach(links: tuple[Link, ...]) -> float:
-    """Return how far the links' frames may get from the palm's, metres: the longest sum of offsets and slides."""
+    """Return an upper bound on the links' frames' distance from the palm's, metres: sums of offsets and slides."""
     far = {link.parent: 0.0 for link in links}
     for link in links:
         slide = max(abs(link.lower), abs(link.upper)) if link.kind == "prismatic" else 0.0
@@ -108,7 +108,7 @@ def reach(links: tuple[Link, ...]) -> float:
 
 
 def ranges(links: tuple[Link, ...]) -> dict[str, tuple[float, float]]:
-    """Return the limits of the joints that follow no other, narrowed by those that follow them."""
+    """Return the limits of the free joints, narrowed by those of their mimic joints."""
     found = {link.joint: (link.lower, link.upper) for link in links if link.moves and link.follow is None}
     for link in links:
         if link.moves and link.follow is not None:
@@ -120,7 +120,7 @@ def ranges(links: tuple[Link, ...]) -> dict[str, tuple[float, float]]:
 
 
 def loaded(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
-    """Return the joints that follow no other and move some of the links ``ends``, in the order of their links."""
+    """Return the free joints that move some of the links ``ends``, in the order of their links."""
     drivers = {_driver(links, link)[0] for end in ends for link in _chain(links, end) if link.moves}
     return tuple(link.joint for link in links if link.joint in drivers)
 
@@ -128,17 +128,17 @@ def loaded(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
 def jacobian(
     links: tuple[Link, ...], at: Mapping[str, FloatArray], end: str, point: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return velocity and angular velocity of a point fixed to a link, (6,), per rate of each joint that moves it.
+    """Return velocity and angular velocity (6,) of a point fixed to a link, per rate of each joint that moves it.
 
     Parameters
     ----------
     links : tuple of Link
     at : mapping
-        The links' frames, (4, 4).
+        Frames of the links, (4, 4).
     end : str
         The link.
     point : (3,) array
-        In the same frame as theirs, metres.
+        The point in the same base frame, metres.
     """
     found: dict[str, FloatArray] = {}
     for link in _chain(links, end):
@@ -153,7 +153,7 @@ def jacobian(
 
 
 def _chain(links: tuple[Link, ...], end: str) -> Iterator[Link]:
-    """Yield the links from one up to the palm, without it."""
+    """Yield the links from one up to the palm, without the palm."""
     above = {link.name: link for link in links}
     while end in above:
         yield above[end]
@@ -161,7 +161,7 @@ def _chain(links: tuple[Link, ...], end: str) -> Iterator[Link]:
 
 
 def _driver(links: tuple[Link, ...], link: Link) -> tuple[str, float, float]:
-    """Return the joint that a link's joint follows, itself where it follows none, by how much, and the offset."""
+    """Return the joint that a link's joint follows, or itself, with multiplier and offset."""
     by_joint, rate, offset = {other.joint: other for other in links}, 1.0, 0.0
     while (follow := link.follow) is not None:
         rate, offset = rate * follow.multiplier, rate * follow.offset + offset
@@ -196,9 +196,9 @@ def _link(element: ET.Element) -> Link:
 
 
 def _signed(link: Link, links: Sequence[Link]) -> Link:
-    """Return the link with its joint's limits negated where it follows another backwards and they lack the sign.
+    """Return the link with the limits of a mimic joint negated where they lack its multiplier's sign.
 
-    That is where no two positions of the joint it follows keep the limits as they stand, and some keep them negated.
+    That is the case if no two positions of the followed joint satisfy the stated limits, and some satisfy the negated.
     """
     follow = link.follow
     other = None if follow is None else next((one for one in links if one.joint == follow.joint), None)

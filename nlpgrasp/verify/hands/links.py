@@ -1,4 +1,4 @@
-"""The links of a hand's file as numbers, whatever language it is in: URDF, xacro or MJCF."""
+"""Links of a hand's file, URDF, xacro or MJCF, for numeric kinematics."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from nlpgrasp.verify.hands.mjcf import links_in_mjcf
 
 
 def links_in(place: Path, palm: str) -> tuple[Link, ...]:
-    """Return the links that hang from the palm, parents first; raise ``NotMadeError`` where a tool for that lacks.
+    """Return the links below the palm, parents first; raise ``NotMadeError`` where a needed tool is missing.
 
     Parameters
     ----------
     place : Path
-        With the recorded sha256, so that the hand was made of it.
+        The hand's file, with the recorded sha256.
     palm : str
     """
     text = place.read_bytes()

@@ -1,4 +1,4 @@
-"""The links of an MJCF file as numbers, from MuJoCo's compiled model."""
+"""Links of an MJCF file, from MuJoCo's compiled model."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 def links_in_mjcf(place: Path, palm: str) -> tuple[Link, ...]:
-    """Return the links that hang from the palm, parents first; a joint of several at one body has a link of its own.
+    """Return the links below the palm, parents first; each of several joints at one body has a link of its own.
 
-    Torques are those of the solution file: an MJCF has actuators, whose forces nothing recomputes here.
+    Torque limits are those of the solution file: the forces of an MJCF's actuators are not recomputed here.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def links_in_mjcf(place: Path, palm: str) -> tuple[Link, ...]:
 
 
 def _links(model: MjModel, body: int, above: str, name: str) -> list[Link]:
-    """Return a link for each joint of a body, in its anchor, and the body itself, fixed to the last of them."""
+    """Return a link for each joint of a body, at its anchor, and the body itself, fixed to the last of them."""
     origin = _frame(model.body_pos[body], model.body_quat[body])
     result: list[Link] = []
     for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
@@ -72,7 +72,7 @@ def _links(model: MjModel, body: int, above: str, name: str) -> list[Link]:
 
 
 def _coupled(model: MjModel, links: list[Link]) -> tuple[Link, ...]:
-    """Return the links with the joints that follow others: by equalities of joints, then of tendons of two joints."""
+    """Return the links with mimic joints from equalities of joints, then of tendons of two joints."""
     every = {link.joint: link for link in links}
     tied = [e for e in range(model.neq) if model.eq_active0[e]]
     for e in (e for e in tied if model.eq_type[e] == 2):
@@ -105,7 +105,7 @@ def _coupled(model: MjModel, links: list[Link]) -> tuple[Link, ...]:
 
 
 def _driver(links: dict[str, Link], joint: str) -> tuple[str, float, float]:
-    """Return the joint that a joint follows in the end, with multiplier and offset."""
+    """Return the free joint that drives a joint, with multiplier and offset."""
     rate, offset = 1.0, 0.0
     while (follow := links[joint].follow) is not None:
         rate, offset, joint = rate * follow.multiplier, rate * follow.offset + offset, follow.joint
@@ -113,7 +113,7 @@ def _driver(links: dict[str, Link], joint: str) -> tuple[str, float, float]:
 
 
 def _has_room(links: dict[str, Link]) -> bool:
-    """Return whether the limits of all joints leave each driver more than a point."""
+    """Return whether the limits of all joints leave each driver a nonempty range."""
     room = {name: [link.lower, link.upper] for name, link in links.items() if link.moves and link.follow is None}
     for name, link in links.items():
         if link.moves and link.follow is not None:
@@ -125,7 +125,7 @@ def _has_room(links: dict[str, Link]) -> bool:
 
 
 def _closed(link: Link) -> Link:
-    """Return the link with half a turn either way where a hinge that follows no other has no range."""
+    """Return the link with half a turn either way for a free hinge without a range."""
     free = link.kind == "revolute" and link.follow is None and not np.isfinite(link.upper)
     return replace(link, kind="continuous", lower=-np.pi, upper=np.pi) if free else link
 

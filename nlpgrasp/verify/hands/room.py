@@ -1,4 +1,4 @@
-"""Whether round fingertips that are where their contacts are cut the body somewhere else."""
+"""Clearance constraints of round fingertips against other parts of a non-convex body."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from nlpgrasp.verify.check import NO_BODY, NotMadeError
 from nlpgrasp.verify.placement import StatedPlacement, Surface
 from nlpgrasp.verify.rows import RowValue
 
-FITS = 0.99  # of a fingertip's radius: the least distance of its centre
-TURNED = 1e-9  # radians to the right, from which on a corner points inwards
-HOLLOW = ("torus", "mesh")  # and polygons with a corner that points inwards
+FITS = 0.99  # least distance of a fingertip's centre from the body, in its radii
+TURNED = 1e-9  # radians: least right turn of a reentrant corner
+HOLLOW = ("torus", "mesh")  # and polygons with a reentrant corner
 
 
 def room_rows(body: Json, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the distance of each round fingertip's centre from a body that may be in its way."""
+    """Yield the distance of each round fingertip's centre from a body that is possibly not convex."""
     if not (body["type"] in HOLLOW or (body["type"] == "polygon" and _points_inwards(body))):
         return
     round_tips = [i for i, radius in enumerate(placement.radii) if radius > 0.0]

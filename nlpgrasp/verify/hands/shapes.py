@@ -1,4 +1,4 @@
-"""Collision shapes of a hand's links as triangles, read from the hand's own file."""
+"""Collision shapes of a hand's links as triangles, from the hand's file."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from mujoco import MjModel
     from trimesh import Trimesh
 
-SIDES, HALVINGS = 96, 4  # of a cylinder; of an icosahedron's edges: both inside the exact shape by 0.1 % of its radius
-SHEET = 0.05  # of its hull's volume: a surface that encloses less is a sheet, and counts as its hull
+SIDES, HALVINGS = 96, 4  # cylinder sides, icosahedron halvings: 0.1 % of the radius inside the exact shape
+SHEET = 0.05  # share of its hull's volume: a surface that encloses less is replaced by its hull
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
-COLLISION_GROUP = 3  # where models by convention keep the shapes that collide
+COLLISION_GROUP = 3  # the group of collision shapes by convention
 
 
 @dataclass(frozen=True)
 class LinkShape:
-    """A closed surface fixed to a link.
+    """A closed triangle surface fixed to a link.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class LinkShape:
         Metres, link frame.
     faces : (m, 3) int array
     corners : (k, 3) array or None
-        Of a convex shape.
+        Corners of a convex shape.
     """
 
     vertices: FloatArray
@@ -53,12 +53,12 @@ class LinkShape:
 
 @dataclass(frozen=True)
 class _MeshFiles:
-    """Mesh files of a hand, each compared with its recorded sha256.
+    """Mesh files of a hand, each compared with its recorded SHA-256.
 
     Parameters
     ----------
     digests : mapping of str to str, or None
-        By the hand's file's name for the mesh; None in files of earlier versions, which record none.
+        Digest by the mesh's name in the hand's file; None in files of earlier versions.
     sources : Sources
     """
 
@@ -66,7 +66,7 @@ class _MeshFiles:
     sources: Sources
 
     def find(self, place: Path, name: str, link: str) -> Path:
-        """Return where a URDF's mesh is: as the URDF names it, or as it would from another folder."""
+        """Return the path of a URDF's mesh: as the URDF names it, or relative to another folder."""
         for folder in (place.parent, *self.sources.folders):
             found = find_mesh(folder / place.name, name)
             if found is not None:
@@ -76,7 +76,7 @@ class _MeshFiles:
         raise NotMadeError(f"{name}, the shape of link {link}, is not beside {place.name}")
 
     def compare(self, name: str, path: Path) -> None:
-        """Raise ``NotMadeError`` where a mesh file has another sha256 than the recorded one, or where none is."""
+        """Raise ``NotMadeError`` on a mesh file with another SHA-256 than recorded, or if none is recorded."""
         if self.digests is None:
             return
         if name not in self.digests:
@@ -88,7 +88,7 @@ class _MeshFiles:
 def link_shapes(
     place: Path, links: Container[str], digests: Mapping[str, str] | None, sources: Sources
 ) -> dict[str, list[LinkShape]]:
-    """Return the collision shapes of some links, by link.
+    """Return the collision shapes of given links, by link.
 
     Parameters
     ----------
@@ -96,14 +96,14 @@ def link_shapes(
         The hand's file: URDF, xacro or MJCF, with the recorded sha256.
     links : container of str
     digests : mapping of str to str, or None
-        The recorded sha256 of each mesh file; None of files that record none.
+        The recorded sha256 of each mesh file; None if none are recorded.
     sources : Sources
-        Where the mesh files are looked for.
+        Where the mesh files are searched.
 
     Raises
     ------
     NotMadeError
-        Where a mesh file is missing or another one, or what reads it is missing.
+        Where a mesh file is missing or another one, or its reader is missing.
     """
     files = _MeshFiles(digests, sources)
     root = ET.fromstring(place.read_bytes())  # noqa: S314  (expat refuses entity bombs)
@@ -120,7 +120,7 @@ def link_shapes(
 
 
 def _of_link(place: Path, link: ET.Element, files: _MeshFiles) -> Iterator[LinkShape]:
-    """Yield the shapes of a URDF's link."""
+    """Yield the collision shapes of a URDF's link."""
     for element in link.findall("collision"):
         origin, kind = element.find("origin"), element.find("geometry/*")
         if kind is None:
@@ -133,7 +133,7 @@ def _of_link(place: Path, link: ET.Element, files: _MeshFiles) -> Iterator[LinkS
 
 
 def _surface(place: Path, link: str, kind: ET.Element, files: _MeshFiles) -> Trimesh:
-    """Return the surface that a URDF's geometry element states, metres, in its own frame."""
+    """Return the surface of a URDF's geometry element, metres, in its own frame."""
     import trimesh
 
     if kind.tag == "mesh":
@@ -142,7 +142,7 @@ def _surface(place: Path, link: str, kind: ET.Element, files: _MeshFiles) -> Tri
             mesh = trimesh.load(path, force="mesh")
         except Exception as error:  # trimesh's readers raise what their formats raise
             raise NotMadeError(f"{path.name}, the shape of link {link}, cannot be read: {error}") from None
-        if path.suffix.lower() == ".dae":  # the one format of these that states its unit
+        if path.suffix.lower() == ".dae":  # the only format here that states its unit
             mesh.apply_scale(trimesh.units.unit_conversion(mesh.units or "meters", "meters"))
         mesh.apply_scale(_numbers(kind.get("scale", "1 1 1")))
         return mesh
@@ -155,7 +155,7 @@ def _surface(place: Path, link: str, kind: ET.Element, files: _MeshFiles) -> Tri
 
 
 def _in_mjcf(place: Path, links: Container[str], files: _MeshFiles) -> dict[str, list[LinkShape]]:
-    """Return the shapes of an MJCF's bodies that can collide, from MuJoCo's compiled model."""
+    """Return the colliding shapes of an MJCF's bodies, from MuJoCo's compiled model."""
     try:
         mujoco = import_mujoco(f"{place.name}: reading MJCF")
     except MissingExtraError as error:
@@ -181,14 +181,14 @@ def _in_mjcf(place: Path, links: Container[str], files: _MeshFiles) -> dict[str,
 
 
 def _of_geom(model: MjModel, geom: int, files: _MeshFiles) -> Trimesh | None:
-    """Return the surface of an MJCF's geom in its own frame; None of planes and height fields."""
+    """Return the surface of an MJCF's geom in its own frame; None for planes and height fields."""
     import trimesh
 
     kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom], dtype=float)
     if kind == MESH:
         i = int(model.geom_dataid[geom])
         at = int(model.mesh_pathadr[i])
-        if at >= 0:  # otherwise the MJCF itself states its vertices
+        if at >= 0:  # otherwise the MJCF itself states the vertices
             files.compare(model.mesh(i).name, Path(model.paths[at : model.paths.index(b"\0", at)].decode()))
         first, start = int(model.mesh_vertadr[i]), int(model.mesh_faceadr[i])
         vertices = np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[i])], dtype=float)
@@ -235,10 +235,10 @@ def _placed(surface: Trimesh, pose: FloatArray) -> LinkShape:
 
 
 def _solid(surface: Trimesh) -> Trimesh:
-    """Return a surface, or the convex hull of one that is a sheet."""
+    """Return a surface, or its convex hull if it encloses almost no volume."""
     try:
         hull = surface.convex_hull
-    except QhullError:  # all in one plane
+    except QhullError:  # coplanar points
         return surface
     return hull if abs(surface.volume) < SHEET * hull.volume else surface
 

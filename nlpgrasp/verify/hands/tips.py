@@ -1,4 +1,4 @@
-"""What it is that a fingertip touches its contact: rows for each shape of fingertip.
+"""Numeric contact constraints of fingertips, by shape.
 
 At the contact p the outward normal of the patch is the body's inward normal n, and the point of the patch with that
 normal is p.
@@ -17,17 +17,17 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.rows import PROMISE, RowValue
 
-ROUNDING = 1e-4  # by how much, over the axis' length, a capsule's contact may be inside it
+ROUNDING = 1e-4  # allowed depth of a contact inside a capsule, as a share of the axis' length
 
 
 @dataclass(frozen=True)
 class Touching:
-    """A fingertip and its contact.
+    """A fingertip with its contact.
 
     Parameters
     ----------
     name : str
-        How the file calls it: ``"on fingertip thumb_tip, finger 3"``.
+        Name in the file: ``"on fingertip thumb_tip, finger 3"``.
     pose : (4, 4) array
         The link's frame in the body's.
     p, n : (3,) arrays
@@ -35,7 +35,7 @@ class Touching:
     size : float
         The body's characteristic length, metres.
     error, turn : float
-        How far a point of the link and a unit direction of it may be off for want of digits in the file.
+        Error bounds of a point and a unit direction of the link, by the digits in the file.
     """
 
     name: str
@@ -47,31 +47,31 @@ class Touching:
     turn: float
 
     def place(self, local: FloatArray) -> FloatArray:
-        """Return a point of the link in the body's frame."""
+        """Return a point of the link's frame in the body's frame."""
         return np.asarray(self.pose[:3, :3] @ local + self.pose[:3, 3])
 
     def length(self, what: str, value: float, lower: float = 0.0, upper: float = 0.0, slack: float = 0.0) -> RowValue:
-        """Return a row of a length."""
+        """Return a constraint on a length."""
         return RowValue(f"{self.name}, {what}", value, lower, upper, self.size, self.error + slack)
 
     def cosine(self, what: str, value: float, lower: float = 0.0, upper: float = 0.0) -> RowValue:
-        """Return a row of the cosine of an angle."""
+        """Return a constraint on the cosine of an angle."""
         return RowValue(f"{self.name}, {what}", value, lower, upper, error=self.turn)
 
     def equal(self, left: FloatArray, right: FloatArray, slack: FloatArray | None = None) -> Iterator[RowValue]:
-        """Yield a row a coordinate."""
+        """Yield an equality constraint per coordinate."""
         extra = np.zeros(3) if slack is None else slack
         for i, axis in enumerate("xyz"):
             yield self.length(axis, float(left[i] - right[i]), slack=float(extra[i]))
 
 
 def radius_of(tip: Json) -> float:
-    """Return the radius of a round fingertip, metres, 0 of the others."""
+    """Return the radius of a round fingertip, metres; 0 for others."""
     return number("radius", tip["radius"], above=0.0) if tip["type"] in ("sphere", "cylinder", "capsule") else 0.0
 
 
 def centre_of(tip: Json, touching: Touching) -> FloatArray:
-    """Return the centre of the ball that a round fingertip touches with, body frame."""
+    """Return the centre of a round fingertip's contact ball, body frame."""
     if tip["type"] == "sphere":
         return touching.place(array("offset", tip["offset"], (3,)))
     start, end = (touching.place(array(key, tip[key], (3,))) for key in ("start", "end"))
@@ -81,7 +81,7 @@ def centre_of(tip: Json, touching: Touching) -> FloatArray:
 
 
 def touching_rows(tip: Json, touching: Touching) -> Iterator[RowValue]:
-    """Yield the rows that put a contact onto a fingertip."""
+    """Yield the constraints that put a contact onto a fingertip."""
     rows = ROWS.get(str(tip["type"]))
     if rows is None:
         raise NotMadeError(f"nothing recomputes a fingertip of type {tip['type']!r}")
@@ -89,15 +89,14 @@ def touching_rows(tip: Json, touching: Touching) -> Iterator[RowValue]:
 
 
 def _sphere(tip: Json, touching: Touching) -> Iterator[RowValue]:
-    """Yield ``c = p - r n``."""
+    """Yield the constraints ``c = p - r n``."""
     yield from touching.equal(centre_of(tip, touching), touching.p - radius_of(tip) * touching.n)
 
 
 def _cylinder(tip: Json, touching: Touching) -> Iterator[RowValue]:
-    """Yield ``a + s (b - a) = p - r n``, and n across the axis.
+    """Yield the constraints ``a + s (b - a) = p - r n``, and n perpendicular to the axis.
 
-    Where on the axis, s, is not in the file: here it is the nearest point, so that what the solver left along the axis
-    is not seen.
+    The coordinate s is not in the file: here it is that of the nearest point, so residuals along the axis are not seen.
     """
     start, end = (array(key, tip[key], (3,)) for key in ("start", "end"))
     along = touching.pose[:3, :3] @ ((end - start) / np.linalg.norm(end - start))
@@ -107,7 +106,7 @@ def _cylinder(tip: Json, touching: Touching) -> Iterator[RowValue]:
 
 
 def _capsule(tip: Json, touching: Touching) -> Iterator[RowValue]:
-    """Yield ``a + s (b - a) = p - r n``, and that n leans over an end by no more than the ball is near it."""
+    """Yield the constraints ``a + s (b - a) = p - r n``, and limits on the tilt of n beyond the ends."""
     start, end = (array(key, tip[key], (3,)) for key in ("start", "end"))
     length = float(np.linalg.norm(end - start))
     along, centre = touching.pose[:3, :3] @ ((end - start) / length), centre_of(tip, touching)
@@ -120,7 +119,7 @@ def _capsule(tip: Json, touching: Touching) -> Iterator[RowValue]:
 
 
 def _flat(tip: Json, touching: Touching) -> Iterator[RowValue]:
-    """Yield that the normals agree, and that the contact is in the rectangle."""
+    """Yield the constraints of equal normals, and of the contact within the rectangle."""
     origin, axes = _frame(tip, touching)
     half = array("extents", tip["extents"], (2,)) / 2.0
     normal, local = axes.T @ touching.n, axes.T @ (touching.p - origin)
@@ -133,7 +132,7 @@ def _flat(tip: Json, touching: Touching) -> Iterator[RowValue]:
 
 
 def _ellipsoid(tip: Json, touching: Touching) -> Iterator[RowValue]:
-    """Yield ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and that m is within the patch."""
+    """Yield the constraints ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and m within the patch."""
     origin, axes = _frame(tip, touching)
     semi = array("semi_axes", tip["semi_axes"], (3,))
     normal = axes.T @ touching.n
@@ -145,7 +144,7 @@ def _ellipsoid(tip: Json, touching: Touching) -> Iterator[RowValue]:
 
 
 def _frame(tip: Json, touching: Touching) -> tuple[FloatArray, FloatArray]:
-    """Return origin and axes of a fingertip's own frame, body frame."""
+    """Return origin and axes of a fingertip's frame, in the body's frame."""
     turned = Rotation.from_euler("xyz", array("rpy", tip["rpy"], (3,))).as_matrix()
     return touching.place(array("offset", tip["offset"], (3,))), np.asarray(touching.pose[:3, :3] @ turned)
 

@@ -1,4 +1,4 @@
-"""A hand of which nothing is known as numbers."""
+"""Placeholder for a hand that cannot be recomputed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlpgrasp.verify.rows import RowValue
 
 @dataclass(frozen=True)
 class UnknownHand:
-    """A hand that nothing recomputes: whatever is asked of it raises ``NotMadeError``.
+    """A hand that cannot be recomputed: its methods raise ``NotMadeError``.
 
     Parameters
     ----------
@@ -30,28 +30,28 @@ class UnknownHand:
 
     @property
     def posed_tips(self) -> Sequence[str | None]:
-        """The kind of each fingertip."""
+        """Kind of each fingertip."""
         self._refuse()
 
     @property
     def error(self) -> float:
-        """How far a point of it may be off."""
+        """Error bound of its points."""
         self._refuse()
 
     def palm(self) -> Palm | None:
-        """Return where its palm is."""
+        """Return the palm pose."""
         self._refuse()
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return the spheres that stand for its links."""
+        """Return the collision spheres of the links."""
         self._refuse()
 
     def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
-        """Yield the rows that it puts on a placement."""
+        """Yield the constraints of the hand."""
         self._refuse()
 
     def apart(self) -> Iterator[RowValue]:
-        """Yield what keeps it off itself."""
+        """Yield the self-collision constraints."""
         self._refuse()
 
     def limits(self) -> Iterator[RowValue]:

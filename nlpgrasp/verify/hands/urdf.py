@@ -1,9 +1,9 @@
-"""A URDF hand as numbers: its palm and joints from the solution file, its links from the URDF itself.
+"""Numeric URDF hand: palm and joints from the solution file, links from the URDF itself.
 
-The file states the palm's quaternion at unit length, while the program had one with ``q . q`` within its tolerance of 1
-and a rotation matrix that is a polynomial of it: with R the rotation, that matrix is ``1 + (q . q) (R - 1)``. A point
-at distance d from the palm's origin is then off by at most ``2 |q . q - 1| d``. The row "palm quaternion of unit
-length" states ``q . q``, and so how much that is: ``error``.
+The file states the palm's quaternion at unit length. In the program ``q . q`` was 1 only within its tolerance, and the
+rotation matrix a polynomial of q: with R the rotation, it was ``1 + (q . q) (R - 1)``. A point at distance d from the
+palm's origin is then off by at most ``2 |q . q - 1| d``. The constraint "palm quaternion of unit length" states
+``q . q``, which gives ``error``.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from nlpgrasp.verify.rows import PROMISE, RowValue
 from nlpgrasp.verify.sources import Sources
 
 QUATERNION = "palm quaternion of unit length"
-TIP_DEPTH = 0.2  # of its radius: how far a round fingertip may be in the way of the body elsewhere than at its contact
-FARTHEST = 3.0  # times the reach of the URDF's frames: what spheres may add to it
-FOLLOWING = 1e-9  # radians or metres between a joint and the one that it follows
+TIP_DEPTH = 0.2  # allowed penetration of a round fingertip away from its contact, as a share of its radius
+FARTHEST = 3.0  # largest reach of spheres, in reaches of the URDF's frames
+FOLLOWING = 1e-9  # radians or metres: tolerance of mimic joints
 
 
 @dataclass(frozen=True)
 class URDFNumbers:
-    """A URDF hand in the posture that a file states.
+    """A URDF hand in the stated posture.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class URDFNumbers:
     posture : mapping
         ``hand``: ``joint_positions`` and ``palm_pose``.
     stated : mapping
-        Stated values of the rows, by name.
+        Stated values of the constraints, by name.
     sources : Sources
     """
 
@@ -72,12 +72,12 @@ class URDFNumbers:
 
     @property
     def posed_tips(self) -> Sequence[str]:
-        """The shape of each fingertip."""
+        """Shape of each fingertip."""
         return [str(tip["type"]) for tip in self.tips]
 
     @cached_property
     def turn(self) -> float:
-        """How far a unit direction of the hand may be off: see above."""
+        """Error bound of a unit direction of the hand: see above."""
         return 2.0 * min(abs(self._stated_length - 1.0), 10.0 * PROMISE)
 
     @property
@@ -87,9 +87,9 @@ class URDFNumbers:
 
     @cached_property
     def span(self) -> float:
-        """How far the hand's links reach from its palm, metres.
+        """Reach of the hand's links from its palm, metres.
 
-        The URDF says how far their frames do; spheres beyond the last of them count for a multiple of that at most.
+        The reach of the frames follows from the URDF; that of the spheres counts up to a multiple of it.
         """
         spheres = self.data.get("link_spheres") or {}
         beyond = [np.linalg.norm(np.asarray(s)[:, :3], axis=1).max(initial=0.0) for s in spheres.values()]
@@ -98,7 +98,7 @@ class URDFNumbers:
 
     @property
     def error(self) -> float:
-        """How far a point of the hand may be off, metres."""
+        """Error bound of a point of the hand, metres."""
         return self.turn * self.span
 
     @cached_property
@@ -113,7 +113,7 @@ class URDFNumbers:
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
-        """The links below the palm; raises ``NotMadeError`` where the file is not there or is another one."""
+        """The links below the palm; raises ``NotMadeError`` if the file is missing or another one."""
         place = self.sources.find(self.data.get("source"))
         if hashlib.sha256(place.read_bytes()).hexdigest() != self.data["sha256"]:
             raise NotMadeError(f"{place.name} has another sha256 than the file records")
@@ -126,7 +126,7 @@ class URDFNumbers:
         return link_shapes(self.sources.find(self.data.get("source")), below, self.data.get("meshes"), self.sources)
 
     def is_fixed(self, link: str, other: str) -> bool:
-        """Return whether no joint moves between two links."""
+        """Return whether no moving joint lies between two links."""
         return self._rigid_root(link) == self._rigid_root(other)
 
     def _rigid_root(self, link: str) -> str:
@@ -137,21 +137,21 @@ class URDFNumbers:
 
     @cached_property
     def poses(self) -> dict[str, FloatArray]:
-        """The links' frames in the body's, (4, 4)."""
+        """The links' frames in the body's frame, (4, 4)."""
         return poses(self.links, str(self.data["palm"]), self.base, self.posture["joint_positions"])
 
     def palm(self) -> Palm:
-        """Return where the palm is."""
+        """Return the palm pose."""
         approach = self.data.get("approach")
         facing = None if approach is None else self.base[:3, :3] @ unit("approach", approach, 3)
         return Palm(self.base[:3, 3], facing, self.turn)
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
-        """Return the links' spheres, then the balls that round fingertips touch with."""
+        """Return the links' collision spheres, then the contact balls of round fingertips."""
         return [*self.link_balls, *self._tip_balls(placement).values()]
 
     def _tip_balls(self, placement: StatedPlacement) -> dict[int, Ball]:
-        """Return the balls that round fingertips touch with, by finger."""
+        """Return the contact balls of round fingertips, by finger."""
         found = {}
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             radius = radius_of(tip)
@@ -163,7 +163,7 @@ class URDFNumbers:
 
     @cached_property
     def link_balls(self) -> Sequence[Ball]:
-        """The spheres of the links, body frame; older files do not record them."""
+        """Collision spheres of the links, body frame; not recorded in older files."""
         spheres = self.data.get("link_spheres")
         if spheres is None:
             raise NotMadeError("the file does not record the spheres that stand for the hand's links")
@@ -177,7 +177,7 @@ class URDFNumbers:
         return found
 
     def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
-        """Yield the quaternion's length, each contact on its fingertip, and fingertips that are kept apart."""
+        """Yield constraints: unit quaternion, contacts on fingertips, fingertips apart."""
         yield RowValue(QUATERNION, self._stated_length, 1.0, 1.0)  # the program's own; the file's is of unit length
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             name = f"on fingertip {tip['link']}, finger {i}"
@@ -193,7 +193,7 @@ class URDFNumbers:
         return Touching(name, self.poses[str(tip["link"])], p, n, size, self.error, self.turn)
 
     def apart(self) -> Iterator[RowValue]:
-        """Yield the squared distances of the spheres that are kept from each other, so far as links may not overlap."""
+        """Yield the squared distances of sphere pairs under self-collision constraints."""
         count = 0
         may = {(a, b): number(f"overlaps, {a} and {b}", s, at_least=0.0) for a, b, s in self.data.get("overlaps", ())}
         for a, b in combinations(self.link_balls, 2):
@@ -222,12 +222,12 @@ class URDFNumbers:
 
     @property
     def ranges(self) -> dict[str, tuple[float, float, bool]]:
-        """Limits of the joints that follow no other, with those that follow them, and whether they slide."""
+        """Limits of the free joints, narrowed by those of mimic joints, and whether they slide."""
         slides = {link.joint: link.kind == "prismatic" for link in self.links}
         return {joint: (*ends, slides[joint]) for joint, ends in ranges(self.links).items()}
 
     def limits(self) -> Iterator[RowValue]:
-        """Yield that joints keep the URDF's limits, and that those that follow others do, in the pregrasp as well."""
+        """Yield the joint limits and mimic relations, in the pregrasp as well."""
         named = [str(tip["link"]) for tip in self.tips]
         if self.posture.get("fingertips", named) != named:
             raise InputError("hand.fingertips", self.posture["fingertips"], ", ".join(named))
@@ -237,11 +237,11 @@ class URDFNumbers:
             unit("hand.pregrasp.palm_pose.quaternion_wxyz", before["palm_pose"]["quaternion_wxyz"], 4)
             yield from self._joints("pregrasp, joint", before["joint_positions"])
         for phase in self.posture.get("phases", ()):
-            told = phase["name"] in (SQUEEZE, LIFT)  # commands may be beyond the limits: torque is what they are for
+            told = phase["name"] in (SQUEEZE, LIFT)  # commands may exceed the limits to exert torque
             yield from self._joints(f"{phase['name']}, joint", phase["joint_positions"], limited=not told)
 
     def _joints(self, name: str, positions: Json, limited: bool = True) -> Iterator[RowValue]:
-        """Yield the limits of joints in a posture, and that those that follow others do."""
+        """Yield the joint limits and mimic relations in a posture."""
         for link in self.links:
             if link.moves:
                 value = number(f"joint_positions.{link.joint}", positions[link.joint])
@@ -254,13 +254,13 @@ class URDFNumbers:
 
 
 def require_links(hand: HandNumbers | None, part: str) -> URDFNumbers:
-    """Return a hand whose links are known; raise ``NotMadeError`` of any other.
+    """Return a hand with known links; raise ``NotMadeError`` for any other.
 
     Parameters
     ----------
     hand : HandNumbers or None
     part : str
-        What is to be recomputed of it, for the message: ``"links"`` or ``"joints"``.
+        The part to recompute, for the message: ``"links"`` or ``"joints"``.
     """
     if isinstance(hand, UnknownHand):
         raise NotMadeError(hand.why)
@@ -270,5 +270,5 @@ def require_links(hand: HandNumbers | None, part: str) -> URDFNumbers:
 
 
 def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> URDFNumbers:
-    """Return a URDF hand."""
+    """Return the numeric URDF hand of JSON data."""
     return URDFNumbers(data, posture, stated, sources)

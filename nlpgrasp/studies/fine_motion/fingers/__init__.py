@@ -1,1 +1,1 @@
-"""A finger on its path: its joints, its waypoints, and what stops it."""
+"""Motion of a single finger: inverse kinematics, waypoints and obstructions."""

@@ -1,9 +1,9 @@
-"""What a hand without links states of its fingers on their way: free fingertips, parallel jaws.
+"""Finger motions of hands without links: free fingertips and parallel jaws.
 
-Such a hand says where its contacts may be together. Its rows are asked at waypoints as far apart as ``STEP``: between
-two, no distance of two contacts and none from an obstacle changes by more than half of it beyond what both ends have.
-A palm point is not where the pick-up left it: any point does that all fingertips reach, and the set of these is
-convex and changes continuously with the fingertips, so that the palm can follow.
+Such a hand constrains its contacts jointly. Its constraints are evaluated at waypoints ``STEP`` apart: between two, no
+distance of two contacts or from an obstacle differs by more than half of it from those at both ends. The palm point may
+move: any point that all fingertips reach is allowed, and the set of these points is convex and changes continuously
+with the fingertips, so that the palm can follow.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from nlpgrasp.studies.fine_motion.fingers.stopped import place
 from nlpgrasp.studies.fine_motion.paths.footpath import Footpath, Station
 from nlpgrasp.studies.fine_motion.paths.strides import Foothold, Stride
 
-STEP = 5e-3  # of the body's size
-ENOUGH = 1e-6  # of a row's scale: how well a grasp keeps its rows
+STEP = 5e-3  # distance of waypoints, as a share of the body's size
+ENOUGH = 1e-6  # feasibility tolerance, relative to the constraint's scale
 PALM = "palm"
 
 Contacts = tuple[FloatArray, FloatArray]  # points and inward unit normals
 
 
 class ContactMotions:
-    """The ways of fingers that are known by their contacts alone; arguments as of ``LinkedMotions``."""
+    """Finger motions of hands that are given by their contacts alone; arguments as for ``LinkedMotions``."""
 
     def __init__(
         self, problem: GraspProblem, hand: Hand, contacts: Contacts, paths: Sequence[Sequence[Station]], lift: float
@@ -53,7 +53,7 @@ class ContactMotions:
         return self._first
 
     def taken(self, posture: Contacts, finger: int, slides: bool) -> tuple[FingerPath, Contacts]:
-        """Return the way of a finger to its new contact, and all contacts then."""
+        """Return the path of a finger to its new contact, and all contacts at its end."""
         lift, step = 0.0 if slides else self.lift, STEP * self.body.size
         radius = self.hand.tip_radii[finger]
         stride = Stride(Footpath(self.body, self.paths[finger], radius + lift, step), lift)
@@ -84,7 +84,7 @@ class ContactMotions:
         return points, normals
 
     def _broken(self, posture: Contacts, finger: int, hold: Foothold) -> tuple[float, str]:
-        """Return the fingertip's clearance, and what is broken with it at a foothold, in words."""
+        """Return the fingertip's clearance, and the violated constraint at a foothold, as text."""
         points, normals = self._with(posture, finger, hold)
         radii = np.asarray(self.hand.tip_radii)
         tips = points - radii[:, None] * normals
@@ -99,7 +99,7 @@ class ContactMotions:
         return min(clearances, default=np.inf), ""
 
     def _own(self, tips: FloatArray) -> FloatArray:
-        """Return the hand's own variables for fingertip centres (k, space): a palm point as near to all as can be."""
+        """Return the hand's own variables for fingertip centres (k, space): the centre of their smallest ball."""
         if self.variables == (PALM,):
             return smallest_ball(tips)[0]
         start = self.hand.start(tips)
@@ -107,7 +107,7 @@ class ContactMotions:
 
 
 def _said(row: Row, value: float) -> str:
-    """Return what a broken row says, in words."""
+    """Return the violation of a constraint, as text."""
     low = value < row.lower
     limit, side = (row.lower, "at least") if low else (row.upper, "at most")
     if row.unit == "m2":

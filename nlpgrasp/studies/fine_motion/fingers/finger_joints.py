@@ -1,4 +1,4 @@
-"""The joints of one finger that put its fingertip where it is to be, the palm and the other fingers where they are."""
+"""Inverse kinematics of one finger, with fixed palm and other fingers."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from nlpgrasp.solve.ascent.quadratic import Linearised, step_bounds
 from nlpgrasp.solve.space import Surroundings
 from nlpgrasp.studies.fine_motion.paths.strides import Foothold
 
-ENOUGH = 1e-6  # of the body's size, and radians: how well the fingertip is at its contact
+ENOUGH = 1e-6  # share of the body's size, and radians: tolerance of a reached contact
 STEPS = NewtonRules(steps=15, enough=ENOUGH)
 FREE_STEPS = 6
-LONGEST = 0.2  # radians (metres of a sliding joint, and of a tip's own coordinate) a Newton step
-NEAR = 0.1  # of the hand's span: clearances that are looked at
-DIFFERENCE = 1e-6  # radians or metres
-FREE = 1e3  # joint limits that are none
+LONGEST = 0.2  # radians (metres for sliding joints, tip coordinates): largest Newton step
+NEAR = 0.1  # share of the hand's span: clearances below this enter the steps
+DIFFERENCE = 1e-6  # radians or metres: step of finite differences
+FREE = 1e3  # joint limits that never bind
 
 
 @dataclass(frozen=True)
 class Reached:
-    """Joints that Newton steps found.
+    """Joint positions found by Newton's method.
 
     Parameters
     ----------
     values : dict
         Of the hand's variables.
     off : float
-        How far the fingertip misses its contact, shares of the body's size and radians.
+        Residual of the fingertip at its contact, shares of the body's size and radians.
     """
 
     values: Values
@@ -43,16 +43,16 @@ class Reached:
 
     @property
     def there(self) -> bool:
-        """Whether the fingertip is at its contact."""
+        """Whether the fingertip is at its contact, within tolerance."""
         return self.off <= ENOUGH
 
 
 class FingerJoints:
-    """Inverse kinematics of one finger.
+    """Inverse kinematics of one finger by Newton's method with joint limits and clearances.
 
-    Newton steps, each the shortest that keeps joint limits, puts the fingertip in its place to first order, and keeps
-    all clearances that may be in danger: where a finger has more joints than its contact needs, the rest get out of the
-    way. A joint that moves another finger's contact too is not the finger's own, and stays.
+    Each Newton step is the shortest that keeps joint limits, places the fingertip to first order, and keeps the
+    critical clearances: redundant joints avoid collisions. A joint that also moves another finger's contact stays
+    fixed.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class FingerJoints:
     Attributes
     ----------
     own : (m,) int array
-        Which of the free joints.
+        Indices of its free joints.
     """
 
     def __init__(self, hand: URDFHand, finger: int, surroundings: Surroundings, size: float) -> None:
@@ -88,19 +88,19 @@ class FingerJoints:
         return tuple(self.hand.robot.free_joints[i].name for i in self.own)
 
     def reach(self, values: Values, hold: Foothold, allowed: FloatArray | None, *, limited: bool = True) -> Reached:
-        """Return the finger's joints nearest to those given, with its fingertip at a foothold.
+        """Return the nearest positions of the finger's joints with its fingertip at a foothold.
 
-        Clearances enter the Newton steps only where they are lost without.
+        Clearances enter the Newton steps only if they are violated without.
 
         Parameters
         ----------
         values : dict
-            Of the hand's variables: where to begin.
+            Initial values of the hand's variables.
         hold : Foothold
         allowed : (n,) array or None
-            The least of each clearance, metres; None where none is kept.
+            Lower limits of the clearances, metres; None to ignore them.
         limited : bool
-            Whether joint limits are kept.
+            Whether to keep joint limits.
         """
         found = self._shortest(values, hold) or self._newton(values, hold, None, limited)
         if allowed is None or (found.there and np.all(self.around.clearances(found.values) >= allowed)):
@@ -108,7 +108,7 @@ class FingerJoints:
         return self._newton(values, hold, allowed, limited)
 
     def _shortest(self, values: Values, hold: Foothold) -> Reached | None:
-        """Return the same by shortest steps that solve the equations alone; None where a limit is in the way."""
+        """Return the result of shortest steps on the equations alone; None where a limit is violated."""
         z = self._of(values)
         for _ in range(FREE_STEPS):
             here = self._with(values, z)
@@ -139,12 +139,12 @@ class FingerJoints:
         return Reached(self._with(values, found.best), found.violation)
 
     def off(self, values: Values, hold: Foothold) -> float:
-        """Return how far the fingertip misses a foothold, shares of the body's size and radians."""
+        """Return the residual of the fingertip at a foothold, shares of the body's size and radians."""
         g, _, low, high = self.rows(values, hold)
         return float(np.max(np.maximum(low - g, g - high), initial=0.0))
 
     def rows(self, values: Values, hold: Foothold) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return rows that put the fingertip there, (r,), slopes in the finger's own variables, and their limits."""
+        """Return contact constraints at a foothold, (r,), their slopes in the finger's variables, and their limits."""
         slides = values.get("slides", np.zeros(0))
         found = self._rows(
             values["palm_position"], values["palm_quaternion"], values["joints"], slides, hold.point, hold.normal
@@ -169,7 +169,7 @@ class FingerJoints:
         return ca.Function("touch", [*symbols.values(), slides, p, n], outputs, {"cse": True})
 
     def _dangers(self, here: Values, z: FloatArray, allowed: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return clearances beyond what is allowed that may be lost, shares of the body's size, and their slopes."""
+        """Return the slack of critical clearances, shares of the body's size, and their gradients."""
         c = self.around.clearances(here)
         moved = [self.around.clearances(self._with(here, z + DIFFERENCE * e)) for e in np.eye(len(z))]
         slopes = np.array([m - c for m in moved]).T / DIFFERENCE

@@ -1,4 +1,4 @@
-"""What a URDF hand can do from the posture of its grasp: the fingers' ways, one at a time."""
+"""Finger motions of a URDF hand from the posture of its grasp, one finger at a time."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from nlpgrasp.studies.fine_motion.fingers.walk import Walk
 from nlpgrasp.studies.fine_motion.paths.footpath import Footpath, Station
 from nlpgrasp.studies.fine_motion.paths.strides import SLIDING, Foothold, Stride
 
-SLIDES = np.linspace(0.0, 1.0, 201)  # of a tip's own coordinate, which a solution does not state
+SLIDES = np.linspace(0.0, 1.0, 201)  # candidate sliding coordinates, which a solution does not state
 
 
 class LinkedMotions:
-    """The ways of a URDF hand's fingers.
+    """Finger motions of a URDF hand.
 
     Parameters
     ----------
     problem : GraspProblem
-        Whose constraints are in the way.
+        Problem with the constraints to keep.
     hand : URDFHand
     values : dict
         Of the hand's variables in the first grasp.
     paths : sequence of k sequences of Station
-        From each finger's contact to its new one.
+        Path of each finger from its contact to its new one.
     lift : float
-        Metres that a lifted finger is above the surface.
+        Height of a lifted finger above the surface, metres.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class LinkedMotions:
         return self._first
 
     def taken(self, posture: Values, finger: int, slides: bool) -> tuple[FingerPath, Values]:
-        """Return the way of a finger from a posture to its new contact, and the posture that it ends with."""
+        """Return the path of a finger from a posture to its new contact, and the final posture."""
         lift = 0.0 if slides else self.lift
         if (finger, lift) not in self._footpaths:
             arm = self.hand.tips[finger][1].standoff + lift
@@ -57,7 +57,7 @@ class LinkedMotions:
         return Walk(self.fingers[finger], Stride(self._footpaths[finger, lift], lift)).taken(posture)
 
     def _with_slides(self, values: Values) -> Values:
-        """Return the values with the coordinates of tips that have one, where these are nearest to their contacts."""
+        """Return the values with the sliding coordinates of tips nearest to their contacts."""
         count = sum(tip.slides for _, tip in self.hand.tips)
         if not count:
             return values

@@ -1,4 +1,4 @@
-"""The smallest ball around a few points."""
+"""Smallest enclosing ball of a few points."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 
-INSIDE = 1e-12  # relative
+INSIDE = 1e-12  # relative tolerance
 
 
 def smallest_ball(points: FloatArray) -> tuple[FloatArray, float]:
-    """Return centre (space,) and radius of the smallest ball around points (k, space), metres, by Welzl's recursion."""
+    """Return centre (space,) and radius of the smallest ball around points (k, space), metres, by Welzl's algorithm."""
     return _around(list(points), [], points.shape[1])
 
 

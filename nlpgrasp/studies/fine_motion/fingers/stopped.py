@@ -1,4 +1,4 @@
-"""Why a finger gets no farther, in one sentence with the place."""
+"""Reason why a finger's motion stops, as text."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from nlpgrasp.studies.fine_motion.paths.strides import OVER, SLIDING, Foothold
 
 
 def why_stopped(joints: FingerJoints, values: Values, hold: Foothold, allowed: FloatArray) -> str:
-    """Return what is in the way of a finger's next waypoint.
+    """Return the obstruction of a finger's next waypoint, as text.
 
-    Clearances are left out first, then joint limits: what has to be left out is what stops the finger. It is a local
-    statement, of postures near the last one.
+    Clearances are relaxed first, then joint limits; the relaxation that is needed is the reason. It is a local
+    statement, for postures near the last one.
 
     Parameters
     ----------
     joints : FingerJoints
     values : dict
-        The last posture that was found.
+        The last reachable posture.
     hold : Foothold
         The next waypoint.
     allowed : (n,) array
-        The least of each clearance.
+        Lower limits of the clearances.
     """
     return f"{_what(joints, values, hold, allowed)}, {place(hold)}"
 
 
 def place(hold: Foothold) -> str:
-    """Return where on its path a finger is, in words."""
+    """Return a finger's place on its path, as text."""
     where = f"{1e3 * hold.along:.1f} mm along the path"
     return where if hold.phase in (SLIDING, OVER) else f"{where}, {hold.phase}, {1e3 * hold.height:.1f} mm high"
 
@@ -50,7 +50,7 @@ def _what(joints: FingerJoints, values: Values, hold: Foothold, allowed: FloatAr
 
 
 def _limit(joints: FingerJoints, values: Values, beyond: Values) -> str:
-    """Return which joint is at its limit: of those that would go beyond, the one nearest to it now."""
+    """Return the joint at its limit: of those that would exceed it, the nearest to it now."""
     lower, upper = joints.hand.tree.joint_limits[:, joints.own]
     now, then = values["joints"][joints.own], beyond["joints"][joints.own]
     over = np.maximum(lower - then, then - upper)

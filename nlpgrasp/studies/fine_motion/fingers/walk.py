@@ -1,11 +1,10 @@
-"""A finger walks its stride: waypoints as near each other as clearances, joints and the surface ask for.
+"""Adaptive stepping of a finger along its path, under clearances, joint limits and surface curvature.
 
-From each waypoint a step is tried, and halved until four things hold: the finger's joints put its fingertip there
-with joint limits and clearances kept; no joint turns by more than ``MOST_JOINT``, so that the posture does not jump
-from one branch of the inverse kinematics to another; half way between, with the joints on a straight line, the
-fingertip is off the path by less than the tolerance (the middle is where a chord is farthest off, to second order);
-and no ball can have been deeper than the tolerance in anything (``Surroundings.between``). Where a step of ``FINEST``
-fails the finger is stopped.
+From each waypoint a step is tried, and halved until four conditions hold. The finger's joints reach the waypoint within
+joint limits and clearances. No joint turns by more than ``MOST_JOINT``, so that the posture does not jump between
+branches of the inverse kinematics. At the middle of the joint motion, where a chord deviates most to second order, the
+fingertip is off the path by less than the tolerance. No sphere can have penetrated anything by more than the tolerance
+(``Surroundings.between``). Where a step of ``FINEST`` fails, the finger stops.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ from nlpgrasp.studies.fine_motion.fingers.finger_joints import FingerJoints
 from nlpgrasp.studies.fine_motion.fingers.stopped import why_stopped
 from nlpgrasp.studies.fine_motion.paths.strides import OVER, Foothold, Stride
 
-FINEST, LARGEST = 1.0 / 16.0, 16.0  # of the tolerance; of it too: the steps that are tried
-MOST_JOINT = 0.1  # radians between waypoints; of the span for sliding joints
+FINEST, LARGEST = 1.0 / 16.0, 16.0  # least and largest steps, in tolerances
+MOST_JOINT = 0.1  # radians between waypoints; share of the span for sliding joints
 
 
 @dataclass(frozen=True)
 class Waypoint:
-    """One posture on the way, with all clearances (n,)."""
+    """One posture on the path, with all clearances (n,)."""
 
     way: float
     hold: Foothold
@@ -36,7 +35,7 @@ class Waypoint:
 
 
 class Walk:
-    """The way of one finger.
+    """Motion of one finger along its path.
 
     Parameters
     ----------
@@ -49,14 +48,14 @@ class Walk:
         self._tip = self.around.of_tips()
 
     def allowed(self, way: float) -> FloatArray:
-        """Return the least of each clearance, (n,): a fingertip that is lifted stays off the body."""
+        """Return the lower limits of the clearances, (n,): a lifted fingertip stays off the body."""
         least = self.around.allowed()
         if self.stride.at(way).phase == OVER:
             least[self._tip] = 0.0
         return least - self.around.tolerance / 2.0
 
     def taken(self, values: Values) -> tuple[FingerPath, Values]:
-        """Return the waypoints from a posture on, and the posture that the walk ends with."""
+        """Return the waypoints from a posture, and the final posture."""
         tolerance = self.around.tolerance
         first = self._waypoint(values, 0.0, self.allowed(0.0)) if len(self.joints.own) else None
         if first is None:
@@ -82,7 +81,7 @@ class Walk:
         return Waypoint(way, hold, found.values, self.around.clearances(found.values)) if found.there else None
 
     def _step(self, here: Waypoint, way: float) -> Waypoint | None:
-        """Return the waypoint after a step, None where the step is too long."""
+        """Return the waypoint after a step; None where the step is too long."""
         middle = (here.way + way) / 2.0
         allowed = self.allowed(middle)
         there = self._waypoint(here.values, way, allowed)

@@ -1,1 +1,1 @@
-"""Paths over a body, and how a finger takes them."""
+"""Paths of contacts over a body's surface, and their execution by a finger."""

@@ -1,10 +1,10 @@
-"""Where a contact goes from point to point over the body: stations as close together as the surface bends.
+"""Contact path over a body: stations refined by surface curvature.
 
-Between two stations the contact is taken on the chord. Where the surface bends with radius rho, a chord of length h
-is off the surface by at most ``h^2 / (8 rho)``. Instead of rho the middle itself is asked: the chord's middle is put
-onto the surface, and chords whose middle is off by more than a share of the tolerance, or over which the normal turns
-by more than ``MOST_TURN``, are halved; the error falls to a quarter each time. At an edge between two faces the
-contact stops, and its normal turns from one face's to the other's: the fingertip rolls over the edge.
+Between two stations the contact moves on the chord. On a surface with radius of curvature rho, a chord of length h is
+off the surface by at most ``h^2 / (8 rho)``. Instead of estimating rho, the chord's middle is projected onto the
+surface; chords whose middle is off by more than a share of the tolerance, or over which the normal turns by more than
+``MOST_TURN``, are halved, which quarters the error. At an edge between two faces the contact stops, and its normal
+turns from one face's to the other's: the fingertip rolls over the edge.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import FloatArray
 
 MOST_TURN = np.radians(10.0)
-LEVELS = 8  # of halving
-SHARE = 0.25  # of the tolerance
+LEVELS = 8  # most halvings
+SHARE = 0.25  # share of the tolerance allowed at a chord's middle
 NEWTON_STEPS = 20
 
 
 @dataclass(frozen=True)
 class Station:
-    """A place of the contact: point, inward unit normal, and the face it is on."""
+    """A point of the path: position, inward unit normal and face."""
 
     point: FloatArray
     normal: FloatArray
@@ -34,15 +34,15 @@ class Station:
 
 
 class Footpath:
-    """The way of a contact over a body.
+    """Path of a contact over a body.
 
     Parameters
     ----------
     body : Body
     stations : sequence of Station
-        Two at least: the first and the last are the contacts themselves.
+        At least two: the first and the last are the contacts themselves.
     arm : float
-        Metres that a radian of the normal counts: the radius of the fingertip and how high it is lifted.
+        Path length per radian of the normal, metres: the fingertip's radius plus its lift.
     tolerance : float
         Metres.
 
@@ -50,9 +50,9 @@ class Footpath:
     ----------
     points, normals : (m, space) arrays
     steps : (m,) array
-        The way up to each station, metres, turns of the normal counted.
+        Path length up to each station, metres, rotations of the normal included.
     lengths : (m,) array
-        The same along the surface alone.
+        Arc length on the surface alone.
     """
 
     def __init__(self, body: Body, stations: Sequence[Station], arm: float, tolerance: float) -> None:
@@ -66,17 +66,17 @@ class Footpath:
 
     @property
     def total(self) -> float:
-        """The whole way, metres, turns of the normal counted."""
+        """Total path length, metres, rotations of the normal included."""
         return float(self.steps[-1])
 
     @property
     def edges(self) -> FloatArray:
-        """Ways, metres, at which the contact gets to an edge of the body, and at which it has rolled over it."""
+        """Path lengths, metres, at which the contact arrives at an edge, and at which it has rolled over it."""
         rolls = np.concatenate([[False], (np.diff(self.lengths) == 0.0) & (np.diff(self.steps) > 0.0), [False]])
         return np.asarray(self.steps[rolls[1:] != rolls[:-1]])
 
     def at(self, way: float) -> tuple[FloatArray, FloatArray, float]:
-        """Return point and inward unit normal after so much of the way, and how far along the surface that is."""
+        """Return point, inward unit normal and arc length on the surface at a path length."""
         i = int(np.clip(np.searchsorted(self.steps, way, side="right") - 1, 0, len(self.steps) - 2))
         span = self.steps[i + 1] - self.steps[i]
         share = float(np.clip((way - self.steps[i]) / span, 0.0, 1.0)) if span > 0.0 else 1.0
@@ -85,7 +85,7 @@ class Footpath:
 
 
 def _over_edges(body: Body, stations: Sequence[Station]) -> list[Station]:
-    """Return the stations with two at each edge that is crossed, one with either face's normal."""
+    """Return the stations with two more at each crossed edge, one with each face's normal."""
     result = [stations[0]]
     for a, b in itertools.pairwise(stations):
         if a.face != b.face:
@@ -95,7 +95,7 @@ def _over_edges(body: Body, stations: Sequence[Station]) -> list[Station]:
 
 
 def _edge(body: Body, a: Station, b: Station) -> list[Station]:
-    """Return the point near two stations that is on both faces, by Newton; none where they do not meet there."""
+    """Return the point near two stations that lies on both faces, by Newton's method; none where there is none."""
     p, far = (a.point + b.point) / 2.0, float(np.linalg.norm(a.point - b.point))
     start = p
     for _ in range(NEWTON_STEPS):
@@ -111,13 +111,13 @@ def _edge(body: Body, a: Station, b: Station) -> list[Station]:
 
 
 def _on(body: Body, faces: Sequence[str], p: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return distance (to first order) and outward normal of each face at a point."""
+    """Return first-order distance and outward normal of each face at a point."""
     found = [body.evaluate(face, p[None]) for face in faces]
     return np.array([h[0] / max(slope[0], 1e-12) for h, slope, _, _ in found]), np.array([n[0] for _, _, n, _ in found])
 
 
 def _refined(body: Body, stations: list[Station], enough: float) -> list[Station]:
-    """Return the stations with others between them until chords are near the surface and normals turn little."""
+    """Return the stations refined until chords are near the surface and normals turn little."""
     done = [False] * (len(stations) - 1)
     for _ in range(LEVELS):
         open_ones = [i for i, known in enumerate(done) if not known]
@@ -144,7 +144,7 @@ def _refined(body: Body, stations: list[Station], enough: float) -> list[Station
 
 
 def _middles(body: Body, pairs: Sequence[tuple[Station, Station]]) -> list[Station]:
-    """Return the station half way between two: on the surface, or where the two are in one place, half way turned."""
+    """Return the station half way between two: on the surface, or with the mean normal at one point."""
     middles = np.array([(a.point + b.point) / 2.0 for a, b in pairs])
     apart = np.array([np.linalg.norm(a.point - b.point) for a, b in pairs])
     normals = np.array([a.normal + b.normal for a, b in pairs])

@@ -1,4 +1,4 @@
-"""Least value along a path, searched for at stations chosen one after another: no bound between them."""
+"""Search for the least value along a path by adaptive sampling, without a bound between stations."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 
-EVEN = 9  # stations at equal distances that a search begins with
-MOST = 40  # stations of a search
-CHANGE = 0.02  # relative: a search ends where no interval promises a value this much below the least
-STEEPER = 2.0  # times the steepest slope seen beside an interval: the slope that is assumed in it
+EVEN = 9  # evenly spaced initial stations
+MOST = 40  # most stations of a search
+CHANGE = 0.02  # least relative improvement that an interval has to promise
+STEEPER = 2.0  # assumed slope in an interval over the steepest one beside it
 
 
 def first_stations(total: float, corners: Sequence[float] | FloatArray, count: int = EVEN) -> FloatArray:
-    """Return the corners of a path of this length and ``count`` stations at equal distances, in order."""
+    """Return a path's corners and ``count`` evenly spaced stations, in order."""
     return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))
 
 
 def least_along(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
-    """Add stations where the least value may be, and return all of them, (n,), in order.
+    """Add stations where the least value may lie, and return all of them, (n,), in order.
 
-    The search is that of Piyavskii and Shubert with slopes estimated from the stations beside each interval. It is no
-    proof: what the path does between two stations is not known.
+    The search is that of Piyavskii and Shubert with slopes estimated from the stations beside each interval. It proves
+    nothing about values between stations.
 
     Parameters
     ----------
     value : callable
-        Of the way along the path, at least zero; a search ends where it is zero.
+        Function of the path length, at least zero; the search ends at a zero.
     stations : (m,) array
-        Where it begins, in order.
+        Initial stations, in order.
     """
     ways = [float(way) for way in stations]
     values = [value(way) for way in ways]
@@ -46,7 +46,7 @@ def least_along(value: Callable[[float], float], stations: FloatArray) -> FloatA
 
 
 def _promised(ways: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the least value that each interval may have, (n - 1,), by the slopes beside it."""
+    """Return a lower estimate of the least value in each interval, (n - 1,), by the slopes beside it."""
     lengths = np.diff(ways)
     slopes = np.pad(np.abs(np.diff(values)) / lengths, 1)
     steepest = STEEPER * np.max([slopes[:-2], slopes[1:-1], slopes[2:]], axis=0)

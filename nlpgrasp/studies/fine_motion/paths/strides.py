@@ -1,4 +1,4 @@
-"""How a finger gets to its new contact: sliding along the surface, or lifted off, over it, and set down."""
+"""Full motion of a finger to its new contact: sliding, or lifted off, moved over the surface and set down."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ SLIDING, OFF, OVER, DOWN = "sliding", "lifting off", "lifted", "setting down"
 
 @dataclass(frozen=True)
 class Foothold:
-    """Where the fingertip's contact is to be.
+    """Target contact of a fingertip on its path.
 
     Parameters
     ----------
     point, normal : (space,) array
-        Metres, body frame, and inward unit normal; a lifted fingertip's point is as high above the surface.
+        Metres, body frame, and inward unit normal; for a lifted fingertip, the point is above the surface.
     along : float
-        Metres of the path over the surface up to here.
+        Arc length on the surface up to here, metres.
     phase : {"sliding", "lifting off", "lifted", "setting down"}
     height : float
-        Metres above the surface.
+        Height above the surface, metres.
     """
 
     point: FloatArray
@@ -34,13 +34,13 @@ class Foothold:
 
 @dataclass(frozen=True)
 class Stride:
-    """The whole way of a finger to its new contact.
+    """Full path of a finger to its new contact.
 
     Parameters
     ----------
     footpath : Footpath
     lift : float
-        Metres that the fingertip is above the surface on its way; 0 where it slides.
+        Height of the fingertip above the surface, metres; 0 for sliding.
     """
 
     footpath: Footpath
@@ -48,17 +48,17 @@ class Stride:
 
     @property
     def total(self) -> float:
-        """The whole way, metres: lifting and setting down included."""
+        """Total path length, metres, lifting and setting down included."""
         return self.footpath.total + 2.0 * self.lift
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Where phases begin and end: places of the way that are waypoints."""
+        """Path lengths at which phases change, which are waypoints."""
         ends = (self.lift, self.lift + self.footpath.total) if self.lift else ()
         return (*ends, self.total)
 
     def at(self, way: float) -> Foothold:
-        """Return the foothold after so much of the way, metres."""
+        """Return the foothold at a path length, metres."""
         over = self.footpath.total
         point, normal, along = self.footpath.at(min(max(way - self.lift, 0.0), over))
         if not self.lift:

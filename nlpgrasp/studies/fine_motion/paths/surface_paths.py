@@ -1,4 +1,4 @@
-"""Shortest paths over a body's surface."""
+"""Shortest paths over a body's surface, on a graph of sample points."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.studies.fine_motion.paths.footpath import Station
 
 SAMPLES, NEIGHBOURS = 3000, 14
-OFF = 0.3  # of an edge's length: its middle is no farther from the surface, or the edge cuts through the body
+OFF = 0.3  # share of an edge's length: largest distance of its middle from the surface
 
 
 class SurfaceGraph:
-    """A graph of sample points of a body's surface, neighbours joined by edges that stay near it.
+    """Graph of surface samples, with edges between neighbours that stay near the surface.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ class SurfaceGraph:
         self._edges: Any = sparse.csr_matrix((lengths[good], (rows[good], columns[good])), shape)
 
     def distances(self, start: FloatArray, ends: FloatArray) -> FloatArray:
-        """Return the lengths of the shortest paths from a point to others, (m,), metres; inf where there is no path."""
+        """Return the lengths of the shortest paths from a point to others, (m,), metres; inf without a path."""
         lengths = dijkstra(self._edges, False, self._nearest(start))
         return np.asarray(lengths[self._tree.query(ends)[1]])
 
     def stations(self, start: Station, end: Station) -> list[Station]:
-        """Return the shortest path from one place of the surface to another: these two, and sample points between."""
+        """Return the shortest path between two stations: these and the sample points between."""
         between = self._nodes(start.point, end.point)[1:-1]
         return [start, *(Station(self.points[i], self.normals[i], str(self.faces[i])) for i in between), end]
 

@@ -1,1 +1,1 @@
-"""Numeric twins of the cells that a bound is made of, from their JSON data alone."""
+"""Numeric cells of a global bound, from their JSON data."""

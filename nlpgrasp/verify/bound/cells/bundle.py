@@ -1,4 +1,4 @@
-"""Several cells as one."""
+"""Union of cells, and the constructor of cells from JSON data."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nlpgrasp.verify.check import NotMadeError
 
 @dataclass(frozen=True)
 class Bundle:
-    """The union of cells.
+    """A union of cells.
 
     Parameters
     ----------
@@ -31,20 +31,20 @@ class Bundle:
 
     @cached_property
     def members(self) -> list[Cell]:
-        """The cells."""
+        """The member cells."""
         return [cell_of(member) for member in self.data["members"]]
 
     def rows(self) -> Rows:
-        """Return the rows of all members."""
+        """Return the vertex contacts of all members."""
         every = [member.rows() for member in self.members]
         return Rows(*(np.concatenate([getattr(rows, name) for rows in every]) for name in ("points", "normals")))
 
     def sheets(self) -> list[Sheet]:
-        """Return those of all members."""
+        """Return the curved parts of all members."""
         return [sheet for member in self.members for sheet in member.sheets()]
 
     def parts(self, cut: Cut) -> tuple[Cell, Cell]:
-        """Return the members of two lists that together name every one."""
+        """Return the two bundles of a partition of the members."""
         count = len(self.members)
         if isinstance(cut, int) or len(cut) != 2 or not all(cut) or set(cut[0] + cut[1]) != set(range(count)):
             raise ValueError("a cut that does not share the members out")
@@ -60,7 +60,7 @@ class Bundle:
         return np.concatenate([points for points, _ in every]), max(radius for _, radius in every)
 
     def anchors(self) -> FloatArray:
-        """Return those of all members."""
+        """Return the anchor points of all members."""
         return np.concatenate([member.anchors() for member in self.members])
 
 
@@ -74,7 +74,7 @@ KINDS: dict[str, Callable[[Json], Cell]] = {
 
 
 def cell_of(data: Json) -> Cell:
-    """Return the cell of its JSON data; raise ``NotMadeError`` on a kind that nothing recomputes."""
+    """Return the cell of its JSON data; raise ``NotMadeError`` on an unknown kind."""
     kind = KINDS.get(str(data["kind"]))
     if data["kind"] == "superquadric":
         raise NotMadeError("a bound of a superquadric, by an earlier version: superquadrics are not bounded any more")
@@ -84,7 +84,7 @@ def cell_of(data: Json) -> Cell:
 
 
 def same_place(cell: Cell, other: Cell, image: FloatArray, tolerance: float) -> bool:
-    """Return whether a cell is the image of another, whose anchors (m, space), moved, are given; in any order."""
+    """Return whether a cell is the image of another with transformed anchors (m, space), in any order."""
     if cell.data["kind"] != other.data["kind"]:
         return False
     if isinstance(cell, Bundle) and isinstance(other, Bundle):

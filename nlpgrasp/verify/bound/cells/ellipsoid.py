@@ -1,4 +1,4 @@
-"""Spherical triangles, arcs and points, mapped onto an ellipsoid about the origin."""
+"""Cells of an ellipsoid about the origin: images of spherical triangles, arcs and points."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.verify.bodies.smooth import positive
 from nlpgrasp.verify.bound.cells.cell import Cut, Rows, Sheet, one_of
 
-SPACING = 0.3  # radians: sides of the parts to begin with
-MOST = 3  # times that sides are halved for it
+SPACING = 0.3  # radians: largest side of the initial parts
+MOST = 3  # most halvings of sides to get there
 UNIT = 1e-9
 
 
 @dataclass(frozen=True)
 class EllipsoidSheet:
-    """The image under ``diag(axes)`` of the part of the unit sphere between corners.
+    """The image under ``diag(axes)`` of a spherical triangle, arc or point.
 
     Parameters
     ----------
     corners : (c, 3) array
-        Unit; coordinates of a place are its unit vector.
+        Unit vectors; the coordinates of a point are its unit vector.
     axes : (3,) array
         Metres.
     """
@@ -33,7 +33,7 @@ class EllipsoidSheet:
     axes: FloatArray
 
     def start(self) -> FloatArray:
-        """Return small triangles or arcs."""
+        """Return the initial triangles or arcs."""
         found = self.corners[None]
         for _ in range(MOST):
             if float(np.max(_sides(found))) <= SPACING:
@@ -47,10 +47,10 @@ class EllipsoidSheet:
         return places * self.axes, inward / np.linalg.norm(inward, axis=1, keepdims=True)
 
     def bends(self, parts: FloatArray) -> FloatArray:
-        """Return the bends of small parts (m, c, 3), (m, 2, 3).
+        """Return the interpolation coefficients (m, 2, 3) of small parts (m, c, 3).
 
-        On a great circle of unit speed the normal ``A^-1 u / g``, ``g = |A^-1 u|``, turns at ``w <= |A^-1| / g``, and
-        the turning itself changes by at most ``2 w |u'^T A^-2 u| / g^2``.
+        On a great circle of unit speed, the normal ``A^-1 u / g``, ``g = |A^-1 u|``, turns at ``w <= |A^-1| / g``, and
+        its rate of turning changes by at most ``2 w |u'^T A^-2 u| / g^2``.
         """
         long, short = float(self.axes.max()), float(self.axes.min())
         side = _sides(parts)
@@ -92,30 +92,29 @@ def _sides(parts: FloatArray) -> FloatArray:
 
 
 def _radius(parts: FloatArray) -> FloatArray:
-    """Return the radius of a circle around each part, drawn flat from any of its points, (m,).
+    """Return the circumradius of each part, developed into the plane from any of its points, (m,).
 
-    A part that is drawn along great circles from one of its points has sides at most ``t / sin t`` times as long,
-    t the longest: for an acute triangle that leaves the circle through its corners, for others half its longest
-    side.
+    Developed along great circles from one of its points, a part has sides at most ``t / sin t`` times as long, t the
+    longest: the radius is then that of the circumcircle for an acute triangle, half the longest side for others.
     """
     ends = between(parts, np.roll(parts, -1, axis=1))
     long = np.max(ends, axis=1)
     if parts.shape[1] < 3:
         return np.asarray(0.5 * long)
     c, b, a = np.sort(ends * (long / np.sin(long))[:, None], axis=1).T
-    cosine = (b**2 + c**2 - a**2) / (2.0 * b * c)  # of the largest angle
+    cosine = (b**2 + c**2 - a**2) / (2.0 * b * c)  # cosine of the largest angle
     sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
     return np.asarray(np.where((cosine > 0.0) & (sine > 0.0), 0.5 * a / np.where(sine > 0.0, sine, 1.0), 0.5 * a))
 
 
 def between(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Return angles between unit vectors, radians."""
+    """Return the angles between unit vectors, radians."""
     return np.asarray(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(u - v, axis=-1))))
 
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """The image under ``diag(semi_axes)`` of the smallest part of the unit sphere that is convex around corners.
+    """The image under ``diag(semi_axes)`` of the spherical convex hull of one to three corners.
 
     Parameters
     ----------
@@ -140,17 +139,17 @@ class Ellipsoid:
         return positive("semi_axes", self.data["semi_axes"], 3)
 
     def rows(self) -> Rows:
-        """Return the point itself, where the cell is one."""
+        """Return the point itself for a cell of one point."""
         if len(self.corners) > 1:
             return Rows.none()
         return Rows(*EllipsoidSheet(self.corners, self.axes).contacts(self.corners))
 
     def sheets(self) -> list[Sheet]:
-        """Return the triangle or arc."""
+        """Return the triangle or arc as a curved part."""
         return [EllipsoidSheet(self.corners, self.axes)] if len(self.corners) > 1 else []
 
     def parts(self, cut: Cut) -> tuple[Ellipsoid, Ellipsoid]:
-        """Return both halves of a cut from the middle of a side to the corner across."""
+        """Return both halves of a cut from the middle of a side to the opposite corner."""
         first = one_of(cut, len(self.corners))
         second = (first + 1) % len(self.corners)
         middle = self.corners[first] + self.corners[second]
@@ -163,7 +162,7 @@ class Ellipsoid:
         return Ellipsoid({**self.data, "corners": corners})
 
     def hull(self) -> tuple[FloatArray, float]:
-        """Return the middle, and the largest semi-axis times the angle to the farthest corner."""
+        """Return the cell's middle point, and the largest semi-axis times the angle to the farthest corner."""
         middle = np.sum(self.corners, axis=0)
         middle /= np.linalg.norm(middle)
         return (middle * self.axes)[None], float(self.axes.max() * np.max(between(self.corners, middle[None])))

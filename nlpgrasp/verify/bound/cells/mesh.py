@@ -1,4 +1,4 @@
-"""Pieces of a mesh's triangles, in an order of which cells are ranges."""
+"""Cells of a mesh: ranges in an ordered list of subdivided triangles."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ SIDES = "012"
 
 @dataclass(frozen=True)
 class MeshCell:
-    """Some of the pieces that the triangles of a mesh were halved into.
+    """A range of the pieces of a mesh's subdivided triangles.
 
     Parameters
     ----------
     data : mapping
-        ``halved`` and ``order`` of the whole mesh, None for all pieces as they come (docs/how_close.md).
+        ``halved`` and ``order`` of the whole mesh, None for the original order (docs/how_close.md).
     corners : (n, 3, 3) array
-        Of the pieces in order, metres.
+        Corners of the ordered pieces, metres.
     normals : (n, 3) array
         Unit, into the body.
     first, last : int
-        The cell's own are from the first up to the last, which is not.
+        Range of the cell's pieces, the last excluded.
     """
 
     data: Json
@@ -39,7 +39,7 @@ class MeshCell:
 
     @classmethod
     def whole(cls, data: Json, mesh: TriangleSurface) -> MeshCell:
-        """Return all pieces that the data name; raise ``ValueError`` where there are no such pieces."""
+        """Return the cell of all pieces; raise ``ValueError`` where the data name pieces that do not exist."""
         corners, triangle = halved(mesh.corners, data["halved"])
         stated = data["order"]
         order = np.arange(len(corners)) if stated is None else np.array(stated, dtype=np.int64)
@@ -48,22 +48,22 @@ class MeshCell:
         return cls({**data, "order": order.tolist()}, corners[order], -mesh.normals[triangle[order]], 0, len(order))
 
     def left_out(self, mesh: TriangleSurface) -> int:
-        """Return how many pieces of the mesh the cell has not got."""
+        """Return the number of the mesh's pieces that the cell lacks."""
         count = len(halved(mesh.corners, self.data["halved"])[0])
         return count - len(set(map(int, self.data["order"][self.first : self.last])))
 
     def rows(self) -> Rows:
-        """Return the corners with their pieces' normals: a piece is flat, and convex functions are largest there."""
+        """Return the corners with their pieces' normals: a convex function on a flat piece is largest at a corner."""
         points = self.corners[self.first : self.last].reshape(-1, 3)
         normals = np.repeat(self.normals[self.first : self.last], 3, axis=0)
         return Rows(points, normals)
 
     def sheets(self) -> list[Sheet]:
-        """Return none."""
+        """Return no curved parts."""
         return []
 
     def parts(self, cut: Cut) -> tuple[MeshCell, MeshCell]:
-        """Return so many pieces, and the rest."""
+        """Return the first pieces, as many as the cut states, and the rest."""
         if not isinstance(cut, int) or not 0 < cut < self.last - self.first:
             raise ValueError(f"{cut} of {self.last - self.first} pieces")
         at = self.first + cut
@@ -80,10 +80,10 @@ class MeshCell:
 
 
 def halved(corners: FloatArray, rounds: Sequence[str]) -> tuple[FloatArray, np.ndarray]:
-    """Return the pieces that triangles (t, 3, 3) are halved into, and the triangle of each.
+    """Return the pieces of subdivided triangles (t, 3, 3), and the triangle of each piece.
 
-    In each round every piece has a character: the number of a corner where the side from that corner to the next is
-    halved, any other where the piece stays. The half with the corner stays in place, the other half goes to the end.
+    In each round every piece has a character: the number of a corner if the side from that corner to the next is
+    halved, any other if the piece stays. The half with the corner stays in place, the other half goes to the end.
     """
     pieces, triangle = [*corners], [*range(len(corners))]
     for row in rounds:

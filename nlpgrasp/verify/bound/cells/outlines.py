@@ -1,4 +1,4 @@
-"""The faces of each kind of body: what the cells that a certificate begins with have to cover."""
+"""Faces of each kind of body that the root cells of a certificate have to cover."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.bound.cells.polygon import below
 from nlpgrasp.verify.check import NotMadeError
 
-TURNS = {"sector": 8, "revolved": 4}  # parts of a turn
-COSINE = 0.75**0.5  # of 30 degrees: edges that meet at a larger angle meet at a sharp one
+TURNS = {"sector": 8, "revolved": 4}  # initial divisions of a full turn
+COSINE = 0.75**0.5  # cosine of 30 degrees, the least angle of a sharp corner
 Faces = dict[str, "FlatFace | list[Json] | None"]
 """Of each face its outline, or cells that cover it; None of a mesh, whose triangles are in a file of their own."""
 Named = tuple[str, "FlatFace | list[Json]"]
@@ -22,7 +22,7 @@ Named = tuple[str, "FlatFace | list[Json]"]
 
 @dataclass(frozen=True)
 class FlatFace:
-    """A polygon, or a segment, with one normal.
+    """A flat face: a polygon, or a segment, with one normal.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ class FlatFace:
 
 
 def faces_of(body: Json, margin: float) -> Faces:
-    """Return the faces of a body by name, drawn back by a margin, metres, from edges that turn by over 30 degrees.
+    """Return the faces of a body by name, drawn back by a margin, metres, from edges sharper than 30 degrees.
 
-    A face without room for it is left out; a mesh is whole all the same.
+    Faces that vanish are left out; a mesh is not drawn back.
     """
     kind = body["type"]
     if kind == "mesh":
@@ -65,11 +65,11 @@ def _polygon(body: Json, margin: float) -> Iterator[Named]:
 
 
 def _edges(corners: FloatArray, margin: float) -> Iterator[tuple[int, FlatFace]]:
-    """Yield the edges of a polygon (m, 2) that goes around counter-clockwise, with their numbers."""
+    """Yield the edges of a counter-clockwise polygon (m, 2), with their numbers."""
     along = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(along, axis=1)
     along /= lengths[:, None]
-    sharp = np.sum(np.roll(along, 1, axis=0) * along, axis=1) < COSINE  # between the edges before and after a corner
+    sharp = np.sum(np.roll(along, 1, axis=0) * along, axis=1) < COSINE  # at each corner
     for i, (start, unit) in enumerate(zip(corners, along, strict=True)):
         low, high = margin * sharp[i], lengths[i] - margin * sharp[(i + 1) % len(corners)]
         if low < high:

@@ -1,4 +1,4 @@
-"""Polygons of flat faces, segments of straight edges."""
+"""Flat cells: polygons of flat faces and segments of straight edges."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ UNIT = 1e-9
 
 @dataclass(frozen=True)
 class Polygon:
-    """The polygon around its vertices, in order; of two vertices the segment between them.
+    """A polygon around its vertices, in order; a segment if there are two.
 
     Parameters
     ----------
     data : mapping
         ``vertices`` (m, space), metres; ``normal`` (space,), unit, into the body; ``axes`` (space - 1, space), unit,
-        the directions across which it may be cut.
+        the directions along which it may be halved.
     """
 
     data: Json
@@ -34,7 +34,7 @@ class Polygon:
 
     @cached_property
     def normal(self) -> FloatArray:
-        """Unit, into the body, (space,)."""
+        """Unit inward normal, (space,)."""
         return array("normal", self.data["normal"], (self.vertices.shape[1],))
 
     @cached_property
@@ -43,17 +43,17 @@ class Polygon:
         return array("axes", self.data["axes"], (None, self.vertices.shape[1]))
 
     def rows(self) -> Rows:
-        """Return the vertices: convex functions of the point are largest at one of them."""
+        """Return the vertices as contacts: a convex function of the point is largest at one of them."""
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= UNIT:
             raise ValueError("a normal that is no unit vector")
         return Rows.flat(self.vertices, self.normal)
 
     def sheets(self) -> list[Sheet]:
-        """Return none."""
+        """Return no curved parts."""
         return []
 
     def parts(self, cut: Cut) -> tuple[Polygon, Polygon]:
-        """Return what is below and above the middle of the extent along an axis."""
+        """Return the parts below and above the middle of the extent along an axis."""
         axis = self.axes[one_of(cut, len(self.axes))]
         height = self.vertices @ axis
         middle = 0.5 * float(height.min() + height.max())
@@ -73,14 +73,14 @@ class Polygon:
 
 
 def below(vertices: FloatArray, height: FloatArray) -> FloatArray:
-    """Return the part of a polygon, or of a segment, where a linear function is at most zero.
+    """Return the part of a polygon or segment where a linear function is at most zero.
 
     Parameters
     ----------
     vertices : (m, space) array
         In order.
     height : (m,) array
-        The function there.
+        Values of the function at the vertices.
     """
     count = len(vertices)
     kept = []

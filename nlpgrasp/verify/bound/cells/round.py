@@ -1,4 +1,4 @@
-"""Sectors of a cylinder's ends, and patches of surfaces that turn about the z axis."""
+"""Cells of surfaces of revolution about the z axis: disc sectors and curved patches."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.bound.cells.cell import Cut, Rows, Sheet, halves, increasing, one_of
 
-SPACING = 0.3  # radians: of the parts to begin with
-MOST = 8  # of them, either way
+SPACING = 0.3  # radians: largest side of the initial parts
+MOST = 8  # most initial parts in each direction
 
 
 @dataclass(frozen=True)
 class TurnedSheet:
-    """``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t the height) or of a torus (t an angle).
+    """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
 
-    Turning by phi turns point and normal alike: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the axis, and the
-    same around the tube about its middle; along a cylinder the work is linear.
+    A rotation by phi turns point and normal alike: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the axis, and
+    likewise around the tube about its centre line; along a cylinder the work is linear.
 
     Parameters
     ----------
     radii : (ring, tube)
         Of a torus; 0 and the radius of a cylinder, metres.
     angles, along : (2,) arrays
-        phi and t: coordinates of a place.
+        Intervals of phi and t, the coordinates of a point.
     """
 
     radii: tuple[float, float]
@@ -35,7 +35,7 @@ class TurnedSheet:
     along: FloatArray
 
     def start(self) -> FloatArray:
-        """Return patches, corners (low, low), (low, high), (high, low), (high, high); lines with both ends."""
+        """Return patches with corners (low, low), (low, high), (high, low), (high, high); lines with both ends."""
         straight = self.radii[0] == 0.0
         return _patches(_steps(self.angles, False), _steps(self.along, straight))
 
@@ -49,7 +49,7 @@ class TurnedSheet:
         return ring * out + tube * around, -around
 
     def bends(self, parts: FloatArray) -> FloatArray:
-        """Return the bends of patches or lines (n, c, 2), (n, 2, 3)."""
+        """Return the interpolation coefficients (n, 2, 3) of patches or lines (n, c, 2)."""
         ring, tube = self.radii
         d, e = (parts[:, -1] - parts[:, 0]).T
         widest = ring + tube
@@ -74,7 +74,7 @@ class TurnedSheet:
 
 
 def _steps(interval: FloatArray, straight: bool) -> FloatArray:
-    """Return where an interval is cut to begin with."""
+    """Return the initial grid of an interval."""
     low, high = interval.tolist()
     if high == low:
         return np.array([low])
@@ -83,14 +83,14 @@ def _steps(interval: FloatArray, straight: bool) -> FloatArray:
 
 
 def _patches(phi: FloatArray, t: FloatArray) -> FloatArray:
-    """Return the rectangles between grid lines; lines where one coordinate has a single value."""
+    """Return the rectangles between grid lines; lines where one coordinate is constant."""
     sides = [np.stack([x[:-1], x[1:]], axis=1) if len(x) > 1 else x[:, None] for x in (phi, t)]
     return np.array([list(product(a, b)) for a, b in product(*sides)])
 
 
 @dataclass(frozen=True)
 class Sector:
-    """``r_0 <= r <= r_1``, ``phi_0 <= phi <= phi_1`` of a horizontal disc.
+    """Annular sector ``r_0 <= r <= r_1``, ``phi_0 <= phi <= phi_1`` of a horizontal disc.
 
     Parameters
     ----------
@@ -102,16 +102,16 @@ class Sector:
 
     @property
     def radii(self) -> FloatArray:
-        """From the inner to the outer radius."""
+        """Inner and outer radius, (2,), metres."""
         return increasing("radii", array("radii", self.data["radii"], (2,)))
 
     @property
     def angles(self) -> FloatArray:
-        """Both angles."""
+        """Both angles, (2,), radians."""
         return increasing("angles", array("angles", self.data["angles"], (2,)), 3.0)
 
     def rows(self) -> Rows:
-        """Return the corners, and where the tangents at the ends of the outer arc meet."""
+        """Return the corners, and the intersection of the tangents at the ends of the outer arc."""
         (inner, outer), (low, high) = self.radii.tolist(), self.angles.tolist()
         places = [(inner, low), (inner, high), (outer, low), (outer, high)]
         if high > low:
@@ -121,27 +121,27 @@ class Sector:
         return Rows.flat(np.array(points), array("normal", self.data["normal"], (3,)))
 
     def sheets(self) -> list[Sheet]:
-        """Return none."""
+        """Return no curved parts."""
         return []
 
     def parts(self, cut: Cut) -> tuple[Sector, Sector]:
-        """Return the halves of the radii, 0, or of the angles, 1."""
+        """Return the halves of the radii, for cut 0, or of the angles, for cut 1."""
         key, interval = (("radii", self.radii), ("angles", self.angles))[one_of(cut, 2)]
         low, high = halves(interval)
         return Sector({**self.data, key: low.tolist()}), Sector({**self.data, key: high.tolist()})
 
     def hull(self) -> tuple[FloatArray, float]:
-        """Return the rows."""
+        """Return the vertex contacts' points."""
         return self.rows().points, 0.0
 
     def anchors(self) -> FloatArray:
-        """Return the rows."""
+        """Return the vertex contacts' points."""
         return self.rows().points
 
 
 @dataclass(frozen=True)
 class Revolved:
-    """``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t the height) or of a torus (t an angle).
+    """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
 
     Parameters
     ----------
@@ -154,22 +154,22 @@ class Revolved:
 
     @property
     def radii(self) -> tuple[float, float]:
-        """Of the centre line and of tube or cylinder."""
+        """Radii of the centre line and of the tube or cylinder, metres."""
         ring, tube = array("radii", self.data["radii"], (2,)).tolist()
         return ring, tube
 
     @property
     def angles(self) -> FloatArray:
-        """Both angles about the axis."""
+        """Both angles about the axis, radians."""
         return increasing("angles", array("angles", self.data["angles"], (2,)), 3.0)
 
     @property
     def along(self) -> FloatArray:
-        """Both ends of t."""
+        """Both ends of t, metres or radians."""
         return increasing("along", array("along", self.data["along"], (2,)), 3.0 if self.radii[0] > 0.0 else np.inf)
 
     def rows(self) -> Rows:
-        """Return the point itself, where the cell is one."""
+        """Return the point itself for a cell of one point."""
         return Rows.none() if self.sheets() else Rows(*self._sheet.contacts(self._sheet.start()[:, 0]))
 
     @property
@@ -177,17 +177,17 @@ class Revolved:
         return TurnedSheet(self.radii, self.angles, self.along)
 
     def sheets(self) -> list[Sheet]:
-        """Return the patch, or the line."""
+        """Return the patch, or the line, as a curved part."""
         return [self._sheet] if np.ptp(self.angles) > 0.0 or np.ptp(self.along) > 0.0 else []
 
     def parts(self, cut: Cut) -> tuple[Revolved, Revolved]:
-        """Return the halves of phi, 0, or of t, 1."""
+        """Return the halves of phi, for cut 0, or of t, for cut 1."""
         key, interval = (("angles", self.angles), ("along", self.along))[one_of(cut, 2)]
         low, high = halves(interval)
         return Revolved({**self.data, key: low.tolist()}), Revolved({**self.data, key: high.tolist()})
 
     def hull(self) -> tuple[FloatArray, float]:
-        """Return the point in the middle and the longest way over the surface to a corner."""
+        """Return the middle point and the longest path on the surface to a corner."""
         ring, tube = self.radii
         middle = self._sheet.contacts(np.array([[self.angles.mean(), self.along.mean()]]))[0]
         beside = float(np.ptp(self.along)) * (tube if ring > 0.0 else 1.0)
