@@ -90,7 +90,8 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     Small holes are filled, inverted parts reversed, and overlapping parts united; all repairs are listed. A mesh that
     stays open is accepted only if its winding number distinguishes inside and outside almost everywhere (scans with a
     few bad triangles). A mesh without defects keeps its vertices and triangles. Vertices at the same position are
-    merged, whatever their texture coordinates and normals. A mesh far from the origin is processed in local coordinates.
+    merged, whatever their texture coordinates and normals. A mesh far from the origin is processed in local
+    coordinates.
     """
     import trimesh
 
