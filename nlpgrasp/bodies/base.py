@@ -59,7 +59,7 @@ class Body(Seen):
 
     @cached_property
     def faces(self) -> tuple[Face, ...]:
-        """The faces that bound the body."""
+        """Faces that bound the body."""
         return self.make_faces()
 
     @property
@@ -208,7 +208,7 @@ class Body(Seen):
         Returns
         -------
         (m, space) array
-            Fewer than ``count`` rows only where the face is hard to hit; none where it is empty.
+            Fewer than ``count`` rows only if the face is hard to sample; none if it is empty.
         """
         lower, upper = self.bounds
         found: list[FloatArray] = []

@@ -19,7 +19,7 @@ from nlpgrasp.errors import InputError
 
 
 class Implicit(Body):
-    """The body ``{h(p) <= 0}`` within a box; one face, ``surface``.
+    """An implicit body ``{h(p) <= 0}`` within a box; one face, ``surface``.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class Implicit(Body):
 
 
 class PlanarImplicit(Implicit):
-    """The planar body ``{h(p) <= 0}`` within a rectangle; one face, ``surface``.
+    """A planar implicit body ``{h(p) <= 0}`` within a rectangle; one face, ``surface``.
 
     Parameters
     ----------

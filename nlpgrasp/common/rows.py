@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # certificates reach this file, and no CasADi
 
 # kinds of scalar constraints with special treatment
 CLEARANCE = "clearance from the body"
-ON_FINGERTIP = "on fingertip"  # alone written in one with its link
+ON_FINGERTIP = "on fingertip"  # the only kind shown together with its link
 SELF_COLLISION = "self-collision"
 TIPS_APART = "fingertip distance"
 ROOM = "room for the fingertip"

@@ -27,9 +27,9 @@ class Spread(PlacementConstraint):
     min : float
         Metres, at least zero.
     max : float, optional
-        Metres, greater than ``min``; no limit when left out.
+        Metres, greater than ``min``; by default no limit.
     fingers : sequence of int, optional
-        Which contacts; all when left out.
+        Indices of contacts; by default all.
     """
 
     kind: ClassVar[str] = "spread"

@@ -24,7 +24,7 @@ class Workspace(PlacementConstraint):
     region : Region or callable
         A ``BoxRegion``, a ``HalfSpace``, or a function of a CasADi point that is positive inside.
     fingers : sequence of int, optional
-        Which contacts; all when left out.
+        Indices of contacts; by default all.
     palm : bool
         Constrain the palm's origin instead.
     """

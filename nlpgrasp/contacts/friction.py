@@ -16,7 +16,7 @@ from nlpgrasp.contacts.cones.terms import Blocks, Work, circle
 
 @dataclass(frozen=True)
 class FrictionContact(RangeContact):
-    """Point contact with friction: ``|f_t| <= friction f_n`` (finger II of Example 2-2, (2.4-1)).
+    """Point contact with Coulomb friction: ``|f_t| <= friction f_n`` (finger II of Example 2-2, (2.4-1)).
 
     Parameters
     ----------
@@ -35,11 +35,11 @@ class FrictionContact(RangeContact):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Coefficient ``friction`` by its name."""
+        """Friction coefficient by name: ``friction``."""
         return {"friction": self.friction}
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return normal and tangential forces: 3 in space, 2 in the plane."""
+        """Return the indices of normal and tangential forces: 3 in space, 2 in the plane."""
         return tuple(range(space))
 
     def blocks(self, components: int) -> Blocks:
@@ -77,7 +77,7 @@ class FrictionContact(RangeContact):
         return c2 * (along**2 + inside**2)
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``z_n + mu |z_t|``."""
+        """Return ``z_n + mu |z_t|``, the largest work of a force of unit normal force."""
         return work.normal + self.friction * work.tangential
 
     def to_dict(self) -> Json:

@@ -32,7 +32,7 @@ class LineContact(PadContact):
     length : float
         Metres, greater than zero.
     friction : float, optional
-        Coulomb coefficient; frictionless when left out.
+        Coulomb coefficient; frictionless by default.
     torsional_friction : float, optional
         Only for the box: largest moment about the normal over normal force, metres; by default that of uniform
         pressure, ``mu length / 4``.
@@ -65,12 +65,12 @@ class LineContact(PadContact):
 
     @property
     def arms(self) -> Arms:
-        """Both ends, along the line."""
+        """Positions of both ends along the line, relative to the contact point, metres."""
         half = 0.5 * self.length
         return (half, 0.0), (-half, 0.0)
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return 2 components without friction, 5 with (3 in the plane)."""
+        """Return the indices of 2 components without friction, of 5 with it (3 in the plane)."""
         if space == 2:
             return (0, 2) if self.friction is None else (0, 1, 2)
         return (0, 5) if self.friction is None else (0, 1, 2, 3, 5)
@@ -87,7 +87,7 @@ class LineContact(PadContact):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the line's direction was left out."""
+        """Whether the line's direction is not given."""
         return self.direction is None
 
     def tangents(self, normals: FloatArray) -> FloatArray:
@@ -133,7 +133,7 @@ class LineContact(PadContact):
         return self.components(space)
 
     def box_split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the force, and the moments about the normal and across the line."""
+        """Return the force, and the moment about the normal and across the line."""
         force = x[0] * normal if self.friction is None else x[: normal.shape[0]]
         if normal.shape[0] == 2:
             return force, x[x.shape[0] - 1]

@@ -34,7 +34,7 @@ class PlaneContact(PadContact):
     extents : (2,) array, optional
         Sides of a rectangle, metres, the first along ``direction``.
     friction : float, optional
-        Coulomb coefficient; frictionless when left out.
+        Coulomb coefficient; frictionless by default.
     torsional_friction : float, optional
         Only for the box: largest moment about the normal over normal force, metres; by default that of uniform
         pressure.
@@ -91,7 +91,7 @@ class PlaneContact(PadContact):
         return tuple((0.5 * a * i, 0.5 * b * j) for i in (1.0, -1.0) for j in (1.0, -1.0))
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return 3 components without friction, 6 with."""
+        """Return the indices of 3 components without friction, of 6 with it."""
         if space == 2:
             raise InputError("contacts", self, "point, friction or line contacts on a planar body")
         return (0, 4, 5) if self.friction is None else (0, 1, 2, 3, 4, 5)
@@ -113,7 +113,7 @@ class PlaneContact(PadContact):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the pad is a rectangle whose direction was left out."""
+        """Whether the pad is a rectangle without a given direction."""
         return self.extents is not None and self.direction is None
 
     def tangents(self, normals: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ class PointContact(RangeContact):
         return ()
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return the unit normal force alone, (1, 1)."""
+        """Return only the unit normal force, (1, 1)."""
         return np.ones((1, 1))
 
     def variables(self, space: int) -> int:

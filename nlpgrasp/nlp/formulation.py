@@ -155,7 +155,7 @@ def wrench(problem: GraspProblem, contacts: ContactSymbols, forces: Sequence[ca.
 def _reaches_along_each_direction(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
-    """(3.4-3): ``<y_j, G(p) x_j> >= beta phi(y_j | A)``, outer. Parameters y_j (1/N, 1/(N m)) and ``phi(y_j | A)``."""
+    """Add (3.4-3), outer: ``<y_j, G(p) x_j> >= beta phi(y_j | A)``, parameters y_j (1/N, 1/(N m)), ``phi(y_j | A)``."""
     y, reach = ca.SX.sym("y", problem.dimension), ca.SX.sym("reach")
     copy = _forces(program, problem, scaling, contacts)
     work = ca.dot(y, wrench(problem, contacts, copy.of_contacts))
@@ -172,7 +172,7 @@ def _reaches_in_closed_form(
     count: int,
     pieces: bool,
 ) -> bool:
-    """(3.4-3) with the forces eliminated: ``phi(y_j | G(B n K)) >= beta phi(y_j | A)``; False without closed form."""
+    """Add (3.4-3) without forces: ``phi(y_j | G(B n K)) >= beta phi(y_j | A)``; return False without closed form."""
     closed = support_function(problem, scaling) or (piece_function(problem, scaling) if pieces else None)
     if closed is None:
         return False
@@ -191,7 +191,7 @@ def _reaches_in_closed_form(
 def _produces_each_wrench(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
-    """(3.3-4): ``G(p) x_j = beta w_j``, inner, moments counted over the body's size. Parameters w_j (N, N m)."""
+    """Add (3.3-4), inner: ``G(p) x_j = beta w_j``, moments divided by the body's size, parameters w_j (N, N m)."""
     w = ca.SX.sym("w", problem.dimension)
     copy = _forces(program, problem, scaling, contacts)
     balance = ca.DM(scaling.wrench) * (wrench(problem, contacts, copy.of_contacts) - beta * w)

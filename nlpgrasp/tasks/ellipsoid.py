@@ -26,7 +26,7 @@ class TaskEllipsoid(Task):
     semi_axes : (m,) array
         Semi-axis lengths, in newtons and newton-metres, at least zero and not all zero.
     center : (d,) array, optional
-        Centre c, newtons and newton-metres; the origin when left out.
+        Centre c, newtons and newton-metres; by default the origin.
     directions : (m, d) array, optional
         Orthonormal directions of the semi-axes, one per row. By default the coordinate axes: m is then 3 (planar
         ``f_x, f_y, m_z``) or 6 (``f_x, f_y, f_z, m_x, m_y, m_z``).
@@ -78,7 +78,7 @@ class TaskEllipsoid(Task):
 
     @classmethod
     def from_quadratic(cls, Q: ArrayLike, a: ArrayLike | None = None, beta: float = 1.0) -> TaskEllipsoid:
-        """Return ``{y : <y, Q y> + <a, y> <= beta^2}``, (3.3-3).
+        """Return the ellipsoid ``{y : <y, Q y> + <a, y> <= beta^2}``, (3.3-3).
 
         The centre is ``-Q^-1 a / 2`` and the semi-axes are ``sqrt(beta^2 + <a, Q^-1 a>/4)`` over the square
         roots of Q's eigenvalues (docs/corrections.md: (3.4-4) is the support function of another set).
@@ -88,7 +88,7 @@ class TaskEllipsoid(Task):
         Q : (d, d) array
             Symmetric positive definite.
         a : (d,) array, optional
-            Zero when left out.
+            By default zero.
         beta : float
             Greater than zero; stored in the task.
 
@@ -149,7 +149,7 @@ class TaskEllipsoid(Task):
         axes : (m, d) array
             Newtons and newton-metres.
         center : (d,) array, optional
-            In the same units; the origin when left out.
+            In the same units; by default the origin.
         """
         rows = array("task.axes", axes, (None, None))
         if rows.shape[1] not in range(1, 7) or rows.shape[0] < 1 or not np.any(rows):

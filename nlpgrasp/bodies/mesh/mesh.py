@@ -53,7 +53,7 @@ class Mesh(Body):
         less for thin walls, so that 2.4 of it fit into a wall (see ``automatic_fineness``).
     resolution : int, optional
         Grid cells along the longest side, from 8 to 400. When left out: 48, or more for slender bodies, so that the
-        shortest side has 16, and for walls that ask for a smoothing below 0.75; up to 600,000 grid points.
+        shortest side has 16, and for walls that need a smoothing below 0.75; up to 600,000 grid points.
     source : str, optional
         Where the mesh comes from, for the record.
     unit : {"m", "dm", "cm", "mm", "in", "ft"}
@@ -122,7 +122,7 @@ class Mesh(Body):
         path : str or Path
             STL, OBJ, PLY, OFF or whatever else ``trimesh`` reads.
         unit : {"m", "dm", "cm", "mm", "in", "ft"}
-            The unit of the file's coordinates. A long body in metres is asked about.
+            The unit of the file's coordinates. A long body in metres gives a warning.
         smoothing, resolution
             See the class.
         """

@@ -31,7 +31,7 @@ class Seen(InNotebook, StatedPart):
         Parameters
         ----------
         path : str or Path, optional
-            Of the page, an HTML file; a temporary one when left out.
+            Of the HTML page; by default a temporary file.
 
         Raises
         ------

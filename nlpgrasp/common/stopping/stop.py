@@ -35,7 +35,7 @@ class Stop:
         return self.flag is not None and self.flag.exists()
 
     def certificate_deadline(self, grace: float = GRACE) -> float | None:
-        """Return the deadline of a certificate, at least the grace period from now; None without deadline."""
+        """Return a certificate's deadline, at least a grace period from now; None without deadline and stop request."""
         now = time.monotonic()
         if self.requested():
             return now + grace

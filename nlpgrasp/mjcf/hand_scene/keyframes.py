@@ -17,7 +17,7 @@ from nlpgrasp.mjcf.parts import numbers
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 
 LIFT = 0.2  # m, along z, if the file has no phases
-HELD = ("squeeze", "lift")  # phases in which set-points exceed joint positions
+HELD = ("squeeze", "lift")  # phases in which set-points differ from joint positions, to exert torques
 
 
 @dataclass(frozen=True)

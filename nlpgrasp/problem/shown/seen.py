@@ -28,7 +28,7 @@ class SeenProblem(InNotebook):
         Parameters
         ----------
         path : str or Path, optional
-            Of the page, an HTML file; a temporary one when left out.
+            Of the HTML page; by default a temporary file.
 
         Raises
         ------

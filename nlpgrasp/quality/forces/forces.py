@@ -143,7 +143,7 @@ def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray
     proven = _separates(inside, y[open_], local[open_])
     why[open_[proven]] = y[open_[proven]] @ basis.T
     open_ = open_[~proven]
-    if open_.size:  # narrow cones are hard for Newton's method: ask a conic solver
+    if open_.size:  # narrow cones are hard for Newton's method: use a conic solver
         again = conic.least_forces(replace(inside, force_set=L2Set(inside.contacts, inside.space)), local[open_])[0]
         again = _into_the_cones(inside, again, local[open_])
         left = np.linalg.norm(again @ inside.G.T - local[open_], axis=1)

@@ -12,7 +12,7 @@ doi:10.1007/BF00941314) solves for given s
     minimise v    subject to    |b(x)| <= a(x) + s c(x) + v c(x')    and the rest,    x' the solution before,
 
 and goes on with the least s of its solution, which falls to the optimum superlinearly. Of the forces with that s, those
-of least L2 norm are the answer: there is one.
+of least L2 norm are the result, which is unique.
 
 Without the limit ``ROOM N`` a wrench has no answer: against a weight, friction is needed ever less the harder the
 fingers squeeze.

@@ -17,7 +17,7 @@ def min_weight(grasp: Grasp, edges: int = 8, *, first_edge: float = 0.0) -> floa
     """Return the normalised min-weight metric of FRoGGeR (Li et al. 2023, doi:10.1109/IROS55552.2023.10341806).
 
     The largest l such that edge wrenches with weights of at least l, summing to 1, balance; times their number, so
-    that it is between 0 and 1. Positive weights alone also balance wrenches that span less than wrench space: without
+    that it is between 0 and 1. Positive weights can also balance wrenches that span less than wrench space: without
     full rank the value here is 0.
 
     Parameters
