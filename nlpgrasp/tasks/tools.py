@@ -206,7 +206,7 @@ def pour(
 
 @within("disturbance: ")
 def disturbance(force: float, torque: float, point: ArrayLike | None = None) -> TaskEllipsoid:
-    """Return the task of resisting any force at a point and any torque up to given sizes.
+    """Return the task of exerting any force at a point and any torque, up to given sizes.
 
     Parameters
     ----------
